@@ -1,0 +1,1 @@
+"""The question: plate, frustum, meshes, settings, and the image that every renderer returns."""

@@ -1,0 +1,88 @@
+"""The crossed frustum's parameters: its film, its angles or its projection screen, its reach.
+
+Parameters only. What a line or a matrix is made from them is said twice, once in
+`xfrustum.reference.lines` and once in `xfrustum.raster.cameras`, and never here: a formula
+shared by both answers would hide its own mistake.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from xfrustum.scenes.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screen:
+    """A projection screen fixed to the plate's frame (paper, section 5).
+
+    Attributes
+    ----------
+    height
+        Signed height above the plate, not zero; positive on the viewer's side.
+    center, size
+        Center (x, y), width and height in scene units.
+    """
+
+    height: float
+    center: tuple[float, float]
+    size: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.height) or self.height == 0:
+            raise InputError(
+                f"frustum.screen.height must be finite and not zero, not {self.height}: "
+                "a screen in the plate has no direction to shear to"
+            )
+        if not all(math.isfinite(c) for c in self.center):
+            raise InputError(f"frustum.screen.center must be finite, not {list(self.center)}")
+        if not all(math.isfinite(s) and s > 0 for s in self.size):
+            raise InputError(f"frustum.screen.size must be two positive lengths, not {list(self.size)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frustum:
+    """The crossed frustum of every aperture: centered (`fov`) or recentered (`screen`).
+
+    Attributes
+    ----------
+    resolution
+        Width and height of the hogel image in pixels.
+    reach
+        How far surfaces are imaged, toward the viewer and behind the plate, in scene units.
+    fov
+        Full angles in x and y in radians, of a centered frustum; None where there is a screen.
+    screen
+        The fixed projection screen of a recentered frustum; None where there is a fov.
+    """
+
+    resolution: tuple[int, int]
+    reach: tuple[float, float]
+    fov: tuple[float, float] | None = None
+    screen: Screen | None = None
+
+    def __post_init__(self) -> None:
+        if not all(n >= 1 for n in self.resolution):
+            raise InputError(
+                f"frustum.resolution must be two counts of at least 1, not {list(self.resolution)}"
+            )
+        if not all(math.isfinite(r) and r > 0 for r in self.reach):
+            raise InputError(f"frustum.reach must be two positive lengths, not {list(self.reach)}")
+        if (self.fov is None) == (self.screen is None):
+            raise InputError("frustum needs either fov_deg (centered) or screen (recentered), not both")
+        if self.fov is not None and not all(0 < angle < math.pi for angle in self.fov):
+            raise InputError(
+                "frustum.fov_deg must be two angles between 0 and 180 degrees, "
+                f"not {[math.degrees(angle) for angle in self.fov]}"
+            )
+
+    @property
+    def recentered(self) -> bool:
+        """Whether the frustum shears from aperture to aperture (paper, section 5)."""
+        return self.screen is not None
+
+    @property
+    def longest_reach(self) -> float:
+        """The reach without a side: the larger one; `near` is given as its fraction."""
+        return max(self.reach)

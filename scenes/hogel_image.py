@@ -1,0 +1,100 @@
+"""The one kind of image that every renderer returns: what one aperture shows, pixel by pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate import Aperture
+
+NOTHING = -1
+"""Triangle and object number of a pixel that shows no surface."""
+
+
+class Certainty(IntEnum):
+    """How the truth of a pixel was decided."""
+
+    PROVEN = 0
+    """In floating point, with an error bound that separates it from every other outcome."""
+    EXACT = 1
+    """In rational arithmetic."""
+    TIE = 2
+    """Equal in exact arithmetic: coincident surfaces, or a line exactly through a shared edge."""
+    UNEXAMINED = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelCamera:
+    """The crossed frustum that an image answers for, in full double precision.
+
+    Attributes
+    ----------
+    aperture
+        The aperture; its lines are P(s) = (x, y, 0) + s (kx + u tx, ky + v ty, -1).
+    resolution
+        W, H in pixels.
+    shear, half_extent
+        k and t, slopes per unit of depth.
+    reach
+        Toward the viewer and behind the plate, scene units.
+    scene, scene_hash
+        Where the scene can be had again, and the hash that proves it the same.
+    renderer
+        Who made the image, with versions or devices, for people.
+    settings
+        Of the double frustum, where one drew the image.
+    """
+
+    aperture: Aperture
+    resolution: tuple[int, int]
+    shear: tuple[float, float]
+    half_extent: tuple[float, float]
+    reach: tuple[float, float]
+    scene: str
+    scene_hash: str
+    renderer: str
+    settings: DoubleFrustum | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HogelImage:
+    """What one aperture shows. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
+
+    Attributes
+    ----------
+    camera
+        The frustum it answers for.
+    triangle, object
+        int32 numbers, `NOTHING` where there is no surface.
+    position
+        Visible surface point in scene units, NaN where there is none: float64 from a
+        reference, float32 from a rasterizer.
+    normal
+        Unit normal as stored in the mesh winding, NaN where there is no surface.
+    color
+        Linear RGB, float32.
+    certainty
+        uint8 `Certainty` per pixel; None where nobody claims the truth.
+    """
+
+    camera: HogelCamera
+    triangle: NDArray[np.int32]
+    object: NDArray[np.int32]
+    position: NDArray[np.floating]
+    normal: NDArray[np.floating] | None = None
+    color: NDArray[np.float32] | None = None
+    certainty: NDArray[np.uint8] | None = None
+
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """Pixels that show a surface."""
+        return self.triangle != NOTHING
+
+    @property
+    def height(self) -> NDArray[np.floating]:
+        """Height above the plate, NaN where there is no surface."""
+        return self.position[..., 2]

@@ -1,0 +1,85 @@
+"""The plate and its apertures (paper, section 3; frames in CONVENTIONS.md)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from xfrustum.scenes.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aperture:
+    """One aperture (hogel) of the plate: the point that every line of its image passes through.
+
+    Attributes
+    ----------
+    column, row
+        Index on the plate; row 0 is at the top.
+    x, y
+        Center in scene units; its z is 0, the plate.
+    """
+
+    column: int
+    row: int
+    x: float
+    y: float
+
+    @property
+    def index(self) -> tuple[int, int]:
+        """Column and row, in the order in which the command line takes them."""
+        return (self.column, self.row)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plate:
+    """The holographic plate: a rectangle in z = 0 about the origin, divided into apertures.
+
+    Attributes
+    ----------
+    size
+        Width and height in scene units, both positive.
+    hogels
+        Number of columns and rows of apertures, both at least 1.
+    """
+
+    size: tuple[float, float]
+    hogels: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(s) and s > 0 for s in self.size):
+            raise InputError(f"plate.size must be two positive lengths, not {list(self.size)}")
+        if not all(n >= 1 for n in self.hogels):
+            raise InputError(f"plate.hogels must be two counts of at least 1, not {list(self.hogels)}")
+
+    def aperture(self, column: int, row: int) -> Aperture:
+        """Return the aperture in a column and row.
+
+        Raises
+        ------
+        InputError
+            The index lies outside the plate.
+        """
+        columns, rows = self.hogels
+        if not (0 <= column < columns and 0 <= row < rows):
+            raise InputError(
+                f"aperture {column},{row} lies outside the plate: "
+                f"columns run from 0 to {columns - 1}, rows from 0 to {rows - 1}"
+            )
+        width, height = self.size
+        return Aperture(
+            column=column,
+            row=row,
+            x=(column + 0.5) * width / columns - width / 2,
+            y=height / 2 - (row + 0.5) * height / rows,
+        )
+
+    @property
+    def middle(self) -> Aperture:
+        """The default aperture: column Nx // 2, row Ny // 2."""
+        return self.aperture(self.hogels[0] // 2, self.hogels[1] // 2)
+
+    @property
+    def corners(self) -> tuple[Aperture, Aperture]:
+        """Two opposite corners, top left and bottom right: where a recentered frustum shears most."""
+        return self.aperture(0, 0), self.aperture(self.hogels[0] - 1, self.hogels[1] - 1)

@@ -1,0 +1,159 @@
+"""A scene: what is asked of every renderer. Immutable, validated, in scene coordinates."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.frustum import Frustum
+from xfrustum.scenes.plate import Aperture, Plate
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """Return the array with writing switched off."""
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneObject:
+    """One object of a scene: a triangle mesh in scene coordinates.
+
+    Attributes
+    ----------
+    name
+        The mesh file or the built-in shape it came from.
+    vertices
+        (V, 3) float64, scene units, finite.
+    faces
+        (F, 3) int64 indices into `vertices`, at least one.
+    material
+        Name of the material table it refers to, if any.
+    uv
+        (V, 2) float64 texture coordinates, if the mesh has them.
+    texture
+        (H, W, 3 or 4) uint8 sRGB base color, if the mesh has one.
+
+    Raises
+    ------
+    InputError
+        No faces, vertices that are not finite, or faces that point past the vertices.
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    material: str | None = None
+    uv: NDArray[np.float64] | None = None
+    texture: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
+        faces = np.ascontiguousarray(self.faces, dtype=np.int64)
+        if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
+            raise InputError(f"{self.name}: the mesh has no triangles; give it a mesh with faces")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InputError(
+                f"{self.name}: faces point past the vertices (index {faces.max()}, "
+                f"{len(vertices)} vertices); export the mesh again"
+            )
+        if not np.isfinite(vertices).all():
+            bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
+            raise InputError(
+                f"{self.name}: {bad} vertices are NaN or infinite in scene coordinates; "
+                "repair the mesh or its transform"
+            )
+        object.__setattr__(self, "vertices", read_only(vertices))
+        object.__setattr__(self, "faces", read_only(faces))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """Plate, frustum and objects: one question for every renderer.
+
+    Triangles are numbered through the objects in order, and within one in the order of its faces.
+
+    Attributes
+    ----------
+    name, units
+        For people; `units` names the scene's own length unit.
+    objects
+        May be empty: the true image of nothing is nothing.
+    source
+        What the command line calls this scene: the path of a file, or a built-in name. Images
+        carry it, so that a comparison can trace the scene again.
+    """
+
+    name: str
+    plate: Plate
+    frustum: Frustum
+    objects: tuple[SceneObject, ...]
+    units: str = "units"
+    source: str = ""
+
+    @cached_property
+    def vertices(self) -> NDArray[np.float64]:
+        """(V, 3) vertices of all objects, scene units."""
+        parts = [o.vertices for o in self.objects]
+        return read_only(np.concatenate(parts) if parts else np.zeros((0, 3)))
+
+    @cached_property
+    def faces(self) -> NDArray[np.int64]:
+        """(F, 3) faces of all objects; the row is the triangle number."""
+        offsets = np.cumsum([0, *(len(o.vertices) for o in self.objects)])
+        parts = [o.faces + offset for o, offset in zip(self.objects, offsets, strict=False)]
+        return read_only(np.concatenate(parts) if parts else np.zeros((0, 3), dtype=np.int64))
+
+    @cached_property
+    def object_of_triangle(self) -> NDArray[np.int32]:
+        """(F,) object number of each triangle."""
+        counts = [len(o.faces) for o in self.objects]
+        return read_only(np.repeat(np.arange(len(counts), dtype=np.int32), counts))
+
+    @cached_property
+    def triangles(self) -> NDArray[np.float64]:
+        """(F, 3, 3) corner positions: triangle, corner, coordinate."""
+        return read_only(self.vertices[self.faces])
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """(F, 3) unit normals by the mesh's winding; zero for triangles without area.
+
+        Each triangle is scaled to size one first, so that neither tiny nor huge ones
+        underflow or overflow in the cross product.
+        """
+        first = self.triangles[:, 0]
+        edges = self.triangles[:, 1:] - first[:, None]
+        scale = np.abs(edges).max(axis=(1, 2), initial=0.0)
+        edges = edges / np.where(scale > 0, scale, 1.0)[:, None, None]
+        cross = np.cross(edges[:, 0], edges[:, 1])
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return read_only(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 of what the geometry of an image depends on: plate, frustum, triangles."""
+        digest = hashlib.sha256()
+        parameters: dict[str, Any] = {"plate": asdict(self.plate), "frustum": asdict(self.frustum)}
+        digest.update(json.dumps(parameters, sort_keys=True).encode())
+        for part in self.objects:
+            digest.update(np.int64([len(part.vertices), len(part.faces)]).tobytes())
+            digest.update(part.vertices.tobytes())
+            digest.update(part.faces.tobytes())
+        return digest.hexdigest()
+
+    def default_apertures(self) -> tuple[Aperture, ...]:
+        """Return the apertures of a report: the middle one and, when recentered, two corners."""
+        if not self.frustum.recentered:
+            return (self.plate.middle,)
+        candidates = (self.plate.middle, *self.plate.corners)
+        return tuple(dict.fromkeys(candidates))

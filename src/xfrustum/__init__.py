@@ -1,0 +1,1 @@
+"""Reference and validation toolkit for the renderers of full-parallax spatial displays."""
