@@ -1,1 +1,1 @@
-""""""
+"""The verdict: sweeps over settings, tables, figures and the page that a person opens."""

@@ -1,1 +1,30 @@
 """The question: plate, frustum, meshes, settings, and the image that every renderer returns."""
+
+from __future__ import annotations
+
+from xfrustum.scenes.catalogue import open_scene
+from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.frustum import Frustum, Screen
+from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
+from xfrustum.scenes.plate import Aperture, Plate
+from xfrustum.scenes.scene import Scene, SceneObject
+
+__all__ = [
+    "NOTHING",
+    "Aperture",
+    "Camera",
+    "Certainty",
+    "DepthFormat",
+    "DepthMapping",
+    "DoubleFrustum",
+    "Frustum",
+    "HogelCamera",
+    "HogelImage",
+    "InputError",
+    "Plate",
+    "Scene",
+    "SceneObject",
+    "Screen",
+    "open_scene",
+]

@@ -79,6 +79,8 @@ class HogelImage:
         Linear RGB, float32.
     certainty
         uint8 `Certainty` per pixel; None where nobody claims the truth.
+    companions
+        (N, 3) row, column and triangle number of every surface that shares a tie; None likewise.
     """
 
     camera: HogelCamera
@@ -88,11 +90,12 @@ class HogelImage:
     normal: NDArray[np.floating] | None = None
     color: NDArray[np.float32] | None = None
     certainty: NDArray[np.uint8] | None = None
+    companions: NDArray[np.int64] | None = None
 
     @property
     def covered(self) -> NDArray[np.bool_]:
         """Pixels that show a surface."""
-        return self.triangle != NOTHING
+        return np.not_equal(self.triangle, NOTHING)
 
     @property
     def height(self) -> NDArray[np.floating]:

@@ -39,9 +39,11 @@ class SceneObject:
     material
         Name of the material table it refers to, if any.
     uv
-        (V, 2) float64 texture coordinates, if the mesh has them.
-    texture
-        (H, W, 3 or 4) uint8 sRGB base color, if the mesh has one.
+        (V, 2) float64 texture coordinates, v up, if the mesh has them; NaN at vertices without.
+    textures
+        (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top; empty if the mesh has none.
+    texture_of_triangle
+        (F,) int32 index into `textures`, -1 where a triangle has none; None if the mesh has none.
 
     Raises
     ------
@@ -54,7 +56,8 @@ class SceneObject:
     faces: NDArray[np.int64]
     material: str | None = None
     uv: NDArray[np.float64] | None = None
-    texture: NDArray[np.uint8] | None = None
+    textures: tuple[NDArray[np.uint8], ...] = ()
+    texture_of_triangle: NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -146,7 +149,7 @@ class Scene:
         parameters: dict[str, Any] = {"plate": asdict(self.plate), "frustum": asdict(self.frustum)}
         digest.update(json.dumps(parameters, sort_keys=True).encode())
         for part in self.objects:
-            digest.update(np.int64([len(part.vertices), len(part.faces)]).tobytes())
+            digest.update(np.array([len(part.vertices), len(part.faces)], dtype=np.int64).tobytes())
             digest.update(part.vertices.tobytes())
             digest.update(part.faces.tobytes())
         return digest.hexdigest()

@@ -1,0 +1,49 @@
+"""The one place that makes an OpenGL context: moderngl over EGL, without a display."""
+
+from __future__ import annotations
+
+import moderngl
+from OpenGL import GL
+
+from xfrustum.scenes.errors import InputError
+
+REQUIRED_VERSION = 450
+"""OpenGL 4.5: the first with clip control, without which reversed depth gains nothing."""
+
+_HELP = (
+    "install an EGL driver (Debian and Ubuntu: libegl1 and libgl1-mesa-dri, which draws in software), "
+    "or run where there is one"
+)
+
+
+def open_context() -> moderngl.Context:
+    """Return a new OpenGL context of at least version 4.5, of its own, without a window.
+
+    Raises
+    ------
+    InputError
+        There is no EGL driver, or its OpenGL is too old.
+    """
+    try:
+        context = moderngl.create_context(standalone=True, backend="egl")
+    except Exception as error:
+        # glcontext raises bare Exception, moderngl its own Error, for whatever EGL lacks.
+        reason = " ".join(str(error).split())
+        raise InputError(f"no OpenGL context through EGL ({reason}): {_HELP}") from error
+    if context.version_code < REQUIRED_VERSION:
+        found, device = context.version_code, context.info["GL_RENDERER"]
+        context.release()
+        raise InputError(
+            f"OpenGL {found // 100}.{found // 10 % 10} of {device} is too old, 4.5 is needed: {_HELP}"
+        )
+    return context
+
+
+def describe(context: moderngl.Context) -> dict[str, str]:
+    """Return who draws: vendor, renderer, version and subpixel bits, for reports."""
+    return {
+        "vendor": str(context.info["GL_VENDOR"]),
+        "renderer": str(context.info["GL_RENDERER"]),
+        "version": str(context.info["GL_VERSION"]),
+        "subpixel_bits": str(int(GL.glGetIntegerv(GL.GL_SUBPIXEL_BITS))),
+    }

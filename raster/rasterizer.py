@@ -1,0 +1,192 @@
+"""The paper's double frustum: C, then C* over it (paper, sections 3 to 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from types import TracebackType
+
+import moderngl
+import numpy as np
+from OpenGL import GL
+
+from xfrustum.raster.cameras import FilmWindow, Matrix, orthoscopic, pseudoscopic
+from xfrustum.raster.context import describe, open_context
+from xfrustum.raster.depth_formats import DepthTest, farthest_wins, nearest_wins
+from xfrustum.raster.targets import Target
+from xfrustum.scenes.double_frustum import Camera, DepthFormat, DoubleFrustum
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.light import DEFAULT_LIGHT
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import Scene
+
+MAX_TRIANGLES = 1 << 30
+"""gl_PrimitiveID is a signed 32-bit integer, and the normals' buffer is indexed by three times it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Pass:
+    """One camera's share of an image."""
+
+    clip_from_scene: Matrix
+    test: DepthTest
+    front_face: str
+    light: tuple[float, float, float]
+
+
+class Rasterizer:
+    """A scene on the GPU, to be drawn for any aperture and any settings.
+
+    A context manager: leaving it frees the context and everything in it.
+
+    Parameters
+    ----------
+    scene
+        Uploaded once, in float32.
+
+    Raises
+    ------
+    InputError
+        There is no usable OpenGL (see `context.open_context`).
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        if len(scene.faces) > MAX_TRIANGLES:
+            raise InputError(f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn")
+        self.scene = scene
+        self._context = open_context()
+        self.device = describe(self._context)
+        self._targets: dict[tuple[tuple[int, int], DepthFormat], Target] = {}
+        self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
+        self._upload(scene)
+
+    def __enter__(self) -> Rasterizer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free the context and everything in it."""
+        for target in self._targets.values():
+            target.release()
+        self._targets.clear()
+        self._context.release()
+
+    def _upload(self, scene: Scene) -> None:
+        shaders = files("xfrustum.raster") / "shaders"
+        self._program = self._context.program(
+            vertex_shader=(shaders / "hogel.vert").read_text(),
+            fragment_shader=(shaders / "hogel.frag").read_text(),
+        )
+        self._program["albedo"] = DEFAULT_LIGHT.albedo
+        self._program["ambient"] = DEFAULT_LIGHT.ambient
+        self._mesh: moderngl.VertexArray | None = None
+        if len(scene.faces):
+            vertices = self._context.buffer(scene.vertices.astype(np.float32).tobytes())
+            indices = self._context.buffer(scene.faces.astype(np.uint32).tobytes())
+            self._normals = self._context.buffer(scene.normals.astype(np.float32).tobytes())
+            self._mesh = self._context.vertex_array(
+                self._program, [(vertices, "3f", "in_position")], index_buffer=indices
+            )
+
+    def render(
+        self, aperture: Aperture, settings: DoubleFrustum, *, normals: bool = True, color: bool = True
+    ) -> HogelImage:
+        """Draw the hogel image of an aperture.
+
+        Parameters
+        ----------
+        aperture
+            Where the frusta cross.
+        settings
+            Near plane, depth buffer, cameras.
+        normals, color
+            Leave out what nobody looks at.
+
+        Raises
+        ------
+        InputError
+            near is not smaller than the reach, or the device cannot draw so large an image.
+        """
+        settings.check_against(self.scene.frustum)
+        target = self._target(settings.depth)
+        target.begin()
+        for camera in self._passes(aperture, settings):
+            target.clear_depth(camera.test.clear)
+            self._draw(camera)
+        triangle = target.read_identity().astype(np.int32) - 1
+        return HogelImage(
+            camera=self._camera(aperture, settings),
+            triangle=triangle,
+            object=self._object_of_number[triangle],
+            position=target.read_position(),
+            normal=self._normals_of(triangle) if normals else None,
+            color=target.read_color() if color else None,
+        )
+
+    def _passes(self, aperture: Aperture, settings: DoubleFrustum) -> list[_Pass]:
+        """Return the cameras in drawing order: C first, for C* overlays it."""
+        frustum = self.scene.frustum
+        x, y, z = DEFAULT_LIGHT.direction
+        c = _Pass(
+            clip_from_scene=orthoscopic(frustum, aperture, settings),
+            test=nearest_wins(settings.mapping),
+            front_face="ccw",
+            light=(x, y, z),
+        )
+        c_star = _Pass(
+            clip_from_scene=pseudoscopic(frustum, aperture, settings),
+            test=farthest_wins(settings.mapping),
+            front_face="cw",
+            light=(-x, -y, -z),
+        )
+        return {Camera.BOTH: [c, c_star], Camera.C: [c], Camera.C_STAR: [c_star]}[settings.camera]
+
+    def _draw(self, camera: _Pass) -> None:
+        if self._mesh is None:
+            return
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = camera.test.function
+        self._context.front_face = camera.front_face
+        GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
+        self._program["clip_from_scene"].write(camera.clip_from_scene.T.astype(np.float32).tobytes())
+        self._program["light"] = camera.light
+        self._normals.bind_to_storage_buffer(0)
+        self._mesh.render()
+
+    def _target(self, depth: DepthFormat) -> Target:
+        size = self.scene.frustum.resolution
+        if (size, depth) not in self._targets:
+            limit = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
+            if max(size) > limit:
+                raise InputError(
+                    f"{self.device['renderer']} draws at most {limit} x {limit} pixels, "
+                    f"not {size[0]} x {size[1]}; choose a smaller frustum.resolution"
+                )
+            self._targets[size, depth] = Target(self._context, size, depth)
+        return self._targets[size, depth]
+
+    def _normals_of(self, triangle: np.ndarray[tuple[int, ...], np.dtype[np.int32]]) -> np.ndarray[
+        tuple[int, ...], np.dtype[np.float32]
+    ]:
+        nothing = np.full((1, 3), np.nan)
+        return np.concatenate((self.scene.normals, nothing)).astype(np.float32)[triangle]
+
+    def _camera(self, aperture: Aperture, settings: DoubleFrustum) -> HogelCamera:
+        window = FilmWindow.of(self.scene.frustum, aperture)
+        return HogelCamera(
+            aperture=aperture,
+            resolution=self.scene.frustum.resolution,
+            # k is the slope of the axis per unit of depth, away from the viewer.
+            shear=(-window.axis[0], -window.axis[1]),
+            half_extent=(window.half_width, window.half_height),
+            reach=self.scene.frustum.reach,
+            scene=self.scene.source,
+            scene_hash=self.scene.content_hash,
+            renderer=f"raster, {self.device['renderer']}",
+            settings=settings,
+        )

@@ -1,0 +1,30 @@
+#version 450 core
+// What a pixel shows: which triangle, where on it, and in which light.
+
+layout(location = 0) out uint triangle_plus_one;
+layout(location = 1) out vec4 surface_point;
+layout(location = 2) out vec4 radiance;
+
+in vec3 position;
+
+// Unit normals by the mesh's winding, three floats a triangle.
+layout(std430, binding = 0) readonly buffer Normals { float normals[]; };
+
+// Toward the light for C. For C* the pseudoscopic light L*: the same light from the opposite
+// direction (paper, section 3, figure 3).
+uniform vec3 light;
+uniform float albedo;
+uniform float ambient;
+
+void main() {
+    triangle_plus_one = uint(gl_PrimitiveID) + 1u;
+    surface_point = vec4(position, 1.0);
+
+    int first = 3 * gl_PrimitiveID;
+    vec3 normal = vec3(normals[first], normals[first + 1], normals[first + 2]);
+    // N is flipped for surfaces that are turned away from the camera. For C* these are the ones
+    // that face the viewer: N* and L* are both reversed there, and their product is not.
+    vec3 facing_camera = gl_FrontFacing ? normal : -normal;
+    float lambert = ambient + (1.0 - ambient) * max(dot(facing_camera, light), 0.0);
+    radiance = vec4(vec3(albedo * lambert), 1.0);
+}

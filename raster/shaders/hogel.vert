@@ -1,0 +1,13 @@
+#version 450 core
+// One camera, C or C*: which one is in the matrix alone.
+
+uniform mat4 clip_from_scene;
+
+in vec3 in_position;  // scene units
+
+out vec3 position;
+
+void main() {
+    position = in_position;
+    gl_Position = clip_from_scene * vec4(in_position, 1.0);
+}

@@ -1,0 +1,83 @@
+"""Embree as tracer: which triangle does a ray meet first? Single precision, robust mode.
+
+What it answers is a proposal. Positions are computed from the triangle in double precision, and
+`certify` decides whether the proposal stands.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+
+from xfrustum.reference.threads import worker_count
+from xfrustum.scenes.hogel_image import NOTHING
+from xfrustum.scenes.scene import Scene
+
+RAYS_PER_CALL = 1 << 16
+"""Embree's binding traces one call on one thread and releases the interpreter lock meanwhile."""
+
+
+class EmbreeTracer:
+    """A scene's acceleration structure, built once, in Embree's robust mode.
+
+    Parameters
+    ----------
+    scene
+        Its triangles keep their numbers.
+    """
+
+    name = "embree"
+
+    def __init__(self, scene: Scene) -> None:
+        self._scale = _unit_scale(scene.vertices)
+        self._embree = EmbreeScene(robust=True)
+        self._empty = len(scene.faces) == 0
+        if not self._empty:
+            vertices = (scene.vertices * self._scale).astype(np.float32)
+            TriangleMesh(self._embree, vertices, scene.faces.astype(np.int32))
+            # The structure is built on the first ray; two threads must not both build it.
+            self._embree.run(np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]]))
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Name and version of the tracer, for reports."""
+        return {"embreex": version("embreex")}
+
+    def first_hits(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> NDArray[np.int32]:
+        """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
+
+        Parameters
+        ----------
+        origins, directions
+            (N, 3) scene units; directions need no unit length.
+        """
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        if self._empty or len(origins) == 0:
+            return hits
+
+        def trace(start: int) -> None:
+            part = slice(start, start + RAYS_PER_CALL)
+            hits[part] = self._embree.run(
+                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32)
+            )
+
+        with ThreadPoolExecutor(worker_count()) as pool:
+            list(pool.map(trace, range(0, len(origins), RAYS_PER_CALL)))
+        return hits
+
+
+def _unit_scale(vertices: NDArray[np.float64]) -> float:
+    """Return the power of two that brings a scene to about unit size.
+
+    Embree has absolute constants near the limits of float32; a power of two moves no bit of
+    any mantissa, so that the picture does not depend on the unit of length.
+    """
+    size = float(np.abs(vertices).max(initial=0.0))
+    return float(2.0 ** -np.floor(np.log2(size))) if size > 0 else 1.0

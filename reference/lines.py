@@ -1,0 +1,115 @@
+"""Pixel to line: the definition of truth (design: frames; paper, sections 3 and 5)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.frustum import Frustum
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import read_only
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pencil:
+    """All lines of one image: each pixel's line passes through one common point.
+
+    The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). The exact
+    meaning of an image starts at these doubles: nothing before them is rounded again.
+
+    Attributes
+    ----------
+    center
+        The common point in scene units: the aperture, or an offset camera.
+    shear, half_extent
+        k and t, slopes per unit of depth.
+    resolution
+        W, H in pixels.
+    s_range
+        Only surfaces with s in this closed interval are imaged; the smallest s is seen first.
+    """
+
+    center: Vector
+    shear: tuple[float, float]
+    half_extent: tuple[float, float]
+    resolution: tuple[int, int]
+    s_range: tuple[float, float]
+
+    @cached_property
+    def dx(self) -> NDArray[np.float64]:
+        """(W,) x slopes of the columns, ascending."""
+        u = (2.0 * np.arange(self.resolution[0]) + 1.0) / self.resolution[0] - 1.0
+        return read_only(self.shear[0] + u * self.half_extent[0])
+
+    @cached_property
+    def dy(self) -> NDArray[np.float64]:
+        """(H,) y slopes of the rows, descending: row 0 is at the top."""
+        v = 1.0 - (2.0 * np.arange(self.resolution[1]) + 1.0) / self.resolution[1]
+        return read_only(self.shear[1] + v * self.half_extent[1])
+
+    def directions(self, rows: slice = slice(None)) -> NDArray[np.float64]:
+        """Return d of every pixel in some rows, (rows, W, 3)."""
+        dy = self.dy[rows]
+        d = np.empty((len(dy), len(self.dx), 3))
+        d[..., 0] = self.dx
+        d[..., 1] = dy[:, None]
+        d[..., 2] = -1.0
+        return d
+
+
+def film_window(
+    frustum: Frustum, aperture: Aperture
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return shear k and half-extent t of an aperture's film, slopes per unit of depth.
+
+    Centered: k = 0, t = tan(fov / 2). Recentered (paper, section 5): the lines of the film's
+    corners pass through the screen's corners, for a screen on either side of the plate.
+    """
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        return (0.0, 0.0), (math.tan(frustum.fov[0] / 2), math.tan(frustum.fov[1] / 2))
+    screen = frustum.screen
+    s_screen = -screen.height
+    shear = ((screen.center[0] - aperture.x) / s_screen, (screen.center[1] - aperture.y) / s_screen)
+    half_extent = (screen.size[0] / 2 / abs(s_screen), screen.size[1] / 2 / abs(s_screen))
+    return shear, half_extent
+
+
+def crossed_frustum(frustum: Frustum, aperture: Aperture) -> Pencil:
+    """Return the true frustum: every line passes through the aperture, from viewer to back."""
+    shear, half_extent = film_window(frustum, aperture)
+    return Pencil(
+        center=(aperture.x, aperture.y, 0.0),
+        shear=shear,
+        half_extent=half_extent,
+        resolution=frustum.resolution,
+        s_range=(-frustum.reach[0], frustum.reach[1]),
+    )
+
+
+def offset_pinholes(frustum: Frustum, aperture: Aperture, near: float) -> tuple[Pencil, Pencil]:
+    """Return C and C* stepped back by `near`, as exact lines (paper, section 4).
+
+    C stands at (ax - n kx, ay - n ky, +n) and sees what lies behind the plate; C* stands at
+    (ax + n kx, ay + n ky, -n) and sees what lies before it, from the viewer's end. What these
+    two show, C* over C, is what a rasterizer without any rounding would draw.
+    """
+    shear, half_extent = film_window(frustum, aperture)
+    kx, ky = shear
+    viewer, back = frustum.reach
+    common = {"shear": shear, "half_extent": half_extent, "resolution": frustum.resolution}
+    c = Pencil(
+        center=(aperture.x - near * kx, aperture.y - near * ky, near), s_range=(near, near + back), **common
+    )
+    c_star = Pencil(
+        center=(aperture.x + near * kx, aperture.y + near * ky, -near),
+        s_range=(-near - viewer, -near),
+        **common,
+    )
+    return c, c_star

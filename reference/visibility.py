@@ -1,0 +1,70 @@
+"""Does the true frustum see a given surface point, or is something else in front of it?"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.cone import Floats
+from xfrustum.reference.embree import EmbreeTracer
+from xfrustum.reference.lines import Pencil
+from xfrustum.scenes.hogel_image import NOTHING
+from xfrustum.scenes.scene import Scene
+
+
+def hidden(
+    tracer: EmbreeTracer, scene: Scene, pencil: Pencil, points: Floats, tolerance: Floats
+) -> NDArray[np.bool_]:
+    """Return which points lie behind another surface on their own true line.
+
+    Parameters
+    ----------
+    tracer
+        Finds the first surface.
+    scene
+        Its triangles.
+    pencil
+        A crossed frustum; each point's line passes through its center.
+    points
+        (N, 3) scene units, z not 0.
+    tolerance
+        (N,) how exactly the points are known, scene units: a surface that passes within this
+        distance of a point is the point's own. Thus a mesh's tessellation makes no difference.
+    """
+    relative = points - np.asarray(pencil.center)
+    s_point = -relative[:, 2]
+    directions = relative / s_point[:, None]
+    origins = np.asarray(pencil.center) + pencil.s_range[0] * directions
+    hits = tracer.first_hits(origins, directions)
+    met = np.flatnonzero(hits != NOTHING)
+    corners = scene.triangles[hits[met]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    slope = np.einsum("ij,ij->i", normals, directions[met])
+    offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s_hit = offset / slope
+    before = s_hit < s_point[met]
+    met, corners = met[before], corners[before]
+    apart = distance_to_triangles(points[met], corners) > tolerance[met]
+    behind = np.zeros(len(points), dtype=np.bool_)
+    behind[met[apart]] = True
+    return behind
+
+
+def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
+    """Return the distance of each point (N, 3) from its own triangle (N, 3, 3)."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    unit = normals / np.where(length > 0, length, 1.0)[:, None]
+    inside = length > 0
+    nearest_edge = np.full(len(points), np.inf)
+    for k in range(3):
+        start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        along = points - start
+        inside &= np.einsum("ij,ij->i", np.cross(edge, along), normals) >= 0
+        squared = np.einsum("ij,ij->i", edge, edge)
+        share = np.einsum("ij,ij->i", along, edge) / np.where(squared > 0, squared, 1.0)
+        foot = along - np.clip(share, 0.0, 1.0)[:, None] * edge
+        nearest_edge = np.minimum(nearest_edge, np.linalg.norm(foot, axis=1))
+    from_plane = np.abs(np.einsum("ij,ij->i", points - corners[:, 0], unit))
+    return np.where(inside, from_plane, nearest_edge)

@@ -1,0 +1,148 @@
+"""The curves of a report, as plotly figures: error against near, prediction drawn in, time per stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import plotly.graph_objects as go
+
+from xfrustum.reports.measurement import Measurement, Sweep
+from xfrustum.scenes.plate import Aperture
+
+# Okabe and Ito's palette: told apart by color-blind readers, and on white as on black.
+_COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
+_MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
+_INK = "#80868f"
+_GRID = "rgba(128, 134, 143, 0.22)"
+
+Number = Callable[[Measurement], float | None]
+
+
+def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
+    """Return the figures of one aperture, by name.
+
+    Every measured point carries its row number in the sweep as `customdata`, so that the page
+    can show the pictures of the point that was clicked.
+    """
+    rows = [(i, row) for i, row in enumerate(sweep.rows) if row.aperture == aperture]
+    reach = sweep.scene.frustum.longest_reach
+    return {
+        "surface": _fraction_figure(rows, reach, "surface", "pixels with the wrong surface"),
+        "displacement_p99": _displacement_figure(rows, reach, "p99", "99th percentile of displacement, px"),
+        "displacement_rms": _displacement_figure(rows, reach, "rms", "rms displacement, px"),
+        "triangle": _fraction_figure(rows, reach, "triangle", "pixels with another triangle"),
+    }
+
+
+def stage_times(sweep: Sweep) -> go.Figure:
+    """Return a bar per stage, wall seconds of the whole sweep."""
+    stages = list(sweep.times_s)
+    seconds = [sweep.times_s[stage] for stage in stages]
+    bars = go.Bar(
+        x=seconds,
+        y=stages,
+        orientation="h",
+        marker={"color": _COLORS[1]},
+        text=[f"{value:.2f} s" for value in seconds],
+        textposition="auto",
+        hovertemplate="%{y}: %{x:.3f} s<extra></extra>",
+    )
+    figure = go.Figure(bars)
+    _style(figure)
+    figure.update_layout(height=60 + 34 * len(stages), margin={"l": 90, "r": 20, "t": 10, "b": 40})
+    figure.update_xaxes(title="wall seconds", rangemode="tozero")
+    figure.update_yaxes(autorange="reversed", showgrid=False)
+    return figure
+
+
+def _fraction_figure(
+    rows: Sequence[tuple[int, Measurement]], reach: float, key: str, title: str
+) -> go.Figure:
+    """Draw a share of pixels; zeros, which a logarithmic axis lacks, lie at half a pixel and are hollow."""
+    figure = go.Figure()
+
+    def fraction(row: Measurement) -> float | None:
+        return row.comparison[key]["fraction"] or 0.5 / max(row.comparison["judged"], 1)
+
+    _add_depth_lines(figure, rows, reach, fraction)
+    for line, group in zip(figure.data, _by_depth(rows).values(), strict=True):
+        wrong = [row.comparison[key]["wrong"] for _, row in group]
+        line.marker.symbol = [line.marker.symbol + ("" if count else "-open") for count in wrong]
+        line.text = [f"{count} of {row.comparison['judged']}" for count, (_, row) in zip(wrong, group, strict=True)]
+        line.hovertemplate = "near %{x:.3g} of the reach<br>%{text} pixels wrong"
+    _log_axes(figure, title)
+    return figure
+
+
+def _displacement_figure(
+    rows: Sequence[tuple[int, Measurement]], reach: float, statistic: str, title: str
+) -> go.Figure:
+    """Draw a statistic of displacement with its closed-form prediction, dashed."""
+    figure = go.Figure()
+
+    def measured(row: Measurement) -> float | None:
+        displacement = row.comparison["displacement_px"]
+        return None if displacement is None else displacement[statistic] or None
+
+    _add_depth_lines(figure, rows, reach, measured)
+    figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g} px")
+    predicted = {row.settings.near / reach: row.predicted for _, row in rows if row.predicted is not None}
+    nears = sorted(predicted)
+    figure.add_scatter(
+        x=nears,
+        y=[getattr(predicted[near], statistic) or None for near in nears],
+        name="closed form",
+        mode="lines",
+        line={"color": _INK, "dash": "dash", "width": 2},
+        hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g} px",
+    )
+    _log_axes(figure, title)
+    return figure
+
+
+def _add_depth_lines(
+    figure: go.Figure, rows: Sequence[tuple[int, Measurement]], reach: float, number: Number
+) -> None:
+    for place, (label, group) in enumerate(_by_depth(rows).items()):
+        color = _COLORS[place % len(_COLORS)]
+        figure.add_scatter(
+            x=[row.settings.near / reach for _, row in group],
+            y=[number(row) for _, row in group],
+            customdata=[index for index, _ in group],
+            name=label,
+            mode="lines+markers",
+            line={"color": color, "width": 1.8},
+            marker={"symbol": _MARKERS[place % len(_MARKERS)], "size": 7, "color": color},
+        )
+
+
+def _by_depth(rows: Sequence[tuple[int, Measurement]]) -> dict[str, list[tuple[int, Measurement]]]:
+    grouped: dict[str, list[tuple[int, Measurement]]] = {}
+    for index, row in sorted(rows, key=lambda item: item[1].settings.near):
+        grouped.setdefault(row.settings.depth_label, []).append((index, row))
+    order = dict.fromkeys(row.settings.depth_label for _, row in rows)
+    return {label: grouped[label] for label in order}
+
+
+def _log_axes(figure: go.Figure, title: str) -> None:
+    _style(figure)
+    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}}, height=400)
+    powers: dict[str, Any] = {"type": "log", "exponentformat": "power", "dtick": 1}
+    figure.update_xaxes(title="near plane / reach", **powers)
+    figure.update_yaxes(**powers)
+
+
+def _style(figure: go.Figure) -> None:
+    """Ink and grid that read on light and on dark paper; the page's own background shows through."""
+    figure.update_layout(
+        template="none",
+        paper_bgcolor="rgba(0, 0, 0, 0)",
+        plot_bgcolor="rgba(0, 0, 0, 0)",
+        font={"family": "system-ui, sans-serif", "size": 13, "color": _INK},
+        legend={"orientation": "h", "yanchor": "top", "y": -0.2, "x": 0},
+        margin={"l": 62, "r": 12, "t": 44, "b": 90},
+        hovermode="closest",
+    )
+    figure.update_xaxes(gridcolor=_GRID, linecolor=_INK, zeroline=False, ticks="outside", tickcolor=_GRID)
+    figure.update_yaxes(gridcolor=_GRID, linecolor=_INK, zeroline=False, ticks="outside", tickcolor=_GRID)

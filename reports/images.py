@@ -1,0 +1,150 @@
+"""Pictures for people: encoded, small, with scales that stay the same over a whole report."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from plotly.colors import sample_colorscale, unlabel_rgb
+from skimage.measure import block_reduce
+
+from xfrustum.reports.measurement import SettingPictures
+from xfrustum.scenes.hogel_image import HogelImage
+
+if TYPE_CHECKING:
+    from xfrustum.compare import ErrorMaps
+
+DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
+"""Ends of the logarithmic scale; the lower one is what 32-bit positions can measure."""
+HEIGHT_RANGE = (1e-7, 1e-2)
+"""Ends of the logarithmic scale on both sides of zero, in fractions of the longest reach; the lower
+one is the rounding of a 32-bit position."""
+SURFACE_COLOR = "rgb(224, 49, 49)"
+TRIANGLE_COLOR = "rgb(245, 135, 0)"
+
+_DISPLACEMENT_STEPS = 40
+_HEIGHT_STEPS = 30
+_DISPLACEMENT_COLORS = sample_colorscale("Viridis", list(np.linspace(0, 1, _DISPLACEMENT_STEPS)))
+_HEIGHT_COLORS = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
+_UNTEXTURED_GRAY = 0.4
+
+
+def setting_pictures(
+    drawn: HogelImage, maps: ErrorMaps, reach: float, reduction: int = 1
+) -> SettingPictures:
+    """Encode the raster image and its error maps.
+
+    Parameters
+    ----------
+    drawn, maps
+        The raster image and what the comparison found, (H, W).
+    reach
+        Longest reach, scene units; the unit of the height scale.
+    reduction
+        Image pixels per picture pixel, along each side; errors keep the worst of a block.
+    """
+    surface = np.zeros_like(maps.triangle) if maps.surface is None else maps.surface
+    return SettingPictures(
+        raster=picture(drawn, reduction),
+        displacement=displacement_map(maps.displacement, reduction),
+        surface=mask(surface, SURFACE_COLOR, reduction),
+        triangle=mask(maps.triangle, TRIANGLE_COLOR, reduction),
+        height=height_map(maps.height, reach, reduction),
+    )
+
+
+def picture(image: HogelImage, reduction: int = 1) -> bytes:
+    """Encode the color image as lossless WebP in sRGB; pixels without a surface are transparent."""
+    covered = image.covered
+    if image.color is None:
+        linear = np.full((*covered.shape, 3), _UNTEXTURED_GRAY, dtype=np.float32)
+    else:
+        linear = np.clip(np.nan_to_num(image.color), 0.0, 1.0)
+    linear = np.where(covered[..., None], linear, 0.0)
+    alpha = covered.astype(np.float32)
+    if reduction > 1:
+        linear = block_reduce(linear, (reduction, reduction, 1), np.mean)
+        alpha = block_reduce(alpha, (reduction, reduction), np.mean)
+        linear = linear / np.maximum(alpha, 1e-6)[..., None]
+    # IEC 61966-2-1; scikit-image has no public function for the transfer curve alone.
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055)
+    rgba = np.concatenate([encoded, alpha[..., None]], axis=2)
+    buffer = io.BytesIO()
+    pixels = np.rint(255 * np.clip(rgba, 0, 1)).astype(np.uint8)
+    Image.fromarray(pixels, "RGBA").save(buffer, "WEBP", lossless=True, quality=20, method=1)
+    return buffer.getvalue()
+
+
+def displacement_map(displacement: NDArray[np.float32], reduction: int = 1) -> bytes:
+    """Encode the length of (H, W, 2) displacement vectors as PNG, transparent where undefined.
+
+    The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
+    """
+    length = np.hypot(displacement[..., 0], displacement[..., 1])
+    low, high = np.log10(DISPLACEMENT_RANGE_PX)
+    level = (_log10(length) - low) / (high - low) * _DISPLACEMENT_STEPS
+    index = 1 + np.clip(np.floor(level), 0, _DISPLACEMENT_STEPS - 1)
+    # 0 is both "undefined" and the least: the worst of a block is its largest index.
+    index = np.where(np.isfinite(length), index, 0)
+    return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
+
+
+def height_map(height: NDArray[np.float32], reach: float, reduction: int = 1) -> bytes:
+    """Encode the signed (H, W) height error as PNG, transparent where undefined.
+
+    Red is nearer to the viewer than the truth, blue farther; logarithmic over `HEIGHT_RANGE`.
+    """
+    low, high = np.log10(HEIGHT_RANGE)
+    level = (_log10(np.abs(height) / reach) - low) / (high - low) * _HEIGHT_STEPS
+    step = np.sign(height) * np.ceil(np.clip(level, 0, _HEIGHT_STEPS))
+    step = np.where(np.isfinite(height), step, np.nan)
+    if reduction > 1:
+        highest = block_reduce(np.nan_to_num(step, nan=-np.inf), (reduction, reduction), np.max, -np.inf)
+        lowest = block_reduce(np.nan_to_num(step, nan=np.inf), (reduction, reduction), np.min, np.inf)
+        step = np.where(np.abs(highest) >= np.abs(lowest), highest, lowest)
+    index = np.where(np.isfinite(step), 1 + _HEIGHT_STEPS + np.nan_to_num(step, posinf=0, neginf=0), 0)
+    return _palette_png(index, _HEIGHT_COLORS)
+
+
+def mask(wrong: NDArray[np.bool_], color: str, reduction: int = 1) -> bytes:
+    """Encode an (H, W) mask as PNG: the color where it is set, transparent elsewhere."""
+    return _palette_png(_worst(wrong.astype(np.uint8), reduction), [color])
+
+
+def displacement_scale() -> list[str]:
+    """Return the colors of the displacement scale, smallest first."""
+    return list(_DISPLACEMENT_COLORS)
+
+
+def height_scale() -> list[str]:
+    """Return the colors of the height scale, from farther (blue) to nearer (red)."""
+    return list(_HEIGHT_COLORS)
+
+
+def media_type(encoded: bytes) -> str:
+    """Return the media type of an encoded picture."""
+    return "image/webp" if encoded[:4] == b"RIFF" else "image/png"
+
+
+def _log10(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.log10(values)
+
+
+def _worst(index: NDArray[np.generic], reduction: int) -> NDArray[np.generic]:
+    return block_reduce(index, (reduction, reduction), np.max) if reduction > 1 else index
+
+
+def _palette_png(index: NDArray[np.generic], colors: list[str]) -> bytes:
+    """Encode palette indices; 0 is transparent, i is the i-th color."""
+    palette = [0, 0, 0]
+    for color in colors:
+        palette.extend(round(channel) for channel in unlabel_rgb(color))
+    encoded = Image.fromarray(index.astype(np.uint8), "P")
+    encoded.putpalette(palette)
+    buffer = io.BytesIO()
+    encoded.save(buffer, "PNG", transparency=0, optimize=True)
+    return buffer.getvalue()

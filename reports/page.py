@@ -1,0 +1,135 @@
+"""The page: one HTML file with its pictures, its plots and plotly.js inside."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from xfrustum.reports import best, figures, images
+from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.tables import json_ready, report_object
+from xfrustum.scenes.hogel_image import Certainty
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+_CERTAINTY_WORDS = {
+    Certainty.PROVEN: "proven in floating point",
+    Certainty.EXACT: "decided in rational arithmetic",
+    Certainty.TIE: "tie, not judged",
+    Certainty.UNEXAMINED: "not examined",
+}
+
+
+def render_page(sweep: Sweep) -> str:
+    """Return the report as one HTML document that needs nothing else, online or offline."""
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(percent=best.percent, pixels=best.pixels, length=best.length)
+    reach = sweep.scene.frustum.longest_reach
+    return environment.get_template("report.html.j2").render(
+        scene=sweep.scene,
+        frustum=_frustum_words(sweep),
+        reach=reach,
+        sentence=best.sentence(sweep.rows, sweep.scene.units, reach),
+        verdict=best.best_setting(sweep.rows),
+        per_depth=best.best_per_depth(sweep.rows),
+        apertures=sweep.apertures,
+        settings_count=len({row.settings for row in sweep.rows}),
+        rows=sweep.rows,
+        certainty=_certainty_table(sweep),
+        versions=sweep.versions,
+        devices=sweep.devices,
+        reduction=sweep.reduction,
+        displacement_colors=images.displacement_scale(),
+        displacement_range=images.DISPLACEMENT_RANGE_PX,
+        height_colors=images.height_scale(),
+        height_range=images.HEIGHT_RANGE,
+        surface_color=images.SURFACE_COLOR,
+        triangle_color=images.TRIANGLE_COLOR,
+        data=_script_json(_page_data(sweep)),
+        plotly_js=Markup(get_plotlyjs()),  # noqa: S704 - plotly's own script, from its package
+    )
+
+
+def _page_data(sweep: Sweep) -> dict[str, Any]:
+    """Collect what the page's script needs: pictures by hash, rows, figures."""
+    pictures: dict[str, str] = {}
+    rows = [
+        _row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True)
+    ]
+    chosen = best.best_setting(sweep.rows).settings
+    start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
+    return {
+        "rows": rows,
+        "apertures": [list(aperture.index) for aperture in sweep.apertures],
+        "truths": [_keep(encoded, pictures) for encoded in sweep.truths],
+        "start": start,
+        "units": sweep.scene.units,
+        "reach": sweep.scene.frustum.longest_reach,
+        "pictures": pictures,
+        "curves": [
+            {name: json.loads(figure.to_json()) for name, figure in figures.curves(sweep, aperture).items()}
+            for aperture in sweep.apertures
+        ],
+        "times": json.loads(figures.stage_times(sweep).to_json()),
+    }
+
+
+def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) -> dict[str, Any]:
+    return {
+        "aperture": list(row.aperture.index),
+        "depth": row.settings.depth_label,
+        "near": row.settings.near,
+        "comparison": row.comparison,
+        "predicted": row.predicted,
+        "times_s": row.times_s,
+        "pictures": {f.name: _keep(getattr(own, f.name), pictures) for f in fields(own)},
+    }
+
+
+def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
+    """Store a picture once, however many settings share it, and return its key."""
+    key = hashlib.sha256(encoded).hexdigest()[:16]
+    if key not in pictures:
+        text = base64.b64encode(encoded).decode()
+        pictures[key] = f"data:{images.media_type(encoded)};base64,{text}"
+    return key
+
+
+def _script_json(value: Any) -> Markup:
+    """Serialize for a script element: `<` is escaped, so that no string can close it."""
+    text = json.dumps(json_ready(value), allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c"))  # noqa: S704 - escaped on this line
+
+
+def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
+    """Return one line per class: its words, and its number of pixels at each aperture."""
+    first = {row.aperture: row.certainty for row in reversed(sweep.rows)}
+    return [
+        (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
+        for kind, words in _CERTAINTY_WORDS.items()
+    ]
+
+
+def _frustum_words(sweep: Sweep) -> str:
+    frustum = report_object(sweep)["scene"]["frustum"]
+    width, height = frustum["resolution"]
+    toward, behind = frustum["reach"]
+    kind = "recentered" if sweep.scene.frustum.recentered else "centered"
+    return (
+        f"{kind} frustum, {width} x {height} pixels, "
+        f"reaching {toward:g} toward the viewer and {behind:g} {sweep.scene.units} behind the plate"
+    )

@@ -1,0 +1,109 @@
+"""`xfrustum report`: from a scene to a page, a table and a JSON object, all or nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xfrustum.reports.best import Verdict, best_setting, sentence
+from xfrustum.reports.outputs import Staging
+from xfrustum.reports.page import render_page
+from xfrustum.reports.sweep import DEFAULT_DEPTHS, DepthBuffer, default_nears, settings_grid, sweep
+from xfrustum.reports.tables import report_object, write_parquet
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportFiles:
+    """What a report left behind.
+
+    Attributes
+    ----------
+    html, json, parquet
+        Paths of the three files.
+    best
+        The best setting, and its numbers at the worst aperture.
+    sentence
+        The same in words.
+    content
+        The object in report.json.
+    """
+
+    html: Path
+    json: Path
+    parquet: Path
+    best: Verdict
+    sentence: str
+    content: dict[str, Any]
+
+
+def default_folder(scene: Scene) -> Path:
+    """Return where a report goes unless told otherwise: `report/NAME` in the current folder."""
+    name = re.sub(r"[^\w.-]+", "-", scene.name).strip("-.") or "scene"
+    return Path("report") / name
+
+
+def make_report(
+    scene: Scene,
+    out: Path | None = None,
+    *,
+    nears: Sequence[float] | None = None,
+    apertures: Sequence[Aperture] | None = None,
+    depths: Sequence[DepthBuffer] | None = None,
+    tracer: str = "embree",
+    progress: bool = False,
+) -> ReportFiles:
+    """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
+
+    Parameters
+    ----------
+    out
+        Folder for the three files; `default_folder` where None. Nothing appears there before all
+        three are complete.
+    nears
+        Offsets in scene units, each between 0 and the reach; 25 logarithmic ones where None.
+    apertures
+        The middle one where None and, when the frustum is recentered, two corners.
+    depths
+        Depth formats with mappings; `DEFAULT_DEPTHS` where None.
+    tracer
+        Which reference traces the truth.
+    progress
+        Show a progress bar on standard error.
+
+    Raises
+    ------
+    InputError
+        A near outside 0 to the reach, nothing to measure, an unwritable folder, no OpenGL.
+    """
+    settings = settings_grid(
+        dict.fromkeys(default_nears(scene.frustum) if nears is None else nears),
+        dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths),
+    )
+    apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
+    if not settings or not apertures:
+        raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
+    for setting in settings:
+        setting.check_against(scene.frustum)
+    with Staging(default_folder(scene) if out is None else out) as staging:
+        measured = sweep(scene, apertures, settings, tracer=tracer, progress=progress)
+        content = report_object(measured)
+        (staging.folder / "index.html").write_text(render_page(measured), encoding="utf-8")
+        text = json.dumps(content, allow_nan=False, indent=1)
+        (staging.folder / "report.json").write_text(text + "\n", encoding="utf-8")
+        write_parquet(measured, staging.folder / "measurements.parquet")
+        staging.commit()
+    return ReportFiles(
+        html=staging.out / "index.html",
+        json=staging.out / "report.json",
+        parquet=staging.out / "measurements.parquet",
+        best=best_setting(measured.rows),
+        sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
+        content=content,
+    )

@@ -1,0 +1,179 @@
+"""The main job: trace the truth once per aperture, rasterize every setting, compare each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tqdm import tqdm
+
+from xfrustum.compare import compare_images, predict
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports import images, provenance
+from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.timing import Stopwatch
+from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.frustum import Frustum
+from xfrustum.scenes.hogel_image import HogelImage
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from xfrustum.compare import Spread
+
+DepthBuffer = tuple[DepthFormat, DepthMapping]
+
+DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
+    (DepthFormat.D16, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.STANDARD),
+    (DepthFormat.D24, DepthMapping.REVERSED),
+    (DepthFormat.D32F, DepthMapping.STANDARD),
+    (DepthFormat.D32F, DepthMapping.REVERSED),
+)
+"""Cheapest first: of equally good settings at one near, the verdict names the first."""
+
+DEFAULT_NEAR_COUNT = 25
+_LARGEST_NEAR, _SMALLEST_NEAR = 1e-1, 1e-8
+
+PAGE_PIXELS = 80_000_000
+"""Pixels that the pictures of one kind may have together. At about a tenth of a byte per pixel and
+kind, the page stays near the 20 MB that a browser opens without delay; larger sweeps are shown reduced."""
+
+
+def default_nears(frustum: Frustum) -> tuple[float, ...]:
+    """Return 25 offsets in scene units, logarithmic, from 1e-1 down to 1e-8 of the longest reach."""
+    fractions = np.geomspace(_LARGEST_NEAR, _SMALLEST_NEAR, DEFAULT_NEAR_COUNT)
+    return tuple(float(fraction) * frustum.longest_reach for fraction in fractions)
+
+
+def settings_grid(nears: Iterable[float], depths: Iterable[DepthBuffer]) -> tuple[DoubleFrustum, ...]:
+    """Return every near with every depth buffer: all nears of the first buffer first."""
+    return tuple(
+        DoubleFrustum(near=near, depth=depth, mapping=mapping) for depth, mapping in depths for near in nears
+    )
+
+
+def sweep(
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    *,
+    tracer: str = "embree",
+    progress: bool = False,
+) -> Sweep:
+    """Measure every setting at every aperture.
+
+    Only numbers and encoded pictures are kept, so memory does not grow with the float images.
+
+    Parameters
+    ----------
+    apertures, settings
+        At least one each.
+    tracer
+        Which reference traces the truth.
+    progress
+        Show a progress bar on standard error.
+
+    Raises
+    ------
+    InputError
+        No usable OpenGL context, or an unknown tracer.
+    """
+    watch = Stopwatch()
+    with watch.stage("prepare"):
+        reference = Reference(scene, tracer=tracer)
+    rows: list[Measurement] = []
+    pictures: list[SettingPictures] = []
+    truths: list[bytes] = []
+    reduction = _reduction(scene.frustum, len(apertures) * len(settings))
+    steps = len(apertures) * (1 + len(settings))
+    with (
+        _open_rasterizer(scene, watch) as rasterizer,
+        tqdm(total=steps, disable=not progress, desc="report", unit="image") as bar,
+    ):
+        bench = _Bench(scene=scene, reference=reference, rasterizer=rasterizer, reduction=reduction)
+        for aperture in apertures:
+            bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth")
+            bench.trace(aperture, watch)
+            truths.append(images.picture(bench.truth, reduction))
+            bar.update()
+            for setting in settings:
+                bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: {setting.depth_label}")
+                row, picture = bench.measure(aperture, setting, watch)
+                rows.append(row)
+                pictures.append(picture)
+                bar.update()
+        devices = {**provenance.machine(), **rasterizer.device}
+    return Sweep(
+        scene=scene,
+        apertures=tuple(apertures),
+        rows=tuple(rows),
+        pictures=tuple(pictures),
+        truths=tuple(truths),
+        reduction=reduction,
+        versions={**provenance.versions(), **reference.versions},
+        devices=devices,
+        times_s=watch.seconds,
+    )
+
+
+def _open_rasterizer(scene: Scene, watch: Stopwatch) -> Rasterizer:
+    with watch.stage("prepare"):
+        return Rasterizer(scene)
+
+
+def _reduction(frustum: Frustum, count: int) -> int:
+    width, height = frustum.resolution
+    return max(1, math.ceil(math.sqrt(width * height * count / PAGE_PIXELS)))
+
+
+class _Bench:
+    """The two renderers of a scene, and the truth of the aperture at hand."""
+
+    truth: HogelImage
+
+    def __init__(
+        self, *, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int
+    ) -> None:
+        self._scene = scene
+        self._reference = reference
+        self._rasterizer = rasterizer
+        self._reduction = reduction
+
+    def trace(self, aperture: Aperture, watch: Stopwatch) -> None:
+        lap = Stopwatch()
+        with lap.stage("trace"):
+            self.truth = self._reference.trace(aperture)
+        self._trace_s = lap.seconds
+        # The closed form depends on the near plane alone, not on the depth buffer.
+        self._predictions: dict[float, Spread | None] = {}
+        watch.add(lap.seconds)
+
+    def measure(
+        self, aperture: Aperture, settings: DoubleFrustum, watch: Stopwatch
+    ) -> tuple[Measurement, SettingPictures]:
+        lap = Stopwatch()
+        with lap.stage("raster"):
+            drawn = self._rasterizer.render(aperture, settings, normals=False, color=True)
+        with lap.stage("compare"):
+            comparison = compare_images(self.truth, drawn, self._reference)
+        with lap.stage("predict"):
+            if settings.near not in self._predictions:
+                self._predictions[settings.near] = predict.displacement(self.truth, settings.near)
+        with lap.stage("pictures"):
+            pictures = images.setting_pictures(
+                drawn, comparison.maps, self._scene.frustum.longest_reach, self._reduction
+            )
+        watch.add(lap.seconds)
+        row = Measurement(
+            aperture=aperture,
+            settings=settings,
+            comparison=comparison.summary(),
+            certainty=comparison.certainty,
+            predicted=self._predictions[settings.near],
+            times_s={**self._trace_s, **lap.seconds},
+        )
+        return row, pictures

@@ -1,0 +1,148 @@
+"""Measurements as rows: Parquet for tools, JSON for everything else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from xfrustum.reports.best import Verdict, best_per_depth, best_setting, sentence
+from xfrustum.reports.measurement import Measurement, Sweep
+from xfrustum.scenes.scene import Scene
+
+# What `compare --json` may set to null as a whole still fills its columns.
+_SPREAD = ("rms", "p50", "p95", "p99", "max")
+_GROUPS = {
+    "surface": ("wrong", "fraction"),
+    "triangle": ("wrong", "fraction"),
+    "displacement_px": _SPREAD,
+    "height": ("rms", "max"),
+}
+
+
+def json_ready(value: Any) -> Any:
+    """Return the value in JSON's own types: NaN and infinity become None, numpy scalars numbers."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return json_ready(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [json_ready(item) for item in value]
+    if isinstance(value, np.generic):
+        return json_ready(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def report_object(sweep: Sweep) -> dict[str, Any]:
+    """Return the content of report.json: one object without NaN or infinity."""
+    reach = sweep.scene.frustum.longest_reach
+    report = {
+        "scene": _scene_object(sweep.scene),
+        "apertures": sweep.apertures,
+        "best": {
+            "sentence": sentence(sweep.rows, sweep.scene.units, reach),
+            **_verdict_object(best_setting(sweep.rows), reach),
+        },
+        "best_per_depth": [_verdict_object(verdict, reach) for verdict in best_per_depth(sweep.rows)],
+        "rows": [_row_object(row, reach) for row in sweep.rows],
+        "versions": sweep.versions,
+        "devices": sweep.devices,
+        "times_s": sweep.times_s,
+    }
+    ready: dict[str, Any] = json_ready(report)
+    return ready
+
+
+def flat_rows(sweep: Sweep) -> list[dict[str, Any]]:
+    """Return one flat mapping per aperture and setting, all with the same keys."""
+    common: dict[str, Any] = {
+        "scene_name": sweep.scene.name,
+        "scene_source": sweep.scene.source,
+        "scene_hash": sweep.scene.content_hash,
+        "units": sweep.scene.units,
+    }
+    common |= {f"version_{_column(name)}": value for name, value in sweep.versions.items()}
+    common |= {f"device_{_column(name)}": value for name, value in sweep.devices.items()}
+    reach = sweep.scene.frustum.longest_reach
+    rows = [_flat_row(row, reach) | common for row in sweep.rows]
+    columns = dict.fromkeys(key for row in rows for key in row)
+    return [{key: row.get(key) for key in columns} for row in rows]
+
+
+def write_parquet(sweep: Sweep, path: Path) -> None:
+    """Write one row per aperture and setting; see `flat_rows` for the columns."""
+    pq.write_table(pa.Table.from_pylist(flat_rows(sweep)), path)
+
+
+def _flat_row(row: Measurement, reach: float) -> dict[str, Any]:
+    flat: dict[str, Any] = {
+        "aperture_column": row.aperture.column,
+        "aperture_row": row.aperture.row,
+        "aperture_x": row.aperture.x,
+        "aperture_y": row.aperture.y,
+        **asdict(row.settings),
+        "near_per_reach": row.settings.near / reach,
+    }
+    for key, value in row.comparison.items():
+        flat |= _flatten(key, value, _GROUPS.get(key, ()))
+    flat |= _flatten("predicted_displacement_px", json_ready(row.predicted), _SPREAD)
+    flat |= {f"truth_{name}": count for name, count in row.certainty.items()}
+    flat |= {f"time_{_column(name)}_s": seconds for name, seconds in row.times_s.items()}
+    ready: dict[str, Any] = json_ready(flat)
+    return ready
+
+
+def _flatten(key: str, value: Any, group: Sequence[str]) -> dict[str, Any]:
+    if isinstance(value, Mapping):
+        return {f"{key}_{name}": item for name, item in value.items()}
+    if group:
+        return {f"{key}_{name}": None for name in group}
+    return {key: value}
+
+
+def _row_object(row: Measurement, reach: float) -> dict[str, Any]:
+    return {
+        "aperture": row.aperture.index,
+        "settings": row.settings,
+        "near_per_reach": row.settings.near / reach,
+        "comparison": row.comparison,
+        "certainty": row.certainty,
+        "predicted_displacement_px": row.predicted,
+        "times_s": row.times_s,
+    }
+
+
+def _verdict_object(verdict: Verdict, reach: float) -> dict[str, Any]:
+    return {
+        **asdict(verdict.settings),
+        "near_per_reach": verdict.settings.near / reach,
+        "surface_fraction": verdict.surface_fraction,
+        "displacement_p99_px": verdict.displacement_p99_px,
+    }
+
+
+def _scene_object(scene: Scene) -> dict[str, Any]:
+    return {
+        "name": scene.name,
+        "source": scene.source,
+        "hash": scene.content_hash,
+        "units": scene.units,
+        "objects": len(scene.objects),
+        "triangles": len(scene.faces),
+        "plate": scene.plate,
+        "frustum": scene.frustum,
+    }
+
+
+def _column(name: str) -> str:
+    return name.lower().replace("-", "_").replace(" ", "_")

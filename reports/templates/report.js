@@ -1,0 +1,133 @@
+"use strict";
+const data = JSON.parse(document.getElementById("data").textContent);
+const get = (id) => document.getElementById(id);
+const config = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
+const depths = [...new Set(data.rows.map((row) => row.depth))];
+const same = (a, b) => a[0] === b[0] && a[1] === b[1];
+const state = { aperture: 0, depth: depths[0], near: 0 };
+let drawnAperture = -1;
+
+function short(value, unit = "") {
+  if (value === null || value === undefined) return "–";
+  if (value === 0) return "0" + unit;
+  const size = Math.abs(value);
+  const text = size >= 1e-3 && size < 1e5 ? String(Number(value.toPrecision(3))) : value.toExponential(2);
+  return text + unit;
+}
+
+function candidates() {
+  return data.rows
+    .filter((row) => same(row.aperture, data.apertures[state.aperture]) && row.depth === state.depth)
+    .sort((a, b) => a.near - b.near);
+}
+
+function closest(rows) {
+  const gap = (row) => Math.abs(Math.log(row.near / state.near));
+  return rows.reduce((best, row, i) => (gap(row) < gap(rows[best]) ? i : best), 0);
+}
+
+function drawPlots() {
+  const curves = data.curves[state.aperture];
+  for (const [name, figure] of Object.entries(curves)) {
+    const place = get("plot-" + name);
+    Plotly.react(place, figure.data, figure.layout, config);
+    place.removeAllListeners("plotly_click");
+    place.on("plotly_click", (event) => {
+      const index = event.points[0].customdata;
+      if (index !== undefined) choose(data.rows[index]);
+    });
+  }
+  drawnAperture = state.aperture;
+}
+
+function choose(row) {
+  state.aperture = data.apertures.findIndex((index) => same(index, row.aperture));
+  state.depth = row.depth;
+  state.near = row.near;
+  show();
+}
+
+function numbers(row) {
+  const c = row.comparison, d = c.displacement_px, p = row.predicted;
+  const share = (part) => (part === null ? "–" : `${part.wrong.toLocaleString()} (${short(100 * part.fraction)} %)`);
+  const spread = (s) => ["rms", "p50", "p95", "p99", "max"].map((key) => `<td class="n">${short(s && s[key])}</td>`).join("");
+  const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms`).join(", ");
+  return `<thead><tr><th></th><th class="n">rms</th><th class="n">median</th><th class="n">95 %</th><th class="n">99 %</th><th class="n">max</th></tr></thead>
+    <tr><td>displacement measured, px</td>${spread(d)}</tr>
+    <tr><td>displacement predicted, px</td>${spread(p)}</tr>
+    <tr><td>height error, ${data.units}</td><td class="n">${short(c.height && c.height.rms)}</td><td colspan="3"></td><td class="n">${short(c.height && c.height.max)}</td></tr>
+    <tr><td>wrong surface</td><td colspan="5">${share(c.surface)} of ${c.judged.toLocaleString()} judged pixels</td></tr>
+    <tr><td>another triangle</td><td colspan="5">${share(c.triangle)}</td></tr>
+    <tr><td>truth shows a surface at</td><td colspan="5">${c.covered.toLocaleString()} pixels; ${c.at_plate.toLocaleString()} drawn in the plate itself</td></tr>
+    <tr><td>wall time</td><td colspan="5">${time}</td></tr>`;
+}
+
+function show() {
+  const rows = candidates();
+  const place = closest(rows);
+  const row = rows[place];
+  state.near = row.near;
+  get("aperture").value = state.aperture;
+  get("near").max = rows.length - 1;
+  get("near").value = place;
+  get("near-value").textContent = `${short(row.near)} ${data.units} = ${short(row.near / data.reach)} of the reach`;
+  for (const button of get("depths").children) button.setAttribute("aria-pressed", button.textContent === state.depth);
+  const shown = { ...row.pictures, truth: data.truths[state.aperture] };
+  for (const image of document.querySelectorAll("[data-layer]")) image.src = data.pictures[shown[image.dataset.layer]];
+  for (const part of document.querySelectorAll("[data-number]")) {
+    const count = row.comparison[part.dataset.number];
+    part.textContent = count === null ? "not known" : `${count.wrong.toLocaleString()} px, ${short(100 * count.fraction)} %`;
+  }
+  get("numbers").innerHTML = numbers(row);
+  if (drawnAperture !== state.aperture) drawPlots();
+  const line = { type: "line", xref: "x", yref: "paper", x0: row.near / data.reach, x1: row.near / data.reach, y0: 0, y1: 1, line: { color: "#80868f", width: 1.2, dash: "dot" } };
+  for (const name of Object.keys(data.curves[state.aperture])) Plotly.relayout(get("plot-" + name), { shapes: [line] });
+}
+
+for (const depth of depths) {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.textContent = depth;
+  button.addEventListener("click", () => { state.depth = depth; show(); });
+  get("depths").append(button);
+}
+get("aperture").addEventListener("change", (event) => { state.aperture = Number(event.target.value); show(); });
+get("near").addEventListener("input", (event) => { state.near = candidates()[event.target.value].near; show(); });
+
+// One window on all pictures: scale and offset in units of a picture's width and height.
+const pane = { scale: 1, x: 0, y: 0 };
+function place() {
+  pane.x = Math.min(0, Math.max(1 - pane.scale, pane.x));
+  pane.y = Math.min(0, Math.max(1 - pane.scale, pane.y));
+  for (const view of document.querySelectorAll(".view")) {
+    view.classList.toggle("close", pane.scale > 1.5);
+    for (const image of view.children) image.style.transform = `translate(${100 * pane.x}%, ${100 * pane.y}%) scale(${pane.scale})`;
+  }
+}
+get("panels").addEventListener("wheel", (event) => {
+  const view = event.target.closest(".view");
+  if (!view) return;
+  event.preventDefault();
+  const box = view.getBoundingClientRect();
+  const u = (event.clientX - box.left) / box.width, v = (event.clientY - box.top) / box.height;
+  const scale = Math.min(64, Math.max(1, pane.scale * Math.exp(-event.deltaY / 400)));
+  pane.x = u - ((u - pane.x) * scale) / pane.scale;
+  pane.y = v - ((v - pane.y) * scale) / pane.scale;
+  pane.scale = scale;
+  place();
+}, { passive: false });
+get("panels").addEventListener("pointerdown", (event) => {
+  const view = event.target.closest(".view");
+  if (!view) return;
+  view.setPointerCapture(event.pointerId);
+  const box = view.getBoundingClientRect();
+  const move = (next) => { pane.x += next.movementX / box.width; pane.y += next.movementY / box.height; place(); };
+  view.addEventListener("pointermove", move);
+  view.addEventListener("pointerup", () => view.removeEventListener("pointermove", move), { once: true });
+  view.addEventListener("pointercancel", () => view.removeEventListener("pointermove", move), { once: true });
+});
+get("panels").addEventListener("dblclick", () => { Object.assign(pane, { scale: 1, x: 0, y: 0 }); place(); });
+
+for (const name of Object.keys(data.curves[0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
+Plotly.newPlot(get("plot-times"), data.times.data, data.times.layout, { ...config, displayModeBar: false });
+choose(data.rows[data.start]);

@@ -1,0 +1,36 @@
+"""Scenes by what people type: the path of a scene file, or the name of a built-in scene."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from xfrustum.scenes import builtin
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.scene_file import read_scene
+
+
+def open_scene(text: str) -> Scene:
+    """Open a scene file or a built-in scene.
+
+    Parameters
+    ----------
+    text
+        The path of a TOML file, or a name out of `builtin.names()`. A path that ends in .toml is a
+        file even if it is missing; a built-in name comes before a file of the same name.
+
+    Raises
+    ------
+    InputError
+        Neither, or the file is not a valid scene.
+    """
+    if text in builtin.names():
+        return builtin.build(text)
+    if text.endswith(".toml") or Path(text).exists():
+        return read_scene(Path(text))
+    nearest = difflib.get_close_matches(text, builtin.names(), n=1, cutoff=0.0)[0]
+    raise InputError(
+        f"no scene file and no built-in scene is called {text!r}; the nearest built-in is {nearest} "
+        "(`xfrustum scenes` lists all)"
+    )

@@ -1,0 +1,75 @@
+"""Print what the system lacks, one word per line: `opengl`, `llvm`. Prints nothing where all is there.
+
+Runs before anything is installed, hence the standard library alone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import subprocess
+from ctypes.util import find_library
+
+EGL_PLATFORM_DEVICE = 0x313F
+OLDEST_LLVM = 17
+"""Dr.Jit 1.5 aborts the process in its compiler with LLVM 15 and 16; 17, 18 and 19 were tried and work."""
+
+
+def has_opengl() -> bool:
+    """Whether some EGL device starts up without a display: a library alone draws nothing."""
+    egl_name, gl_name = find_library("EGL"), find_library("GL")
+    if egl_name is None or gl_name is None:
+        return False
+    try:
+        egl = ctypes.CDLL(egl_name)
+    except OSError:
+        return False
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    addresses = [egl.eglGetProcAddress(name) for name in (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT")]
+    if None in addresses:
+        return False
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(addresses[0])
+    open_display = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)(
+        addresses[1]
+    )
+    devices, count = (ctypes.c_void_p * 16)(), ctypes.c_int()
+    if not query(len(devices), devices, ctypes.byref(count)):
+        return False
+    egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
+    displays = (open_display(EGL_PLATFORM_DEVICE, device, None) for device in devices[: count.value])
+    return any(display and egl.eglInitialize(display, None, None) for display in displays)
+
+
+def llvm_candidates() -> list[str]:
+    """Names of LLVM libraries that the loader may find, the chosen one first."""
+    chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
+    if chosen:
+        return [chosen]
+    for ldconfig in ("/sbin/ldconfig", "ldconfig"):
+        try:
+            listing = subprocess.run([ldconfig, "-p"], capture_output=True, text=True, check=True).stdout
+        except (OSError, subprocess.CalledProcessError):
+            continue
+        return sorted(set(re.findall(r"^\s*(libLLVM\S*)", listing, re.MULTILINE)))
+    return [f"libLLVM.so.{version}.1" for version in (19, 18, 20)] + ["libLLVM-17.so.1"]
+
+
+def llvm_version(name: str) -> int:
+    """Return the major version of an LLVM library, 0 where it does not load or is older than 16."""
+    try:
+        library = ctypes.CDLL(name)
+    except OSError:
+        return 0
+    if not hasattr(library, "LLVMGetVersion"):
+        return 0
+    major = ctypes.c_uint()
+    library.LLVMGetVersion(ctypes.byref(major), None, None)
+    return major.value
+
+
+if __name__ == "__main__":
+    if not has_opengl():
+        print("opengl")
+    if not any(llvm_version(name) >= OLDEST_LLVM for name in llvm_candidates()):
+        print("llvm")

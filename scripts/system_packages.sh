@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# Makes sure that the system has what pip cannot bring: Python with venv, an EGL/OpenGL driver, and an LLVM
+# that Dr.Jit can use. Installs what is missing with apt-get as root; elsewhere names it and stops.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+missing() {
+    local python
+    if ! python=$(scripts/find_python.sh); then
+        echo python
+        # Any Python 3 can run the probe, which tells what else to install in the same go.
+        python=$(command -v python3) || { echo opengl; echo llvm; return; }
+    fi
+    "$python" scripts/probe_system.py
+}
+
+# The newest LLVM that was tried with Dr.Jit and that this release of the distribution has.
+apt_llvm() {
+    for version in 19 18 17; do
+        if apt-cache policy "libllvm$version" | grep -q 'Candidate: [^(]'; then
+            echo "libllvm$version"
+            return
+        fi
+    done
+    echo libllvm19
+}
+
+apt_packages() {
+    for what in "$@"; do
+        case $what in
+            python) echo python3 python3-venv ;;
+            opengl) echo libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri ;;
+            llvm) apt_llvm ;;
+        esac
+    done
+}
+
+name_packages() {
+    cat >&2 <<END
+xfrustum needs these from the system, and does not find them: $*
+  python  Python 3.11 or newer with venv (or set PYTHON to one)
+  opengl  an EGL/OpenGL driver that works without a display, Mesa's or a graphics card's
+  llvm    an LLVM library, version 17 to 19 (or set DRJIT_LIBLLVM_PATH to one)
+Install them, then run make again; as root on
+  Debian, Ubuntu:  apt-get install python3 python3-venv libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri libllvm19
+  Fedora:          dnf install python3 mesa-libEGL mesa-libGL mesa-dri-drivers llvm19-libs
+  Arch:            pacman -S python mesa libglvnd llvm19-libs
+END
+    exit 1
+}
+
+lacking=$(missing)
+[ -n "$lacking" ] || exit 0
+
+as_root=()
+if [ "$(id -u)" -ne 0 ]; then
+    as_root=(sudo -n)
+    sudo -n true 2>/dev/null || name_packages $lacking
+fi
+command -v apt-get >/dev/null || name_packages $lacking
+
+"${as_root[@]}" apt-get update
+mapfile -t packages < <(apt_packages $lacking | tr ' ' '\n')
+echo "Installing from the distribution: ${packages[*]}"
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${packages[@]}" ||
+    name_packages $lacking
+
+lacking=$(missing)
+[ -z "$lacking" ] || name_packages $lacking
