@@ -7,7 +7,6 @@ XFRUSTUM := .venv/bin/xfrustum
 READY := .venv/.ready
 
 .PHONY: help report test test-all setup lock clean
-.DELETE_ON_ERROR:
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
@@ -30,6 +29,7 @@ test test-all: setup
 	.venv/bin/pytest $(PYTEST_ARGS)
 
 setup: $(READY)
+	@echo "Set up: $(XFRUSTUM)"
 
 $(READY): requirements.lock pyproject.toml $(wildcard scripts/*)
 	scripts/system_packages.sh

@@ -8,12 +8,14 @@ from types import TracebackType
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras import FilmWindow, Matrix, orthoscopic, pseudoscopic
 from xfrustum.raster.context import describe, open_context
 from xfrustum.raster.depth_formats import DepthTest, farthest_wins, nearest_wins
-from xfrustum.raster.targets import Target
+from xfrustum.raster.positions import Positions
+from xfrustum.raster.targets import CAMERA_BIT, Target
 from xfrustum.scenes.double_frustum import Camera, DepthFormat, DoubleFrustum
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
@@ -21,8 +23,8 @@ from xfrustum.scenes.light import DEFAULT_LIGHT
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
-MAX_TRIANGLES = 1 << 30
-"""gl_PrimitiveID is a signed 32-bit integer, and the normals' buffer is indexed by three times it."""
+MAX_TRIANGLES = (1 << 31) // 3
+"""Shaders index three values a triangle with signed 32-bit integers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +34,7 @@ class _Pass:
     clip_from_scene: Matrix
     test: DepthTest
     front_face: str
+    camera_bit: int
     light: tuple[float, float, float]
 
 
@@ -92,6 +95,7 @@ class Rasterizer:
             self._mesh = self._context.vertex_array(
                 self._program, [(vertices, "3f", "in_position")], index_buffer=indices
             )
+            self._positions = Positions(self._context, scene)
 
     def render(
         self, aperture: Aperture, settings: DoubleFrustum, *, normals: bool = True, color: bool = True
@@ -115,36 +119,45 @@ class Rasterizer:
         settings.check_against(self.scene.frustum)
         target = self._target(settings.depth)
         target.begin()
-        for camera in self._passes(aperture, settings):
-            target.clear_depth(camera.test.clear)
-            self._draw(camera)
-        triangle = target.read_identity().astype(np.int32) - 1
+        c, c_star = self._passes(aperture, settings)
+        # C first: C* overlays it.
+        for drawn in {Camera.BOTH: (c, c_star), Camera.C: (c,), Camera.C_STAR: (c_star,)}[settings.camera]:
+            target.clear_depth(drawn.test.clear)
+            self._draw(drawn)
+        triangle = target.read_triangle()
         return HogelImage(
             camera=self._camera(aperture, settings),
             triangle=triangle,
             object=self._object_of_number[triangle],
-            position=target.read_position(),
+            position=self._read_position(target, c, c_star),
             normal=self._normals_of(triangle) if normals else None,
             color=target.read_color() if color else None,
         )
 
-    def _passes(self, aperture: Aperture, settings: DoubleFrustum) -> list[_Pass]:
-        """Return the cameras in drawing order: C first, for C* overlays it."""
+    def _passes(self, aperture: Aperture, settings: DoubleFrustum) -> tuple[_Pass, _Pass]:
+        """Return C and C*."""
         frustum = self.scene.frustum
         x, y, z = DEFAULT_LIGHT.direction
         c = _Pass(
             clip_from_scene=orthoscopic(frustum, aperture, settings),
             test=nearest_wins(settings.mapping),
             front_face="ccw",
+            camera_bit=0,
             light=(x, y, z),
         )
         c_star = _Pass(
             clip_from_scene=pseudoscopic(frustum, aperture, settings),
             test=farthest_wins(settings.mapping),
             front_face="cw",
+            camera_bit=CAMERA_BIT,
             light=(-x, -y, -z),
         )
-        return {Camera.BOTH: [c, c_star], Camera.C: [c], Camera.C_STAR: [c_star]}[settings.camera]
+        return c, c_star
+
+    def _read_position(self, target: Target, c: _Pass, c_star: _Pass) -> NDArray[np.float32]:
+        if self._mesh is None:
+            return np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
+        return self._positions.read(target, c.clip_from_scene, c_star.clip_from_scene)
 
     def _draw(self, camera: _Pass) -> None:
         if self._mesh is None:
@@ -155,6 +168,7 @@ class Rasterizer:
         GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
         self._program["clip_from_scene"].write(camera.clip_from_scene.T.astype(np.float32).tobytes())
         self._program["light"] = camera.light
+        self._program["camera_bit"] = camera.camera_bit
         self._normals.bind_to_storage_buffer(0)
         self._mesh.render()
 
@@ -170,9 +184,7 @@ class Rasterizer:
             self._targets[size, depth] = Target(self._context, size, depth)
         return self._targets[size, depth]
 
-    def _normals_of(self, triangle: np.ndarray[tuple[int, ...], np.dtype[np.int32]]) -> np.ndarray[
-        tuple[int, ...], np.dtype[np.float32]
-    ]:
+    def _normals_of(self, triangle: NDArray[np.int32]) -> NDArray[np.float32]:
         nothing = np.full((1, 3), np.nan)
         return np.concatenate((self.scene.normals, nothing)).astype(np.float32)[triangle]
 

@@ -15,10 +15,13 @@ from OpenGL import GL
 from xfrustum.raster.depth_formats import INTERNAL_FORMAT
 from xfrustum.scenes.double_frustum import DepthFormat
 
-IDENTITY, POSITION, COLOR = 0, 1, 2
-"""Color attachments: triangle number + 1 (uint), surface point (float32), linear radiance (float32)."""
+IDENTITY, COLOR = 0, 1
+"""Color attachments: triangle number + 1 with `CAMERA_BIT` (uint), linear radiance (float32)."""
 
-_FORMATS = {IDENTITY: GL.GL_R32UI, POSITION: GL.GL_RGBA32F, COLOR: GL.GL_RGBA32F}
+CAMERA_BIT = 1 << 31
+"""Set in the identity of what C* drew."""
+
+_FORMATS = {IDENTITY: GL.GL_R32UI, COLOR: GL.GL_RGBA32F}
 
 
 class Target:
@@ -51,27 +54,31 @@ class Target:
     def _attach(self, texture: int, internal: int, attachment: int) -> None:
         GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
         GL.glTexStorage2D(GL.GL_TEXTURE_2D, 1, internal, *self.size)
+        # Integer textures are complete, and can be sampled, only without filtering.
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
         GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, attachment, GL.GL_TEXTURE_2D, texture, 0)
 
     def begin(self) -> None:
-        """Draw here from now on, over nothing: number 0, position NaN, black."""
+        """Draw here from now on, over nothing: number 0, black."""
         self._wrapped.use()
         GL.glViewport(0, 0, *self.size)
         GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
-        GL.glClearBufferfv(GL.GL_COLOR, POSITION, np.full(4, np.nan, np.float32))
         GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
 
     def clear_depth(self, value: float) -> None:
         """Set every depth."""
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.float32([value]))
 
-    def read_identity(self) -> NDArray[np.uint32]:
-        """Return triangle numbers + 1, (H, W), row 0 at the top."""
-        return self._read(IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32))
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[IDENTITY])
 
-    def read_position(self) -> NDArray[np.float32]:
-        """Return surface points, (H, W, 3), row 0 at the top, NaN where nothing was drawn."""
-        return self._read(POSITION, GL.GL_RGB, GL.GL_FLOAT, np.empty(self._shape(3), np.float32))
+    def read_triangle(self) -> NDArray[np.int32]:
+        """Return triangle numbers, (H, W), row 0 at the top, -1 where nothing was drawn."""
+        identity = self._read(IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32))
+        return (identity & ~np.uint32(CAMERA_BIT)).view(np.int32) - 1
 
     def read_color(self) -> NDArray[np.float32]:
         """Return linear RGB, (H, W, 3), row 0 at the top."""

@@ -146,10 +146,13 @@ def _spans_of_side(c: Cones, pencil: Pencil, side: int, box: NDArray[np.int64]) 
         rest = orientation * (edge[:, 1] * dy - edge[:, 2])
         bound = ROUNDING * (steepest * magnitude[:, 0] + np.abs(dy) * magnitude[:, 1] + magnitude[:, 2])
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            zero, margin = -rest / slope, bound / np.abs(slope)
-        # Twice the bound also pays for rounding `zero` and the sums below.
-        margin = 2 * margin + 4 * UNIT_ROUNDOFF * np.abs(zero)
-        rising, falling, level = slope > 0, slope < 0, slope == 0
+            zero = -rest / slope
+            # Twice the bound also pays for rounding `zero` and the sums below.
+            margin = 2 * bound / np.abs(slope) + 4 * UNIT_ROUNDOFF * np.abs(zero)
+        # A slope so small that the quotient overflows changes nothing along the row.
+        level = ~np.isfinite(margin)
+        zero[level], margin[level] = 0.0, 0.0
+        rising, falling = (slope > 0) & ~level, (slope < 0) & ~level
         low = np.where(rising, np.maximum(low, zero - margin), low)
         surely_low = np.where(rising, np.maximum(surely_low, zero + margin), surely_low)
         high = np.where(falling, np.minimum(high, zero + margin), high)

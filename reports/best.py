@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -96,23 +97,28 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
     where = f" at the worst of {apertures} apertures" if apertures > 1 else ""
     chosen = "The one setting measured" if settings == 1 else f"Best of {settings} settings"
     return (
-        f"{chosen}: near {length(verdict.settings.near)} {units} "
-        f"({length(verdict.settings.near / reach)} of the reach) with {verdict.settings.depth_label} depth. "
+        f"{chosen}: near {digits(verdict.settings.near)} {units} "
+        f"({digits(verdict.settings.near / reach)} of the reach) with {verdict.settings.depth_label} depth. "
         f"{percent(verdict.surface_fraction)} of the judged pixels show the wrong surface{where}, "
         f"and 99 % of the picture lies within {pixels(verdict.displacement_p99_px)} of where it belongs."
     )
 
 
-def length(value: float) -> str:
-    """Write a length with three digits."""
-    return f"{value:.3g}"
+def digits(value: float) -> str:
+    """Write a number with three digits, such as `0.0474` or `2.87e-7`."""
+    return _plain(f"{value:.3g}")
 
 
 def percent(fraction: float) -> str:
     """Write a fraction as percent with two digits, such as `0.012 %`."""
-    return f"{100 * fraction:.2g} %"
+    return _plain(f"{100 * fraction:.2g} %")
 
 
 def pixels(value: float) -> str:
     """Write a displacement; below `DISPLACEMENT_TIE_PX` the digits mean nothing."""
-    return f"{DISPLACEMENT_TIE_PX:g} px" if value < DISPLACEMENT_TIE_PX else f"{value:.2g} px"
+    return _plain(f"{max(value, DISPLACEMENT_TIE_PX):.2g} px")
+
+
+def _plain(text: str) -> str:
+    """Drop the zero that Python puts into small exponents."""
+    return re.sub(r"e([+-])0(\d)", r"e\1\2", text).replace("e+", "e")

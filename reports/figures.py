@@ -67,9 +67,10 @@ def _fraction_figure(
 
     _add_depth_lines(figure, rows, reach, fraction)
     for line, group in zip(figure.data, _by_depth(rows).values(), strict=True):
-        wrong = [row.comparison[key]["wrong"] for _, row in group]
-        line.marker.symbol = [line.marker.symbol + ("" if count else "-open") for count in wrong]
-        line.text = [f"{count} of {row.comparison['judged']}" for count, (_, row) in zip(wrong, group, strict=True)]
+        comparisons = [row.comparison for _, row in group]
+        symbol = line.marker.symbol
+        line.marker.symbol = [symbol + ("" if c[key]["wrong"] else "-open") for c in comparisons]
+        line.text = [f"{c[key]['wrong']} of {c['judged']}" for c in comparisons]
         line.hovertemplate = "near %{x:.3g} of the reach<br>%{text} pixels wrong"
     _log_axes(figure, title)
     return figure
@@ -104,16 +105,19 @@ def _displacement_figure(
 def _add_depth_lines(
     figure: go.Figure, rows: Sequence[tuple[int, Measurement]], reach: float, number: Number
 ) -> None:
-    for place, (label, group) in enumerate(_by_depth(rows).items()):
+    groups = _by_depth(rows)
+    for place, (label, group) in enumerate(groups.items()):
         color = _COLORS[place % len(_COLORS)]
+        # Curves that coincide stay visible: each lies thinner on the one before.
+        below = len(groups) - 1 - place
         figure.add_scatter(
             x=[row.settings.near / reach for _, row in group],
             y=[number(row) for _, row in group],
             customdata=[index for index, _ in group],
             name=label,
             mode="lines+markers",
-            line={"color": color, "width": 1.8},
-            marker={"symbol": _MARKERS[place % len(_MARKERS)], "size": 7, "color": color},
+            line={"color": color, "width": 1.6 + 1.4 * below},
+            marker={"symbol": _MARKERS[place % len(_MARKERS)], "size": 6 + 1.5 * below, "color": color},
         )
 
 
@@ -129,7 +133,7 @@ def _log_axes(figure: go.Figure, title: str) -> None:
     _style(figure)
     figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}}, height=400)
     powers: dict[str, Any] = {"type": "log", "exponentformat": "power", "dtick": 1}
-    figure.update_xaxes(title="near plane / reach", **powers)
+    figure.update_xaxes(title={"text": "near plane / reach", "standoff": 8}, **powers)
     figure.update_yaxes(**powers)
 
 
@@ -140,8 +144,9 @@ def _style(figure: go.Figure) -> None:
         paper_bgcolor="rgba(0, 0, 0, 0)",
         plot_bgcolor="rgba(0, 0, 0, 0)",
         font={"family": "system-ui, sans-serif", "size": 13, "color": _INK},
-        legend={"orientation": "h", "yanchor": "top", "y": -0.2, "x": 0},
-        margin={"l": 62, "r": 12, "t": 44, "b": 90},
+        legend={"orientation": "h", "yanchor": "top", "y": -0.24, "x": 0},
+        margin={"l": 62, "r": 12, "t": 44, "b": 100},
+        modebar={"bgcolor": "rgba(0, 0, 0, 0)", "color": _GRID, "activecolor": _INK},
         hovermode="closest",
     )
     figure.update_xaxes(gridcolor=_GRID, linecolor=_INK, zeroline=False, ticks="outside", tickcolor=_GRID)

@@ -32,9 +32,7 @@ _HEIGHT_COLORS = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_
 _UNTEXTURED_GRAY = 0.4
 
 
-def setting_pictures(
-    drawn: HogelImage, maps: ErrorMaps, reach: float, reduction: int = 1
-) -> SettingPictures:
+def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction: int = 1) -> SettingPictures:
     """Encode the raster image and its error maps.
 
     Parameters
@@ -70,11 +68,11 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
         alpha = block_reduce(alpha, (reduction, reduction), np.mean)
         linear = linear / np.maximum(alpha, 1e-6)[..., None]
     # IEC 61966-2-1; scikit-image has no public function for the transfer curve alone.
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     rgba = np.concatenate([encoded, alpha[..., None]], axis=2)
     buffer = io.BytesIO()
     pixels = np.rint(255 * np.clip(rgba, 0, 1)).astype(np.uint8)
-    Image.fromarray(pixels, "RGBA").save(buffer, "WEBP", lossless=True, quality=20, method=1)
+    Image.fromarray(pixels, "RGBA").save(buffer, "WEBP", lossless=True, quality=0, method=0)
     return buffer.getvalue()
 
 
@@ -146,5 +144,5 @@ def _palette_png(index: NDArray[np.generic], colors: list[str]) -> bytes:
     encoded = Image.fromarray(index.astype(np.uint8), "P")
     encoded.putpalette(palette)
     buffer = io.BytesIO()
-    encoded.save(buffer, "PNG", transparency=0, optimize=True)
+    encoded.save(buffer, "PNG", transparency=0, compress_level=6)
     return buffer.getvalue()

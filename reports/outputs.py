@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -52,7 +51,7 @@ class Staging:
         moved = []
         for file in sorted(self.folder.iterdir()):
             target = self.out / file.name
-            os.replace(file, target)
+            file.replace(target)
             moved.append(target)
         return tuple(moved)
 

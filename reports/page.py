@@ -37,7 +37,7 @@ def render_page(sweep: Sweep) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(percent=best.percent, pixels=best.pixels, length=best.length)
+    environment.filters.update(percent=best.percent, pixels=best.pixels, digits=best.digits)
     reach = sweep.scene.frustum.longest_reach
     return environment.get_template("report.html.j2").render(
         scene=sweep.scene,
@@ -60,16 +60,14 @@ def render_page(sweep: Sweep) -> str:
         surface_color=images.SURFACE_COLOR,
         triangle_color=images.TRIANGLE_COLOR,
         data=_script_json(_page_data(sweep)),
-        plotly_js=Markup(get_plotlyjs()),  # noqa: S704 - plotly's own script, from its package
+        plotly_js=Markup(get_plotlyjs()),
     )
 
 
 def _page_data(sweep: Sweep) -> dict[str, Any]:
     """Collect what the page's script needs: pictures by hash, rows, figures."""
     pictures: dict[str, str] = {}
-    rows = [
-        _row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True)
-    ]
+    rows = [_row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True)]
     chosen = best.best_setting(sweep.rows).settings
     start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
     return {
@@ -112,7 +110,7 @@ def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
 def _script_json(value: Any) -> Markup:
     """Serialize for a script element: `<` is escaped, so that no string can close it."""
     text = json.dumps(json_ready(value), allow_nan=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c"))  # noqa: S704 - escaped on this line
+    return Markup(text.replace("<", "\\u003c"))
 
 
 def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:

@@ -49,7 +49,7 @@ def default_folder(scene: Scene) -> Path:
     return Path("report") / name
 
 
-def make_report(
+def make_report(  # noqa: PLR0913 - one parameter per option of the command
     scene: Scene,
     out: Path | None = None,
     *,

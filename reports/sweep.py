@@ -38,9 +38,10 @@ DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
 DEFAULT_NEAR_COUNT = 25
 _LARGEST_NEAR, _SMALLEST_NEAR = 1e-1, 1e-8
 
-PAGE_PIXELS = 80_000_000
-"""Pixels that the pictures of one kind may have together. At about a tenth of a byte per pixel and
-kind, the page stays near the 20 MB that a browser opens without delay; larger sweeps are shown reduced."""
+PAGE_PIXELS = 120_000_000
+"""Pixels of all settings together that are shown in full. At about an eighth of a byte each, all their
+pictures included, the page stays near the 20 MB that a browser opens without delay; larger sweeps are
+shown reduced."""
 
 
 def default_nears(frustum: Frustum) -> tuple[float, ...]:
@@ -135,9 +136,7 @@ class _Bench:
 
     truth: HogelImage
 
-    def __init__(
-        self, *, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int
-    ) -> None:
+    def __init__(self, *, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:
         self._scene = scene
         self._reference = reference
         self._rasterizer = rasterizer

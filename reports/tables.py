@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, is_dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +30,16 @@ _GROUPS = {
 def json_ready(value: Any) -> Any:
     """Return the value in JSON's own types: NaN and infinity become None, numpy scalars numbers."""
     if is_dataclass(value) and not isinstance(value, type):
-        return json_ready(asdict(value))
+        value = asdict(value)
+    elif isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
+    if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    if isinstance(value, np.generic):
-        return json_ready(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    if isinstance(value, Path):
-        return str(value)
-    return value
+    return str(value) if isinstance(value, Path | StrEnum) else value
 
 
 def report_object(sweep: Sweep) -> dict[str, Any]:
@@ -96,7 +95,6 @@ def _flat_row(row: Measurement, reach: float) -> dict[str, Any]:
     for key, value in row.comparison.items():
         flat |= _flatten(key, value, _GROUPS.get(key, ()))
     flat |= _flatten("predicted_displacement_px", json_ready(row.predicted), _SPREAD)
-    flat |= {f"truth_{name}": count for name, count in row.certainty.items()}
     flat |= {f"time_{_column(name)}_s": seconds for name, seconds in row.times_s.items()}
     ready: dict[str, Any] = json_ready(flat)
     return ready
@@ -116,7 +114,6 @@ def _row_object(row: Measurement, reach: float) -> dict[str, Any]:
         "settings": row.settings,
         "near_per_reach": row.settings.near / reach,
         "comparison": row.comparison,
-        "certainty": row.certainty,
         "predicted_displacement_px": row.predicted,
         "times_s": row.times_s,
     }

@@ -91,7 +91,7 @@ def _lower_body() -> Mesh:
     cap = np.clip(np.abs(z - inside) / _CAP, 0, 1)
     shrink = (1 - cap**2.4) ** (1 / 2.4)
     top, bottom = _curve(_SHOULDER, z), _curve(_SILL, z)
-    section = _superellipse(3.4, 100)
+    section = _superellipse(3.4, 104)
     x = (_curve(_HALF_WIDTH, z) * shrink)[:, None] * section[:, 0]
     y = ((top + bottom) / 2)[:, None] + ((top - bottom) / 2 * shrink)[:, None] * section[:, 1]
     y = np.maximum(y, arch[:, None])
@@ -187,7 +187,7 @@ def _trim() -> Mesh:
         parts += [
             _pebble((side * 13.0, 13.6, 46.6), (3.0, 1.9, 3.0), 2.4),
             _pebble((side * 13.8, 16.0, -47.2), (2.8, 1.7, 2.4), 2.8),
-            _pebble((side * 20.3, 21.6, 11.0), (2.4, 1.6, 1.3), 2.6),
+            _pebble((side * 19.4, 21.5, 11.0), (2.4, 1.6, 1.3), 2.6),
             _pebble((side * 20.9, 17.0, -9.0), (0.5, 0.5, 2.2), 2.6),
         ]
     return join(*parts)

@@ -94,8 +94,9 @@ class HogelImage:
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """Pixels that show a surface."""
-        return np.not_equal(self.triangle, NOTHING)
+        """Pixels that show a surface, by number or, where a foreign image has none, by position."""
+        covered: NDArray[np.bool_] = (self.triangle != NOTHING) | np.isfinite(self.height)
+        return covered
 
     @property
     def height(self) -> NDArray[np.floating]:

@@ -96,17 +96,20 @@ _CELL_FILLED = 0.9
 
 
 def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> Mesh:
-    """Return the sheet that fills a part of the width of a film cell from height z."""
+    """Return the sheet that fills a part of the width of a film cell from height z.
+
+    The sheet leans about the point in which the line through the cell's middle has height z, so the
+    sheets of a pair are parallel and exactly the difference of their heights apart along that line.
+    """
     grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
     low, high = _SHEET_SLOPES
-    across = [cell[0] + _CELL_FILLED * edge for edge in part]
-    along = [cell[1], cell[1] + _CELL_FILLED]
-    x = [(low + (high - low) * edge / grid[0]) * -z for edge in across]
-    y = [(low + (high - low) * edge / grid[1]) * -z for edge in along]
-    # The lean is about one line of both sheets, through the middle of the cell, so they stay parallel.
-    slope_x, slope_y = (low + (high - low) * (c + 0.5) / n for c, n in zip(cell, grid, strict=True))
+    per_cell = [(high - low) / count for count in grid]
+    x = [-z * (low + per_cell[0] * (cell[0] + _CELL_FILLED * edge)) for edge in part]
+    y = [-z * (low + per_cell[1] * (cell[1] + _CELL_FILLED * edge)) for edge in (0.0, 1.0)]
+    middle = [-z * (low + step * (c + 0.5)) for step, c in zip(per_cell, cell, strict=True)]
     corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
-    lean = (corners[:, 0] + slope_x * z) * _LEAN[0] + (corners[:, 1] + slope_y * z) * _LEAN[1]
+    lean = (corners[:, 0] - middle[0]) * _LEAN[0] + (corners[:, 1] - middle[1]) * _LEAN[1]
+    # Both axes change sign in front of the plate, which is half a turn: the winding stays.
     return np.column_stack([corners, z + lean]), triangulate(np.array([(0, 1, 2, 3)]))
 
 
@@ -134,15 +137,15 @@ def crossing() -> tuple[SceneObject, ...]:
 
 
 def large_triangles() -> tuple[SceneObject, ...]:
-    """Return a wall, a floor and a slope of one triangle each, kilometers wide, and small parts.
+    """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
 
-    Each of the three crosses the plate beside the middle aperture: clipped at the near plane they
-    keep only a fraction of a thousandth of their length.
+    Each of the three crosses the plate beside the middle aperture, which sees a hundredth of its
+    length or less: the rest is for clipping to remove.
     """
     return (
         _triangle("wall", (26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
         _triangle("floor", (-6000.0, -13.0, -4000.0), (6000.0, -22.0, -4500.0), (100.0, -29.0, 7000.0)),
-        _triangle("slope", (-9000.0, 4000.0, -7000.0), (-900.0, -8000.0, -900.0), (8200.0, 9100.0, 8700.0)),
+        _triangle("slope", (-7000.0, -9000.0, 3253.0), (6000.0, -7000.0, -25231.0), (500.0, 9000.0, 12344.0)),
         _shape("sphere", 14.0, (0.0, 0.0, 0.0), (7.0, 6.0, 42.0)),
         _shape("box", 18.0, (30.0, 20.0, 10.0), (24.0, -12.0, -66.0)),
         _shape("cone", 20.0, (15.0, 0.0, 40.0), (-20.0, 14.0, 80.0)),

@@ -1,4 +1,4 @@
-"""Print what the system lacks, one word per line: `opengl`, `llvm`. Prints nothing where all is there.
+"""Print what the system lacks of `atomic`, `opengl`, `llvm`, one word per line; nothing where all is there.
 
 Runs before anything is installed, hence the standard library alone.
 """
@@ -16,15 +16,21 @@ OLDEST_LLVM = 17
 """Dr.Jit 1.5 aborts the process in its compiler with LLVM 15 and 16; 17, 18 and 19 were tried and work."""
 
 
+def loads(library: str) -> bool:
+    """Whether the loader finds a library."""
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
 def has_opengl() -> bool:
     """Whether some EGL device starts up without a display: a library alone draws nothing."""
     egl_name, gl_name = find_library("EGL"), find_library("GL")
-    if egl_name is None or gl_name is None:
+    if not (egl_name and gl_name and loads(egl_name) and loads(gl_name)):
         return False
-    try:
-        egl = ctypes.CDLL(egl_name)
-    except OSError:
-        return False
+    egl = ctypes.CDLL(egl_name)
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     addresses = [egl.eglGetProcAddress(name) for name in (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT")]
     if None in addresses:
@@ -57,10 +63,9 @@ def llvm_candidates() -> list[str]:
 
 def llvm_version(name: str) -> int:
     """Return the major version of an LLVM library, 0 where it does not load or is older than 16."""
-    try:
-        library = ctypes.CDLL(name)
-    except OSError:
+    if not loads(name):
         return 0
+    library = ctypes.CDLL(name)
     if not hasattr(library, "LLVMGetVersion"):
         return 0
     major = ctypes.c_uint()
@@ -69,6 +74,8 @@ def llvm_version(name: str) -> int:
 
 
 if __name__ == "__main__":
+    if not loads("libatomic.so.1"):
+        print("atomic")
     if not has_opengl():
         print("opengl")
     if not any(llvm_version(name) >= OLDEST_LLVM for name in llvm_candidates()):

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes sure that the system has what pip cannot bring: Python with venv, an EGL/OpenGL driver, and an LLVM
-# that Dr.Jit can use. Installs what is missing with apt-get as root; elsewhere names it and stops.
+# Makes sure that the system has what pip cannot bring: Python with venv, an EGL/OpenGL driver, an LLVM that
+# Dr.Jit can use, and the libatomic that its wheel links to. Installs what is missing with apt-get as root; elsewhere names it and stops.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -9,7 +9,7 @@ missing() {
     if ! python=$(scripts/find_python.sh); then
         echo python
         # Any Python 3 can run the probe, which tells what else to install in the same go.
-        python=$(command -v python3) || { echo opengl; echo llvm; return; }
+        python=$(command -v python3) || { printf '%s\n' atomic opengl llvm; return; }
     fi
     "$python" scripts/probe_system.py
 }
@@ -29,6 +29,7 @@ apt_packages() {
     for what in "$@"; do
         case $what in
             python) echo python3 python3-venv ;;
+            atomic) echo libatomic1 ;;
             opengl) echo libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri ;;
             llvm) apt_llvm ;;
         esac
@@ -39,12 +40,14 @@ name_packages() {
     cat >&2 <<END
 xfrustum needs these from the system, and does not find them: $*
   python  Python 3.11 or newer with venv (or set PYTHON to one)
+  atomic  the compiler's libatomic.so.1, which Dr.Jit links to
   opengl  an EGL/OpenGL driver that works without a display, Mesa's or a graphics card's
   llvm    an LLVM library, version 17 to 19 (or set DRJIT_LIBLLVM_PATH to one)
 Install them, then run make again; as root on
-  Debian, Ubuntu:  apt-get install python3 python3-venv libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri libllvm19
-  Fedora:          dnf install python3 mesa-libEGL mesa-libGL mesa-dri-drivers llvm19-libs
-  Arch:            pacman -S python mesa libglvnd llvm19-libs
+  Debian, Ubuntu:  apt-get install python3 python3-venv libatomic1 libegl1 libgl1 libegl-mesa0 \\
+                                   libgl1-mesa-dri libllvm19
+  Fedora:          dnf install python3 libatomic mesa-libEGL mesa-libGL mesa-dri-drivers llvm19-libs
+  Arch:            pacman -S python gcc-libs mesa libglvnd llvm19-libs
 END
     exit 1
 }
@@ -60,9 +63,9 @@ fi
 command -v apt-get >/dev/null || name_packages $lacking
 
 "${as_root[@]}" apt-get update
-mapfile -t packages < <(apt_packages $lacking | tr ' ' '\n')
-echo "Installing from the distribution: ${packages[*]}"
-"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${packages[@]}" ||
+packages=$(apt_packages $lacking)
+echo "Installing from the distribution:" $packages
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $packages ||
     name_packages $lacking
 
 lacking=$(missing)

@@ -1,14 +1,13 @@
 #version 450 core
-// What a pixel shows: which triangle, where on it, and in which light.
+// What a pixel shows: which triangle, drawn by which camera, in which light.
 
-layout(location = 0) out uint triangle_plus_one;
-layout(location = 1) out vec4 surface_point;
-layout(location = 2) out vec4 radiance;
-
-in vec3 position;
+layout(location = 0) out uint identity;
+layout(location = 1) out vec4 radiance;
 
 // Unit normals by the mesh's winding, three floats a triangle.
 layout(std430, binding = 0) readonly buffer Normals { float normals[]; };
+
+uniform uint camera_bit;  // set for C* alone
 
 // Toward the light for C. For C* the pseudoscopic light L*: the same light from the opposite
 // direction (paper, section 3, figure 3).
@@ -17,8 +16,7 @@ uniform float albedo;
 uniform float ambient;
 
 void main() {
-    triangle_plus_one = uint(gl_PrimitiveID) + 1u;
-    surface_point = vec4(position, 1.0);
+    identity = (uint(gl_PrimitiveID) + 1u) | camera_bit;
 
     int first = 3 * gl_PrimitiveID;
     vec3 normal = vec3(normals[first], normals[first + 1], normals[first + 2]);

@@ -5,9 +5,6 @@ uniform mat4 clip_from_scene;
 
 in vec3 in_position;  // scene units
 
-out vec3 position;
-
 void main() {
-    position = in_position;
     gl_Position = clip_from_scene * vec4(in_position, 1.0);
 }

@@ -1,1 +1,82 @@
-"""Reference and validation toolkit for the renderers of full-parallax spatial displays."""
+"""Reference and validation toolkit for the renderers of full-parallax spatial displays.
+
+The public API on one page; each command of `xfrustum` is one of these:
+
+    open_scene(name_or_path)                 a scene file or a built-in scene      -> Scene
+    Reference(scene).trace(aperture)         the ray-traced truth of an aperture   -> HogelImage
+    DoubleFrustum(near=0.1)                  one way to draw the two cameras
+    Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
+    compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
+    make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
+    write_image(path, image), read_image(path)   hogel images as OpenEXR
+    InputError                               what the caller can fix
+
+Names are imported when they are first used, so that `import xfrustum` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module, metadata
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from xfrustum.compare import Comparison, compare_images
+    from xfrustum.raster import Rasterizer
+    from xfrustum.reference import Reference
+    from xfrustum.reports.report import ReportFiles, make_report
+    from xfrustum.scenes import (
+        Aperture,
+        Camera,
+        DepthFormat,
+        DepthMapping,
+        DoubleFrustum,
+        HogelImage,
+        InputError,
+        Scene,
+        open_scene,
+    )
+    from xfrustum.scenes.exr import read_image, write_image
+
+__all__ = [
+    "Aperture",
+    "Camera",
+    "Comparison",
+    "DepthFormat",
+    "DepthMapping",
+    "DoubleFrustum",
+    "HogelImage",
+    "InputError",
+    "Rasterizer",
+    "Reference",
+    "ReportFiles",
+    "Scene",
+    "__version__",
+    "compare_images",
+    "make_report",
+    "open_scene",
+    "read_image",
+    "write_image",
+]
+
+_MODULES = {
+    "Comparison": "compare",
+    "compare_images": "compare",
+    "Rasterizer": "raster",
+    "Reference": "reference",
+    "ReportFiles": "reports.report",
+    "make_report": "reports.report",
+    "read_image": "scenes.exr",
+    "write_image": "scenes.exr",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return metadata.version("xfrustum")
+    if name not in __all__:
+        raise AttributeError(f"module 'xfrustum' has no attribute {name!r}")
+    return getattr(import_module(f"xfrustum.{_MODULES.get(name, 'scenes')}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,171 @@
+"""The judge: truth against raster, pixel by pixel and in numbers (design, section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.displacement import Spread, displacement
+from xfrustum.compare.film import shows_point_on_film
+from xfrustum.compare.surface import wrong_surface
+from xfrustum.reference import Reference
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.hogel_image import Certainty, HogelImage
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightError:
+    """Raster minus truth in scene units, where both show the same triangle."""
+
+    rms: float
+    max: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorMaps:
+    """Each error as an image.
+
+    Attributes
+    ----------
+    judged
+        (H, W) pixels whose truth is no tie.
+    surface
+        (H, W) pixels that show the wrong surface; None where the scene was not at hand.
+    triangle
+        (H, W) pixels that show another triangle number.
+    displacement
+        (H, W, 2) columns and rows in pixels, NaN where undefined.
+    height
+        (H, W) raster minus truth, NaN where they do not show the same triangle.
+    """
+
+    judged: NDArray[np.bool_]
+    surface: NDArray[np.bool_] | None
+    triangle: NDArray[np.bool_]
+    displacement: NDArray[np.float64]
+    height: NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """How a raster image differs from the truth.
+
+    Attributes
+    ----------
+    pixels, judged, covered, at_plate
+        Number of pixels; of those whose truth is no tie; of those where the truth shows a
+        surface; of raster pixels that show a surface in the plate, where displacement is undefined.
+    surface_wrong, triangle_wrong
+        Judged pixels that show another surface, or another triangle number.
+    displacement_px
+        None where the raster shows no surface off the plate.
+    height
+        None where no pixel shows the same triangle in both.
+    certainty
+        Pixels of the truth by class, in words.
+    maps
+        The same, pixel by pixel.
+    """
+
+    pixels: int
+    judged: int
+    covered: int
+    at_plate: int
+    surface_wrong: int | None
+    triangle_wrong: int
+    displacement_px: Spread | None
+    height: HeightError | None
+    certainty: dict[str, int]
+    maps: ErrorMaps
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as `compare --json` prints them."""
+        return {
+            "pixels": self.pixels,
+            "judged": self.judged,
+            "covered": self.covered,
+            "at_plate": self.at_plate,
+            "surface": self._share(self.surface_wrong),
+            "triangle": self._share(self.triangle_wrong),
+            "displacement_px": asdict(self.displacement_px) if self.displacement_px else None,
+            "height": asdict(self.height) if self.height else None,
+            "radiance": None,
+            "certainty": self.certainty,
+        }
+
+    def _share(self, wrong: int | None) -> dict[str, float] | None:
+        if wrong is None:
+            return None
+        return {"wrong": wrong, "fraction": wrong / self.judged if self.judged else 0.0}
+
+
+def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference | None) -> Comparison:
+    """Judge a raster image of an aperture by the truth.
+
+    Parameters
+    ----------
+    truth
+        Its camera is the true frustum; pixels that are ties are not judged.
+    raster
+        From any renderer.
+    reference
+        Of the same scene, to trace the true lines through the points that the raster shows;
+        without it `surface` is unknown.
+
+    Raises
+    ------
+    InputError
+        The images differ in size, aperture or scene.
+    """
+    _check_same_question(truth, raster)
+    judged = np.ones(truth.triangle.shape, dtype=np.bool_)
+    if truth.certainty is not None:
+        judged = truth.certainty != Certainty.TIE
+    surface = wrong_surface(truth, raster, reference) & judged if reference else None
+    triangle = (truth.triangle != raster.triangle) & judged
+    shift = displacement(raster, truth.camera)
+    height = np.full(judged.shape, np.nan)
+    same = truth.covered & (truth.triangle == raster.triangle) & judged
+    height[same] = raster.height[same].astype(np.float64) - truth.height[same]
+    return Comparison(
+        pixels=judged.size,
+        judged=int(judged.sum()),
+        covered=int(truth.covered.sum()),
+        at_plate=int((raster.covered & (raster.height == 0)).sum()),
+        surface_wrong=None if surface is None else int(surface.sum()),
+        triangle_wrong=int(triangle.sum()),
+        displacement_px=Spread.of(np.hypot(*np.moveaxis(shift[shows_point_on_film(raster)], -1, 0))),
+        height=_height_error(height[same]),
+        certainty=_certainty_counts(truth),
+        maps=ErrorMaps(judged=judged, surface=surface, triangle=triangle, displacement=shift, height=height),
+    )
+
+
+def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:
+    if truth.triangle.shape != raster.triangle.shape:
+        (h, w), (rh, rw) = truth.triangle.shape, raster.triangle.shape
+        raise InputError(f"the truth has {w} x {h} pixels and the raster {rw} x {rh}: trace and draw the same scene")
+    if truth.camera.scene_hash != raster.camera.scene_hash:
+        raise InputError("truth and raster show different scenes (content hashes differ): make both from one file")
+    mine, other = truth.camera.aperture, raster.camera.aperture
+    if (mine.x, mine.y) != (other.x, other.y):
+        raise InputError(
+            f"truth and raster show different apertures, {mine.column},{mine.row} and "
+            f"{other.column},{other.row}: give both the same --aperture"
+        )
+
+
+def _height_error(error: NDArray[np.float64]) -> HeightError | None:
+    if error.size == 0:
+        return None
+    return HeightError(rms=float(np.sqrt(np.mean(error**2))), max=float(np.abs(error).max()))
+
+
+def _certainty_counts(truth: HogelImage) -> dict[str, int]:
+    if truth.certainty is None:
+        return {Certainty.UNEXAMINED.name.lower(): truth.triangle.size}
+    counts = np.bincount(truth.certainty.ravel(), minlength=len(Certainty))
+    return {kind.name.lower(): int(counts[kind]) for kind in Certainty}

@@ -1,0 +1,56 @@
+"""Displacement: how far the picture moved, pixel by pixel (design, section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.film import pixel_centers, shows_point_on_film, true_pixel
+from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """How a quantity in pixels is distributed over an image."""
+
+    rms: float
+    p50: float
+    p95: float
+    p99: float
+    max: float
+
+    @classmethod
+    def of(cls, values: NDArray[np.float64]) -> Spread | None:
+        """Return the spread of some values of any shape, None where there is none."""
+        if values.size == 0:
+            return None
+        p50, p95, p99 = np.percentile(values, [50, 95, 99])
+        largest = float(values.max())
+        # Scaled first: near the plate squares of displacements may overflow.
+        rms = largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0 else 0.0
+        return cls(rms=rms, p50=float(p50), p95=float(p95), p99=float(p99), max=largest)
+
+
+def displacement(raster: HogelImage, camera: HogelCamera) -> NDArray[np.float64]:
+    """Return where each pixel's surface point belongs, minus where it was drawn.
+
+    No optical flow is needed: the image says which surface point it shows, and the true frustum
+    says where that point belongs.
+
+    Parameters
+    ----------
+    raster
+        The image to be judged.
+    camera
+        The true frustum.
+
+    Returns
+    -------
+    (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
+    where it lies in the plate.
+    """
+    shift = true_pixel(raster.position, camera) - pixel_centers(camera)
+    shift[~shows_point_on_film(raster)] = np.nan
+    return shift

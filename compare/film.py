@@ -1,0 +1,44 @@
+"""Where on the true film does a surface point belong? (CONVENTIONS.md, film coordinates)"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
+
+
+def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> NDArray[np.float64]:
+    """Project surface points through the true frustum of an aperture.
+
+    Parameters
+    ----------
+    points
+        (..., 3) scene units.
+    camera
+        Only its aperture, shear, half-extent and resolution matter, not who drew the image.
+
+    Returns
+    -------
+    (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
+    points in the plane of the plate, which the film does not show anywhere in particular.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    z = points[..., 2]
+    depth = np.where(z == 0, np.nan, -z)
+    u = ((points[..., 0] - camera.aperture.x) / depth - camera.shear[0]) / camera.half_extent[0]
+    v = ((points[..., 1] - camera.aperture.y) / depth - camera.shear[1]) / camera.half_extent[1]
+    width, height = camera.resolution
+    return np.stack(((u + 1) * width / 2 - 0.5, (1 - v) * height / 2 - 0.5), axis=-1)
+
+
+def pixel_centers(camera: HogelCamera) -> NDArray[np.float64]:
+    """Return column and row of every pixel, (H, W, 2)."""
+    width, height = camera.resolution
+    columns, rows = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    return np.stack((columns, rows), axis=-1)
+
+
+def shows_point_on_film(image: HogelImage) -> NDArray[np.bool_]:
+    """Return the pixels that show a surface off the plate."""
+    return image.covered & (image.height != 0)

@@ -1,0 +1,34 @@
+"""Surface: which pixels show the wrong one? (design, section 4)
+
+Independent of how finely a mesh is tessellated, hence the headline. A picture merely displaced
+is not a wrong surface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.film import shows_point_on_film
+from xfrustum.compare.rounding import position_tolerance
+from xfrustum.reference import Reference
+from xfrustum.scenes.hogel_image import HogelImage
+
+
+def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> NDArray[np.bool_]:
+    """Return the pixels that show the wrong surface, (H, W).
+
+    Wrong is hit against miss, another object, or a surface point that the true frustum does not
+    see: something else is in front of it on its own true line. A point in the plate is seen by
+    the true frustum only through the aperture, where every line meets it.
+    """
+    wrong = truth.covered != raster.covered
+    wrong |= truth.object != raster.object
+    at_plate = raster.covered & (raster.height == 0)
+    wrong |= at_plate & ~(truth.covered & (truth.height == 0))
+
+    asked = shows_point_on_film(raster) & ~wrong
+    points = raster.position[asked].astype(np.float64)
+    triangles = reference.scene.triangles[raster.triangle[asked]]
+    wrong[asked] = reference.hidden(truth.camera.aperture, points, position_tolerance(triangles))
+    return wrong

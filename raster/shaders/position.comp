@@ -1,0 +1,54 @@
+#version 450 core
+// The surface point that each pixel shows: the triangle's plane where the camera's line through
+// the pixel's center meets it, by homogeneous barycentric coordinates in double precision.
+//
+// Interpolating the point as a varying would do for a picture, not for a measurement: drivers
+// interpolate from plane equations in float32, some from snapped vertices, and on triangles that
+// are slivers in the image that is wrong by hundredths of a pixel (docs/adr/0005).
+
+layout(local_size_x = 16, local_size_y = 16) in;
+
+layout(binding = 0) uniform usampler2D identities;
+
+layout(std430, binding = 1) readonly buffer Vertices { double vertices[]; };
+layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };
+layout(std430, binding = 3) writeonly buffer Points { float points[]; };
+
+uniform dmat4 clip_from_scene;         // of C
+uniform dmat4 clip_from_scene_c_star;  // of C*
+uniform uint camera_bit;               // set in the identity of what C* drew
+uniform float nothing;                 // NaN
+
+dvec3 corner(uint triangle, uint k) {
+    uint first = 3u * faces[3u * triangle + k];
+    return dvec3(vertices[first], vertices[first + 1u], vertices[first + 2u]);
+}
+
+void main() {
+    ivec2 size = textureSize(identities, 0);
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (pixel.x >= size.x || pixel.y >= size.y) return;
+
+    uint identity = texelFetch(identities, pixel, 0).r;
+    vec3 point = vec3(nothing);
+    if (identity != 0u) {
+        dmat4 clip = (identity & camera_bit) != 0u ? clip_from_scene_c_star : clip_from_scene;
+        uint triangle = (identity & ~camera_bit) - 1u;
+        dvec3 p0 = corner(triangle, 0u), p1 = corner(triangle, 1u), p2 = corner(triangle, 2u);
+        dvec3 c0 = (clip * dvec4(p0, 1.0)).xyw;
+        dvec3 c1 = (clip * dvec4(p1, 1.0)).xyw;
+        dvec3 c2 = (clip * dvec4(p2, 1.0)).xyw;
+        // The line of the pixel's center in homogeneous clip coordinates (x, y, w).
+        dvec3 line = dvec3((2.0LF * dvec2(pixel) + 1.0LF) / dvec2(size) - 1.0LF, 1.0LF);
+        dvec3 weight = dvec3(dot(line, cross(c1, c2)), dot(line, cross(c2, c0)), dot(line, cross(c0, c1)));
+        double total = weight.x + weight.y + weight.z;
+        // Offsets from the first corner, so that small triangles far away keep all their digits.
+        // A triangle seen exactly edge-on has no such point; its first corner stands for it.
+        point = vec3(total != 0.0LF ? p0 + (weight.y * (p1 - p0) + weight.z * (p2 - p0)) / total : p0);
+    }
+    int row_from_top = size.y - 1 - pixel.y;
+    int at = 3 * (row_from_top * size.x + pixel.x);
+    points[at] = point.x;
+    points[at + 1] = point.y;
+    points[at + 2] = point.z;
+}

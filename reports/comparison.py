@@ -1,0 +1,120 @@
+"""`xfrustum compare`: two images from files, and what a person wants to see of the outcome."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xfrustum.compare import Comparison, compare_images
+from xfrustum.reference import Reference
+from xfrustum.reports import images
+from xfrustum.reports.outputs import Staging
+from xfrustum.reports.tables import json_ready
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.exr import read_image
+from xfrustum.scenes.hogel_image import HogelCamera
+from xfrustum.scenes.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileComparison:
+    """Two image files compared.
+
+    Attributes
+    ----------
+    comparison
+        Its `surface` is None where the scene is not at hand to trace.
+    reach
+        The truth's longest reach, scene units.
+    note
+        Why the scene is not at hand; empty where it is.
+    """
+
+    comparison: Comparison
+    reach: float
+    note: str
+
+
+def compare_files(truth: Path, raster: Path) -> FileComparison:
+    """Compare two EXR files, opening the truth's scene again for `surface`.
+
+    Raises
+    ------
+    InputError
+        A file is missing or no hogel image, or the images do not belong together.
+    """
+    true_image = read_image(truth)
+    raster_image = read_image(raster)
+    scene, note = _scene_again(true_image.camera, truth.parent)
+    reference = None if scene is None else Reference(scene)
+    return FileComparison(
+        comparison=compare_images(true_image, raster_image, reference),
+        reach=max(true_image.camera.reach),
+        note=note,
+    )
+
+
+def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
+    """Open the scene that an image names, from here or from the image's own folder."""
+    unseen = "wrong surfaces are not counted"
+    if not camera.scene:
+        return None, f"the truth names no scene; {unseen}"
+    for name in dict.fromkeys((camera.scene, str(folder / camera.scene))):
+        try:
+            scene = open_scene(name)
+        except InputError:
+            continue
+        if scene.content_hash == camera.scene_hash:
+            return scene, ""
+        return None, f"scene {name} is not the one that the truth was traced from; {unseen}"
+    return None, f"scene {camera.scene} cannot be opened; {unseen}"
+
+
+def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
+    """Write comparison.json and a picture of each error to a folder, all or nothing.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    comparison, maps = compared.comparison, compared.comparison.maps
+    with Staging(out) as staging:
+        text = json.dumps(json_ready(comparison.summary()), allow_nan=False, indent=1)
+        (staging.folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+        (staging.folder / "displacement.png").write_bytes(images.displacement_map(maps.displacement))
+        (staging.folder / "triangle.png").write_bytes(images.mask(maps.triangle, images.TRIANGLE_COLOR))
+        (staging.folder / "height.png").write_bytes(images.height_map(maps.height, compared.reach))
+        if maps.surface is not None:
+            (staging.folder / "surface.png").write_bytes(images.mask(maps.surface, images.SURFACE_COLOR))
+        return staging.commit()
+
+
+def table(comparison: Comparison) -> str:
+    """Return the numbers of a comparison as aligned lines."""
+    numbers = comparison.summary()
+    lines = [
+        ("pixels", f"{numbers['pixels']:,}"),
+        ("judged", f"{numbers['judged']:,}"),
+        ("covered", f"{numbers['covered']:,}"),
+        ("wrong surface", _share(numbers["surface"])),
+        ("another triangle", _share(numbers["triangle"])),
+        ("displacement, px", _numbers(numbers["displacement_px"])),
+        ("height error", _numbers(numbers["height"])),
+        ("drawn in the plate", f"{numbers['at_plate']:,}"),
+    ]
+    width = max(len(name) for name, _ in lines)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
+
+
+def _share(part: dict[str, Any] | None) -> str:
+    return "not known" if part is None else f"{part['wrong']:,} ({100 * part['fraction']:.3g} %)"
+
+
+def _numbers(group: dict[str, float] | None) -> str:
+    if group is None:
+        return "not defined"
+    return "  ".join(f"{name} {value:.3g}" for name, value in group.items())

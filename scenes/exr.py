@@ -1,0 +1,8 @@
+"""Hogel images as OpenEXR files (design, section 7): one door for reading and writing."""
+
+from __future__ import annotations
+
+from xfrustum.scenes.exr_reader import read_image
+from xfrustum.scenes.exr_writer import ImageWriter, write_image
+
+__all__ = ["ImageWriter", "read_image", "write_image"]

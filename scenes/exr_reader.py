@@ -1,0 +1,150 @@
+"""Reading hogel images from OpenEXR files, by this or any other renderer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import Imath
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.exr_channels import (
+    CAMERA_ATTRIBUTE,
+    CAMERA_JSON,
+    CERTAINTY,
+    CHANNELS,
+    COLOR,
+    HEIGHT,
+    NORMAL,
+    OBJECT,
+    POSITION,
+    TRIANGLE,
+)
+from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
+
+_NUMPY_TYPES = {
+    Imath.PixelType.UINT: np.uint32,
+    Imath.PixelType.HALF: np.float16,
+    Imath.PixelType.FLOAT: np.float32,
+}
+
+
+def read_image(path: str | Path, camera: HogelCamera | None = None) -> HogelImage:
+    """Read an image by this or any other renderer.
+
+    Channels that the file lacks are absent, NaN, or `NOTHING` in the image; it must have
+    `id.triangle`, or `P.X P.Y P.Z`, or both.
+
+    Parameters
+    ----------
+    path
+        The file.
+    camera
+        Whose image it is if the file does not say, such as the truth's camera.
+
+    Raises
+    ------
+    InputError
+        Missing, damaged, without a camera, or of another size than its camera's.
+    """
+    path = Path(path)
+    planes, attribute = _read_planes(path)
+    found = camera if attribute is None else _read_camera(path, attribute)
+    if found is None:
+        raise InputError(f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for")
+    if not planes:
+        raise InputError(f"{path}: has neither id.triangle nor P.X P.Y P.Z; write one of them")
+    height, width = next(iter(planes.values())).shape
+    if (width, height) != tuple(found.resolution):
+        raise InputError(
+            f"{path}: is {width} x {height}, but its camera says "
+            f"{found.resolution[0]} x {found.resolution[1]}; render it again at that size"
+        )
+    position = _vectors(path, planes, POSITION)
+    if position is None and TRIANGLE not in planes:
+        raise InputError(f"{path}: has neither id.triangle nor P.X P.Y P.Z; write one of them")
+    if position is None:
+        position = np.full((height, width, 3), np.nan, dtype=np.float32)
+        position[..., 2] = planes.get(HEIGHT, np.nan)
+    certainty = planes.get(CERTAINTY)
+    return HogelImage(
+        camera=found,
+        triangle=_numbers(path, planes, TRIANGLE, (height, width)),
+        object=_numbers(path, planes, OBJECT, (height, width)),
+        position=position,
+        normal=_vectors(path, planes, NORMAL),
+        color=_vectors(path, planes, COLOR),
+        certainty=None if certainty is None else certainty.astype(np.uint8),
+    )
+
+
+def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], bytes | None]:
+    """Return the contract's channels that the file has, (H, W) each, and its camera's text."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such image file")
+    try:
+        if not OpenEXR.isOpenExrFile(str(path)):
+            raise InputError(f"{path}: is not an OpenEXR image")
+        file = OpenEXR.InputFile(str(path))
+        header = file.header()
+        if not file.isComplete():
+            raise OSError("rows are missing")
+        window = header["dataWindow"]
+        shape = (window.max.y - window.min.y + 1, window.max.x - window.min.x + 1)
+        present = {name: header["channels"][name] for name in CHANNELS if name in header["channels"]}
+        for name, channel in present.items():
+            if (channel.xSampling, channel.ySampling) != (1, 1):
+                raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
+        raw = file.channels(list(present)) if present else []
+    except (OSError, RuntimeError, KeyError, TypeError) as error:  # as OpenEXR meets the damage
+        raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
+    planes = {
+        name: np.frombuffer(data, dtype=_NUMPY_TYPES[channel.type.v]).reshape(shape)
+        for (name, channel), data in zip(present.items(), raw, strict=True)
+    }
+    return planes, header.get(CAMERA_ATTRIBUTE)
+
+
+def _read_camera(path: Path, attribute: bytes) -> HogelCamera:
+    """Return the camera that an image's attribute describes."""
+    try:
+        return CAMERA_JSON.validate_json(attribute)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or "JSON"
+        reason = f"{key}: {first['msg']}"
+    except InputError as error:
+        reason = str(error)
+    raise InputError(f"{path}: its {CAMERA_ATTRIBUTE} attribute is not a camera ({reason}); write it again")
+
+
+def _vectors(
+    path: Path, planes: dict[str, NDArray[Any]], names: tuple[str, str, str]
+) -> NDArray[np.float32] | None:
+    """Return three channels as (H, W, 3), or None where the file has none of them."""
+    missing = [name for name in names if name not in planes]
+    if len(missing) == len(names):
+        return None
+    if missing:
+        raise InputError(f"{path}: has no channel {missing[0]} beside the others of {' '.join(names)}")
+    return np.stack([planes[name] for name in names], axis=-1).astype(np.float32, copy=False)
+
+
+def _numbers(
+    path: Path, planes: dict[str, NDArray[Any]], name: str, shape: tuple[int, int]
+) -> NDArray[np.int32]:
+    """Return numbers from a channel that stores them plus one; `NOTHING` where there is no channel.
+
+    Floats are taken where they are whole numbers: some renderers know no other channels.
+    """
+    plane = planes.get(name)
+    if plane is None:
+        return np.full(shape, NOTHING, dtype=np.int32)
+    largest = np.iinfo(np.int32).max
+    if not ((plane >= 0) & (plane <= largest) & (plane == np.floor(plane))).all():
+        raise InputError(f"{path}: channel {name} must hold whole numbers from 0 to {largest}, number + 1")
+    return np.asarray(plane.astype(np.int64) - 1, dtype=np.int32)

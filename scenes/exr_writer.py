@@ -1,0 +1,183 @@
+"""Writing hogel images as OpenEXR files, band by band, aside and then renamed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import Imath
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.exr_channels import (
+    CAMERA_ATTRIBUTE,
+    CAMERA_JSON,
+    CERTAINTY,
+    COLOR,
+    HEIGHT,
+    NORMAL,
+    OBJECT,
+    POSITION,
+    TRIANGLE,
+    pixel_type,
+)
+from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
+
+
+class ImageWriter:
+    """Writes an image band by band, from the top down, in the memory of one band.
+
+    A context manager. The file appears under its name when the block ends without an exception,
+    complete, and not at all otherwise.
+
+    Parameters
+    ----------
+    path
+        The file; one that exists is replaced at the end.
+    camera
+        What the whole image answers for; its resolution is the size of the image.
+    normals, color, certainty
+        Whether the bands have these arrays.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        camera: HogelCamera,
+        *,
+        normals: bool = False,
+        color: bool = False,
+        certainty: bool = False,
+    ) -> None:
+        self._path = Path(path)
+        self._camera = camera
+        self._next_row = 0
+        self._channels = (
+            *(COLOR if color else ()),
+            *POSITION,
+            *(NORMAL if normals else ()),
+            HEIGHT,
+            TRIANGLE,
+            OBJECT,
+            *((CERTAINTY,) if certainty else ()),
+        )
+        if self._path.is_dir():
+            raise InputError(f"{self._path}: cannot write the image (it is a folder); name a file")
+        self._aside = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
+        header = OpenEXR.Header(*camera.resolution)
+        header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
+        header["channels"] = {name: Imath.Channel(pixel_type(name)) for name in self._channels}
+        header[CAMERA_ATTRIBUTE] = CAMERA_JSON.dump_json(camera)
+        try:
+            # Python's own message says why; OpenEXR's does not always.
+            self._aside.touch()
+            # The older interface, because the newer one writes whole images only.
+            self._file = OpenEXR.OutputFile(str(self._aside), header)
+        except OSError as error:
+            self._discard()
+            reason = error.strerror or "OpenEXR cannot open it"
+            raise InputError(
+                f"{self._path}: cannot write the image ({reason}); choose another folder"
+            ) from error
+
+    def write_rows(self, first_row: int, band: HogelImage) -> None:
+        """Write the next rows.
+
+        Parameters
+        ----------
+        first_row
+            The image row of the band's row 0; bands come in order and leave no row out.
+        band
+            Arrays of full width and any number of rows.
+        """
+        if first_row != self._next_row:
+            raise ValueError(f"rows from {first_row} do not follow the {self._next_row} rows written")
+        rows, width = band.triangle.shape
+        if width != self._camera.resolution[0] or first_row + rows > self._camera.resolution[1]:
+            raise ValueError(
+                f"a band of {width} x {rows} at row {first_row} leaves {self._camera.resolution}"
+            )
+        planes = _planes(band)
+        pixels = {name: np.ascontiguousarray(planes[name]).tobytes() for name in self._channels}
+        try:
+            self._file.writePixels(pixels, rows)
+        except (OSError, RuntimeError) as error:
+            raise InputError(f"{self._path}: cannot write the image ({error}); check the disk") from error
+        self._next_row += rows
+
+    def close(self) -> None:
+        """Put the complete file under its name."""
+        if self._next_row != self._camera.resolution[1]:
+            self.abort()
+            raise ValueError(f"only {self._next_row} of {self._camera.resolution[1]} rows were written")
+        try:
+            self._file.close()
+            self._aside.replace(self._path)
+        except (OSError, RuntimeError) as error:
+            self._discard()
+            raise InputError(f"{self._path}: cannot write the image ({error}); check the disk") from error
+
+    def abort(self) -> None:
+        """Leave nothing behind."""
+        try:
+            self._file.close()
+        finally:
+            self._discard()
+
+    def _discard(self) -> None:
+        # A parent that is no folder cannot hold a leftover.
+        if self._path.parent.is_dir():
+            self._aside.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+
+def write_image(path: str | Path, image: HogelImage) -> None:
+    """Write an image: floats in 32 bits, numbers plus one, lossless.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written; nothing is left behind.
+    """
+    with ImageWriter(
+        path,
+        image.camera,
+        normals=image.normal is not None,
+        color=image.color is not None,
+        certainty=image.certainty is not None,
+    ) as writer:
+        writer.write_rows(0, image)
+
+
+def _planes(image: HogelImage) -> dict[str, NDArray[Any]]:
+    """Return every channel that the image has as (H, W) in its stored type."""
+    planes: dict[str, NDArray[Any]] = {
+        HEIGHT: image.height.astype(np.float32),
+        TRIANGLE: (image.triangle + 1).astype(np.uint32),
+        OBJECT: (image.object + 1).astype(np.uint32),
+    }
+    if image.certainty is not None:
+        planes[CERTAINTY] = image.certainty.astype(np.uint32)
+    for names, array in ((POSITION, image.position), (NORMAL, image.normal), (COLOR, image.color)):
+        if array is not None:
+            planes |= {name: array[..., axis].astype(np.float32) for axis, name in enumerate(names)}
+    return planes

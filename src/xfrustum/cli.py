@@ -1,0 +1,191 @@
+"""The command line: arguments in, exit status out, and nothing else.
+
+Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input (one line on standard error).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xfrustum import cli_options as options
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+"""128 + SIGINT, what shells expect of a program that was stopped by Ctrl-C."""
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
+@click.version_option(package_name="xfrustum", message="%(version)s")
+@click.pass_context
+def cli(context: click.Context) -> None:
+    """Measure how far renderers of full-parallax spatial displays are from the truth.
+
+    SCENE is the path of a scene file (TOML) or the name of a built-in scene.
+    """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+@cli.command()
+@options.scene_argument
+@click.option("--near", "nears", type=options.Numbers(), help="Offsets in scene units.  [default: 25]")
+@click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the middle]")
+@click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: all]")
+@options.tracer_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
+@click.option("--quiet", is_flag=True, help="No progress bar.")
+@options.json_option
+def report(
+    *,
+    scene: str,
+    nears: tuple[float, ...] | None,
+    apertures: tuple[tuple[int, int], ...] | None,
+    depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
+    tracer: str,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Sweep near planes and depth formats; write index.html, report.json, measurements.parquet.
+
+    A recentered frustum is measured at two corners of the plate too.
+    """
+    from xfrustum.reports.report import make_report
+    from xfrustum.scenes import open_scene
+
+    opened = open_scene(scene)
+    files = make_report(
+        opened,
+        out,
+        nears=nears,
+        apertures=None if apertures is None else [opened.plate.aperture(*index) for index in apertures],
+        depths=depths,
+        tracer=tracer,
+        progress=not quiet,
+    )
+    if as_json:
+        _print_json(
+            {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
+        )
+    else:
+        click.echo(f"{files.sentence}\n{files.html}")
+
+
+@cli.command()
+@options.scene_argument
+@options.aperture_option
+@options.tracer_option
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
+def trace(scene: str, aperture: tuple[int, int] | None, tracer: str, out: Path) -> None:
+    """Trace the truth of one aperture and write it as EXR."""
+    from xfrustum.reference import Reference
+    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.scenes import open_scene
+    from xfrustum.scenes.exr import write_image
+
+    opened = open_scene(scene)
+    chosen = options.chosen_aperture(opened, aperture)
+    check_writable_file(out)
+    write_image(out, Reference(opened, tracer=tracer).trace(chosen))
+
+
+@cli.command()
+@options.scene_argument
+@options.aperture_option
+@options.double_frustum_options
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
+def raster(scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, out: Path) -> None:
+    """Draw one aperture with the two cameras and write it as EXR."""
+    from xfrustum.raster import Rasterizer
+    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.scenes import open_scene
+    from xfrustum.scenes.exr import write_image
+
+    opened = open_scene(scene)
+    chosen = options.chosen_aperture(opened, aperture)
+    settings.check_against(opened.frustum)
+    check_writable_file(out)
+    with Rasterizer(opened) as rasterizer:
+        write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
+
+
+@cli.command()
+@click.argument("truth", type=click.Path(path_type=Path))
+@click.argument("raster", type=click.Path(path_type=Path))
+@options.json_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for error pictures.")
+def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
+    """Compare a raster image with the truth, both EXR."""
+    from xfrustum.reports.comparison import compare_files, table, write_comparison
+
+    compared = compare_files(truth, raster)
+    if compared.note:
+        click.echo(f"xfrustum: note: {compared.note}", err=True)
+    if out is not None:
+        write_comparison(compared, out)
+    if as_json:
+        _print_json(compared.comparison.summary())
+    else:
+        click.echo(table(compared.comparison))
+
+
+@cli.command()
+@options.json_option
+def scenes(as_json: bool) -> None:
+    """List the built-in scenes, each with what it is for."""
+    from xfrustum.scenes import builtin
+
+    listing = builtin.listing()
+    if as_json:
+        entries = [{"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in listing]
+        _print_json({"scenes": entries})
+        return
+    width = max(len(entry.name) for entry in listing)
+    for entry in listing:
+        click.echo(f"{entry.name:<{width}}  {entry.triangles:>7,} triangles  {entry.purpose}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    Parameters
+    ----------
+    arguments
+        Without the program's name; those of the process where None.
+    """
+    # Importing the scenes for their one exception would cost `--help` a second.
+    try:
+        status = cli.main(args=arguments, prog_name="xfrustum", standalone_mode=False)
+    except click.ClickException as error:
+        return _refuse(error.format_message())
+    except click.Abort:
+        click.echo("xfrustum: interrupted", err=True)
+        return INTERRUPTED
+    except Exception as error:
+        from xfrustum.scenes.errors import InputError
+
+        if not isinstance(error, InputError):
+            raise
+        return _refuse(str(error))
+    return status if isinstance(status, int) else 0
+
+
+def _refuse(message: str) -> int:
+    click.echo("xfrustum: error: " + " ".join(message.split()), err=True)
+    return BAD_INPUT
+
+
+def _print_json(value: dict[str, Any]) -> None:
+    from xfrustum.reports.tables import json_ready
+
+    json.dump(json_ready(value), sys.stdout, allow_nan=False)
+    sys.stdout.write("\n")

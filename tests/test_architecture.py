@@ -1,0 +1,63 @@
+"""What neither ruff nor import-linter counts: the size of things, who ends the process, what leaks in."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parents[1]
+FOLDERS = ("scenes", "reference", "raster", "compare", "reports")
+SOURCES = sorted(path for folder in (*FOLDERS, "src") for path in (CHECKOUT / folder).rglob("*.py"))
+COMMAND_LINE = re.compile(r"src/xfrustum/(cli\w*|__main__)\.py")
+LONGEST_MODULE = 250
+LONGEST_FUNCTION = 60
+"""Lines; what can be read in one sitting, and on one screen."""
+
+OF_ONE_MACHINE = re.compile(r"(?<![\w.~/-])/(home|root|tmp|work|Users|mnt)/")
+
+
+def name(path: Path) -> str:
+    return path.relative_to(CHECKOUT).as_posix()
+
+
+def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_modules_and_functions_stay_small(path: Path) -> None:
+    text = path.read_text()
+    assert len(text.splitlines()) <= LONGEST_MODULE
+    long = {f.name for f in functions(ast.parse(text)) if (f.end_lineno or 0) - f.lineno >= LONGEST_FUNCTION}
+    assert not long
+
+
+@pytest.mark.parametrize("path", [p for p in SOURCES if not COMMAND_LINE.match(name(p))], ids=name)
+def test_only_the_command_line_ends_the_process(path: Path) -> None:
+    mentioned = {
+        node.attr if isinstance(node, ast.Attribute) else node.id
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Attribute | ast.Name)
+    }
+    assert not mentioned & {"exit", "_exit", "quit", "SystemExit"}
+
+
+def test_nothing_names_a_place_on_one_machine() -> None:
+    written = [
+        path
+        for pattern in ("*.md", "*.toml", "Makefile", "docs/**/*.md", "scripts/*", "tests/**/*.py", ".ci/*")
+        for path in CHECKOUT.glob(pattern)
+        if path.is_file()
+    ]
+    assert len(written) > len(FOLDERS)
+    assert [name(path) for path in (*SOURCES, *written) if OF_ONE_MACHINE.search(path.read_text())] == []
+
+
+def test_the_lock_file_names_no_registry_and_hashes_everything() -> None:
+    entries = re.split(r"\n(?=\w)", (CHECKOUT / "requirements.lock").read_text())
+    assert len(entries) > len(FOLDERS)
+    assert not [entry for entry in entries if "://" in entry or "--hash=sha256:" not in entry]

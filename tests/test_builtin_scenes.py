@@ -1,0 +1,158 @@
+"""The built-in scenes: the same every time, and each fit for what it says it is for."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from xfrustum.scenes import InputError, Scene, builtin, open_scene
+from xfrustum.scenes.refine import refine
+from xfrustum.scenes.shapes import SHAPES, build_shape
+from xfrustum.scenes.targets import SHEET_HEIGHTS, SHEET_SEPARATIONS
+
+OVER_PLATE = 1e-9
+"""Heights below this count as in the plate: far below any feature, far above rounding of lengths of 1e4."""
+
+
+def areas(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    edges = triangles[:, 1:] - triangles[:, :1]
+    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
+
+
+def film_box(scene: Scene, index: int) -> tuple[float, float, float, float]:
+    """Return the smallest rectangle of slopes (x/s, y/s) that an object fills from the origin."""
+    vertices = scene.objects[index].vertices
+    slopes = vertices[:, :2] / -vertices[:, 2:]
+    return (*slopes.min(axis=0).tolist(), *slopes.max(axis=0).tolist())
+
+
+@pytest.mark.parametrize("name", builtin.names())
+def test_a_built_in_scene_is_the_same_every_time_and_says_what_it_is_for(name: str) -> None:
+    scene = open_scene(name)
+    assert scene.source == scene.name == name
+    builtin.build.cache_clear()
+    assert open_scene(name).content_hash == scene.content_hash
+    [entry] = [e for e in builtin.listing() if e.name == name]
+    assert entry.triangles == len(scene.faces)
+    assert entry.purpose and "\n" not in entry.purpose
+
+
+@pytest.mark.parametrize("name", [n for n in builtin.names() if n != "empty"])
+def test_a_built_in_scene_lies_on_both_sides_of_the_plate_without_flat_triangles(name: str) -> None:
+    scene = open_scene(name)
+    assert scene.vertices[:, 2].min() < 0 < scene.vertices[:, 2].max()
+    assert areas(scene.triangles).min() > 0
+    if name != "large-triangles":
+        assert np.abs(scene.vertices[:, 2]).max() < scene.frustum.longest_reach
+
+
+def test_the_catalogue_cannot_be_changed_and_an_unknown_name_is_an_input_error() -> None:
+    with pytest.raises(TypeError):
+        builtin.SCENES["car"] = builtin.SCENES["empty"]  # type: ignore[index]  # what is tested
+    with pytest.raises(InputError, match="no built-in scene is called 'cat'"):
+        builtin.build("cat")
+
+
+def test_no_flip_or_swap_of_axes_maps_the_asymmetric_scene_near_itself() -> None:
+    """Each of the 47 other signed permutations moves some vertex by more than a millimeter."""
+    vertices = open_scene("asymmetric").vertices
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            if order == (0, 1, 2) and signs == (1, 1, 1):
+                continue
+            image = vertices[:, order] * signs
+            gaps = np.linalg.norm(image[::7, None] - vertices[None, ::3], axis=2).min(axis=1)
+            assert gaps.max() > 1.0, (order, signs)
+
+
+def test_sheets_are_parallel_as_far_apart_as_said_and_imaged_in_the_same_cell() -> None:
+    scene = open_scene("sheets")
+    upper, lower = scene.objects
+    reach = scene.frustum.reach[0]
+    assert len(upper.faces) == len(lower.faces) == 4 * len(SHEET_HEIGHTS) * len(SHEET_SEPARATIONS)
+    columns = 2 * len(SHEET_SEPARATIONS)
+    cells = itertools.product((0, 6), range(len(SHEET_HEIGHTS)), range(len(SHEET_SEPARATIONS)))
+    pairs = zip(upper.vertices.reshape(-1, 4, 3), lower.vertices.reshape(-1, 4, 3), strict=True)
+    for (first_column, row, column), pair in zip(cells, pairs, strict=True):
+        # The line from the aperture through the middle of the film cell, slopes within +-0.55.
+        line = [-0.55 + 1.1 * (first_column + column + 0.5) / columns, -0.55 + 1.1 * (row + 0.5) / 6, -1.0]
+        normals = [np.cross(sheet[1] - sheet[0], sheet[3] - sheet[0]) for sheet in pair]
+        units = [normal / np.linalg.norm(normal) for normal in normals]
+        np.testing.assert_allclose(units[0], units[1], atol=1e-9)
+        high, low = (-(unit @ sheet[0]) / (unit @ line) for unit, sheet in zip(units, pair, strict=True))
+        assert high - low == pytest.approx(SHEET_SEPARATIONS[column] * reach, rel=1e-6)
+        assert min(abs(high), abs(low)) == pytest.approx(SHEET_HEIGHTS[row] * reach)
+        assert (high < 0) == (first_column == 0), "behind the plate in the left half of the film"
+        slopes = [sheet[:, 0] / -sheet[:, 2] for sheet in pair]
+        overlap = min(slopes[0].max(), slopes[1].max()) - max(slopes[0].min(), slopes[1].min())
+        assert overlap > 0.3 * 0.9 * 1.1 / columns
+    half_angle = math.tan(math.radians(30))
+    for index in (0, 1):
+        assert max(map(abs, film_box(scene, index))) < half_angle
+
+
+def test_the_crossing_surface_contains_the_middle_aperture_inside_one_triangle() -> None:
+    scene = open_scene("crossing")
+    assert (scene.plate.middle.x, scene.plate.middle.y) == (0, 0)
+    wave = scene.triangles[scene.object_of_triangle == 0]
+    spans = (wave[..., :2].min(axis=1) < 0).all(axis=1) & (wave[..., :2].max(axis=1) > 0).all(axis=1)
+    through = []
+    for a, b, c in wave[spans]:
+        weights = np.linalg.solve(np.array([[*p[:2], 1.0] for p in (a, b, c)]).T, [0, 0, 1])
+        if weights.min() > 0.05:
+            through.append(float(weights @ [a[2], b[2], c[2]]))
+    assert len(through) == 1
+    assert abs(through[0]) < OVER_PLATE
+
+
+def test_large_triangles_cross_the_plate_within_it_and_beside_the_aperture() -> None:
+    scene = open_scene("large-triangles")
+    width, height = scene.plate.size
+    for corners in scene.triangles[:3]:
+        assert np.abs(corners).max() > 50 * width
+        assert corners[:, 2].min() < 0 < corners[:, 2].max()
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        distance = abs(normal @ corners[0]) / np.linalg.norm(normal[:2])
+        assert 5 < distance < math.hypot(width, height) / 2
+
+
+def test_the_car_has_the_size_of_the_papers_and_straddles_the_plate() -> None:
+    scene = open_scene("car")
+    assert 41_000 <= len(scene.faces) <= 43_000
+    assert open_scene("car-recentered").frustum.recentered
+    centers = scene.triangles.mean(axis=1)[:, 2]
+    assert 0.2 < float((centers > 0).mean()) < 0.8
+
+
+@pytest.mark.parametrize("name", ["car", "asymmetric", "large-triangles"])
+def test_refining_splits_every_triangle_in_four_on_the_same_surface(name: str) -> None:
+    scene = open_scene(name)
+    fine = refine(scene, 2)
+    assert len(fine.faces) == 16 * len(scene.faces)
+    parents = np.repeat(np.arange(len(scene.faces)), 16)
+    np.testing.assert_array_equal(fine.object_of_triangle, scene.object_of_triangle[parents])
+    np.testing.assert_allclose(areas(fine.triangles), areas(scene.triangles)[parents] / 16, rtol=1e-6)
+    # A middle is rounded once per level: half an ulp per coordinate, two levels, sqrt(3) for the length.
+    rounding = 2 * math.sqrt(3) * np.spacing(np.abs(scene.vertices).max())
+    offsets = fine.triangles - scene.triangles[parents, :1]
+    assert np.abs(np.einsum("tcx,tx->tc", offsets, scene.normals[parents])).max() < 8 * rounding
+
+
+def test_refining_no_level_keeps_the_scene_and_an_empty_scene_stays_empty() -> None:
+    assert refine(open_scene("car"), 0).content_hash == open_scene("car").content_hash
+    assert len(refine(open_scene("empty"), 3).faces) == 0
+
+
+@pytest.mark.parametrize("name", [n for n in SHAPES if n != "square"])
+def test_shapes_are_closed_and_face_outward(name: str) -> None:
+    shape = build_shape(name)
+    corners = shape.vertices[shape.faces]
+    volume = np.einsum("tx,tx->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    assert volume > 0
+    keys = np.unique(shape.vertices, axis=0, return_inverse=True)[1].reshape(-1)[shape.faces]
+    directed = {tuple(edge) for face in keys.tolist() for edge in zip(face, face[1:] + face[:1], strict=True)}
+    assert all((b, a) in directed for a, b in directed), "every edge is walked once in each direction"
