@@ -116,8 +116,8 @@ def _add_depth_lines(
             customdata=[index for index, _ in group],
             name=label,
             mode="lines+markers",
-            line={"color": color, "width": 1.6 + 1.4 * below},
-            marker={"symbol": _MARKERS[place % len(_MARKERS)], "size": 6 + 1.5 * below, "color": color},
+            line={"color": color, "width": 1.6 + 0.8 * below},
+            marker={"symbol": _MARKERS[place % len(_MARKERS)], "size": 6 + below, "color": color},
         )
 
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Makes sure that the system has what pip cannot bring: Python with venv, an EGL/OpenGL driver, an LLVM that
-# Dr.Jit can use, and the libatomic that its wheel links to. Installs what is missing with apt-get as root; elsewhere names it and stops.
+# Dr.Jit can use, and the libatomic that its wheel links to. Installs what is missing with apt-get where it may;
+# elsewhere names it and stops.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -17,7 +18,7 @@ missing() {
 # The newest LLVM that was tried with Dr.Jit and that this release of the distribution has.
 apt_llvm() {
     for version in 19 18 17; do
-        if apt-cache policy "libllvm$version" | grep -q 'Candidate: [^(]'; then
+        if [[ $(apt-cache policy "libllvm$version") == *"Candidate: "[0-9]* ]]; then
             echo "libllvm$version"
             return
         fi
@@ -62,7 +63,7 @@ if [ "$(id -u)" -ne 0 ]; then
 fi
 command -v apt-get >/dev/null || name_packages $lacking
 
-"${as_root[@]}" apt-get update
+"${as_root[@]}" apt-get update || name_packages $lacking
 packages=$(apt_packages $lacking)
 echo "Installing from the distribution:" $packages
 "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $packages ||

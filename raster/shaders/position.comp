@@ -32,7 +32,8 @@ void main() {
     uint identity = texelFetch(identities, pixel, 0).r;
     vec3 point = vec3(nothing);
     if (identity != 0u) {
-        dmat4 clip = (identity & camera_bit) != 0u ? clip_from_scene_c_star : clip_from_scene;
+        bool by_c_star = (identity & camera_bit) != 0u;
+        dmat4 clip = by_c_star ? clip_from_scene_c_star : clip_from_scene;
         uint triangle = (identity & ~camera_bit) - 1u;
         dvec3 p0 = corner(triangle, 0u), p1 = corner(triangle, 1u), p2 = corner(triangle, 2u);
         dvec3 c0 = (clip * dvec4(p0, 1.0)).xyw;
@@ -45,6 +46,9 @@ void main() {
         // Offsets from the first corner, so that small triangles far away keep all their digits.
         // A triangle seen exactly edge-on has no such point; its first corner stands for it.
         point = vec3(total != 0.0LF ? p0 + (weight.y * (p1 - p0) + weight.z * (p2 - p0)) / total : p0);
+        // Subpixel rounding draws up to a fraction of a pixel beyond the cut by the near plane:
+        // what is drawn there is the cut, in the plate.
+        point.z = by_c_star ? max(point.z, 0.0) : min(point.z, 0.0);
     }
     int row_from_top = size.y - 1 - pixel.y;
     int at = 3 * (row_from_top * size.x + pixel.x);

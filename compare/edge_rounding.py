@@ -1,0 +1,118 @@
+"""How near is a pixel's center to an edge that rounding may move across it?"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.rounding import FLOAT32_ROUNDING
+from xfrustum.reference.lines import Pencil
+
+Floats = NDArray[np.float64]
+PixelIndex = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Columns and rows."""
+
+CLIP_ROUNDINGS = 16
+"""Roundings of 2^-24 in a float32 clip coordinate, relative to the sum of its absolute terms.
+
+One in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up to
+three planes (near and two sides) makes new vertices, each with three more: 9. One to spare.
+"""
+
+
+def film_vertices(corners: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
+    """Return homogeneous film coordinates (x, y, s) of corners, and their float32 error bounds.
+
+    u = x / s and v = y / s on the film; s is the distance from the center along the axis, negative
+    for C*. Both (N, 3, 3).
+    """
+    relative = corners - np.asarray(pencil.center)
+    s = -relative[..., 2]
+    shear, half = np.asarray(pencil.shear), np.asarray(pencil.half_extent)
+    lateral = (relative[..., :2] - shear * s[..., None]) / half
+    # The terms that the transform adds up, before they cancel.
+    terms = np.abs(corners[..., :2]) + np.abs(pencil.center[:2]) + np.abs(shear * s[..., None])
+    bound = np.concatenate(
+        (terms / half, (np.abs(corners[..., 2]) + abs(pencil.center[2]))[..., None]), axis=-1
+    )
+    return np.concatenate((lateral, s[..., None]), axis=-1), CLIP_ROUNDINGS * FLOAT32_ROUNDING * bound
+
+
+def film_points(pencil: Pencil, pixels: PixelIndex) -> Floats:
+    """Return (u, v, 1) of pixel centers, (N, 3)."""
+    width, height = pencil.resolution
+    columns, rows = pixels
+    u, v = (2 * columns + 1) / width - 1, 1 - (2 * rows + 1) / height
+    return np.stack((u, v, np.ones(len(u))), axis=-1)
+
+
+def near_edge(corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits: int) -> NDArray[np.bool_]:
+    """Return which pixel centers rounding may have put on the wrong side of an edge.
+
+    Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
+    before that their clip coordinates are rounded in float32, which moves the homogeneous edge
+    function by up to a sum of products. Cuts by the near plane and the reach are edges as well.
+
+    Parameters
+    ----------
+    corners
+        (N, 3, 3) one triangle for each pixel.
+    pencil
+        The camera that drew it.
+    pixels
+        Columns and rows.
+    subpixel_bits
+        Of the device.
+    """
+    width, height = pencil.resolution
+    snap_px = math.sqrt(2) / 2 * 2.0**-subpixel_bits
+    vertices, bound = film_vertices(corners, pencil)
+    points = film_points(pencil, pixels)
+    near = np.zeros(len(corners), dtype=np.bool_)
+
+    plane, plane_bound = np.zeros((len(corners), 3)), np.zeros(len(corners))
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        line = np.cross(vertices[:, i], vertices[:, j])
+        shift = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j], points)
+        near |= _within(line, np.einsum("ij,ij->i", line, points), shift, snap_px, (width, height))
+        plane += line
+        plane_bound += shift
+    volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
+    volume_bound = np.einsum(
+        "ij,ij->i",
+        np.abs(vertices[:, 0]),
+        _magnitude(vertices[:, 1], bound[:, 2]) + _magnitude(bound[:, 1], vertices[:, 2]),
+    ) + np.einsum("ij,ij->i", bound[:, 0], _magnitude(vertices[:, 1], vertices[:, 2]))
+    for cut in pencil.s_range:
+        # The triangle's plane has 1/s = plane . (u, v, 1) / volume.
+        value = np.einsum("ij,ij->i", plane, points) - volume / cut
+        near |= _within(plane, value, plane_bound + volume_bound / abs(cut), snap_px, (width, height))
+    return near
+
+
+def _within(
+    line: Floats, value: Floats, value_bound: Floats, snap_px: float, resolution: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return where a linear function of (u, v) is zero within a distance in pixels plus a bound."""
+    per_pixel = np.hypot(line[:, 0] * 2 / resolution[0], line[:, 1] * 2 / resolution[1])
+    return np.asarray(np.abs(value) <= snap_px * per_pixel + value_bound)
+
+
+def _magnitude(a: Floats, b: Floats) -> Floats:
+    """Return the sums of absolute products in a x b."""
+    a, b = np.abs(a), np.abs(b)
+    return np.stack(
+        (
+            a[:, 1] * b[:, 2] + a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] + a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0],
+        ),
+        axis=-1,
+    )
+
+
+def _perturbation(a: Floats, b: Floats, a_bound: Floats, b_bound: Floats, points: Floats) -> Floats:
+    """Return how far (a x b) . point moves when a and b move within their bounds."""
+    return np.einsum("ij,ij->i", np.abs(points), _magnitude(a, b_bound) + _magnitude(a_bound, b))

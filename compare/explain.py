@@ -1,0 +1,106 @@
+"""Why does the rasterizer show another triangle than its own cameras, traced exactly?
+
+Rasterizing adds three things to the exact lines of C and C*: vertices are rounded (to float32,
+then to the subpixel grid), depth is rounded (to float32, then to the format), and the depth
+buffer starts at a clear value that a surface must beat. Each leaves its mark (design, section 4):
+
+* edge: the pixel's center lies within those roundings of an edge of one of the two triangles,
+  or of a cut by the near plane or the reach;
+* order: the two surfaces are closer in stored depth than its roundings;
+* lost: the surface is closer to the clear value than that.
+
+What bears no mark is unexplained: somebody's bug.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.depth_rounding import Depths, depths
+from xfrustum.compare.edge_rounding import near_edge
+from xfrustum.reference.lines import offset_pinholes
+from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Explanation:
+    """Pixels where raster and model show different triangles, each under one heading.
+
+    Attributes
+    ----------
+    edge, order, lost, unexplained
+        (H, W) masks that exclude each other.
+    """
+
+    edge: NDArray[np.bool_]
+    order: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
+    unexplained: NDArray[np.bool_]
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of pixels under each heading."""
+        return {name: int(getattr(self, name).sum()) for name in ("edge", "order", "lost", "unexplained")}
+
+
+def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: int) -> Explanation:
+    """Explain every pixel where the raster shows another triangle than the traced model.
+
+    Parameters
+    ----------
+    scene
+        What both show.
+    model
+        Of `Reference.trace_model` with the raster's settings.
+    raster
+        Its camera carries the settings it was drawn with.
+    subpixel_bits
+        Of the device that drew it.
+    """
+    settings = raster.camera.settings
+    assert settings is not None
+    wrong = (model.triangle != raster.triangle) & (model.certainty != Certainty.TIE)
+    rows, columns = np.nonzero(wrong)
+    cameras = offset_pinholes(scene.frustum, raster.camera.aperture, settings.near)
+
+    edge = np.zeros(len(rows), dtype=np.bool_)
+    sides: list[tuple[NDArray[np.bool_], Depths]] = []
+    for image in (model, raster):
+        triangle = image.triangle[rows, columns]
+        in_front = _drawn_by_c_star(image, rows, columns)
+        shown = Depths.nothing(len(rows))
+        for pencil, drawn in zip(cameras, (~in_front, in_front), strict=True):
+            some = np.flatnonzero(drawn & (triangle != NOTHING))
+            corners = scene.triangles[triangle[some]]
+            pixels = (columns[some], rows[some])
+            edge[some] |= near_edge(corners, pencil, pixels, subpixel_bits)
+            shown.put(some, depths(corners, pencil, pixels, settings, subpixel_bits))
+        sides.append((in_front, shown))
+
+    (model_in_front, expected), (raster_in_front, drawn_depth) = sides
+    same_camera = model_in_front == raster_in_front
+    order = same_camera & expected.indistinguishable_from(drawn_depth)
+    lost = expected.lost()
+    return Explanation(
+        edge=_scatter(wrong, edge),
+        order=_scatter(wrong, order & ~edge),
+        lost=_scatter(wrong, lost & ~order & ~edge),
+        unexplained=_scatter(wrong, ~(edge | order | lost)),
+    )
+
+
+def _drawn_by_c_star(
+    image: HogelImage, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which pixels show something before the plate; in it, C* draws last."""
+    return np.asarray(image.height[rows, columns] >= 0)
+
+
+def _scatter(where: NDArray[np.bool_], values: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    mask = np.zeros_like(where)
+    mask[where] = values
+    return mask
+
