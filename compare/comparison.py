@@ -147,9 +147,13 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
 def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:
     if truth.triangle.shape != raster.triangle.shape:
         (h, w), (rh, rw) = truth.triangle.shape, raster.triangle.shape
-        raise InputError(f"the truth has {w} x {h} pixels and the raster {rw} x {rh}: trace and draw the same scene")
+        raise InputError(
+            f"the truth has {w} x {h} pixels and the raster {rw} x {rh}: trace and draw the same scene"
+        )
     if truth.camera.scene_hash != raster.camera.scene_hash:
-        raise InputError("truth and raster show different scenes (content hashes differ): make both from one file")
+        raise InputError(
+            "truth and raster show different scenes (content hashes differ): make both from one file"
+        )
     mine, other = truth.camera.aperture, raster.camera.aperture
     if (mine.x, mine.y) != (other.x, other.y):
         raise InputError(

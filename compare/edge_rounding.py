@@ -115,4 +115,5 @@ def _magnitude(a: Floats, b: Floats) -> Floats:
 
 def _perturbation(a: Floats, b: Floats, a_bound: Floats, b_bound: Floats, points: Floats) -> Floats:
     """Return how far (a x b) . point moves when a and b move within their bounds."""
-    return np.einsum("ij,ij->i", np.abs(points), _magnitude(a, b_bound) + _magnitude(a_bound, b))
+    moved = _magnitude(a, b_bound) + _magnitude(a_bound, b)
+    return np.asarray(np.einsum("ij,ij->i", np.abs(points), moved))

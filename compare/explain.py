@@ -70,19 +70,19 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     sides: list[tuple[NDArray[np.bool_], Depths]] = []
     for image in (model, raster):
         triangle = image.triangle[rows, columns]
-        in_front = _drawn_by_c_star(image, rows, columns)
+        height = image.height[rows, columns]
         shown = Depths.nothing(len(rows))
-        for pencil, drawn in zip(cameras, (~in_front, in_front), strict=True):
+        # What lies in the plate may have been drawn by either camera.
+        for pencil, drawn in zip(cameras, (height <= 0, height >= 0), strict=True):
             some = np.flatnonzero(drawn & (triangle != NOTHING))
             corners = scene.triangles[triangle[some]]
             pixels = (columns[some], rows[some])
             edge[some] |= near_edge(corners, pencil, pixels, subpixel_bits)
             shown.put(some, depths(corners, pencil, pixels, settings, subpixel_bits))
-        sides.append((in_front, shown))
+        sides.append((height > 0, shown))
 
     (model_in_front, expected), (raster_in_front, drawn_depth) = sides
-    same_camera = model_in_front == raster_in_front
-    order = same_camera & expected.indistinguishable_from(drawn_depth)
+    order = (model_in_front == raster_in_front) & expected.indistinguishable_from(drawn_depth)
     lost = expected.lost()
     return Explanation(
         edge=_scatter(wrong, edge),
@@ -92,15 +92,7 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     )
 
 
-def _drawn_by_c_star(
-    image: HogelImage, rows: NDArray[np.int64], columns: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Return which pixels show something before the plate; in it, C* draws last."""
-    return np.asarray(image.height[rows, columns] >= 0)
-
-
 def _scatter(where: NDArray[np.bool_], values: NDArray[np.bool_]) -> NDArray[np.bool_]:
     mask = np.zeros_like(where)
     mask[where] = values
     return mask
-

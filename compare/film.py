@@ -41,4 +41,4 @@ def pixel_centers(camera: HogelCamera) -> NDArray[np.float64]:
 
 def shows_point_on_film(image: HogelImage) -> NDArray[np.bool_]:
     """Return the pixels that show a surface off the plate."""
-    return image.covered & (image.height != 0)
+    return np.asarray(image.covered & (image.height != 0))

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 POSITION_ROUNDINGS = 16
-"""Roundings of 2^-24 of a triangle's largest coordinate in an interpolated surface point.
+"""Roundings of 2^-24 of a triangle's largest coordinate L in a drawn surface point.
 
-The vertex is stored with one. Perspective interpolation forms sum(b_i p_i / w_i) / sum(b_i / w_i)
+Our own rasterizer computes the point in double precision and rounds it once, in x and in z; seen
+from an aperture a that is 1 + |x - a| / L roundings, 2 to 4 on the plates and objects of practice.
+Renderers that interpolate the point as a varying need 16. The vertex is stored with one. Perspective interpolation forms sum(b_i p_i / w_i) / sum(b_i / w_i)
 from plane equations: one rounding for each product p_i / w_i, two for each of the two gradients,
 two for each step along x and y, in numerator and denominator alike, and one for the quotient:
 1 + 2 (1 + 2 + 4) + 1 = 16.
@@ -19,4 +21,4 @@ FLOAT32_ROUNDING = 2.0**-24
 
 def position_tolerance(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the distance within which points on triangles (N, 3, 3) are known, (N,), scene units."""
-    return POSITION_ROUNDINGS * FLOAT32_ROUNDING * np.abs(triangles).max(axis=(1, 2), initial=0.0)
+    return np.asarray(POSITION_ROUNDINGS * FLOAT32_ROUNDING * np.abs(triangles).max(axis=(1, 2), initial=0.0))

@@ -22,7 +22,7 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     see: something else is in front of it on its own true line. A point in the plate is seen by
     the true frustum only through the aperture, where every line meets it.
     """
-    wrong = truth.covered != raster.covered
+    wrong: NDArray[np.bool_] = truth.covered != raster.covered
     wrong |= truth.object != raster.object
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))

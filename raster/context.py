@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import moderngl
 from OpenGL import GL
 
@@ -25,7 +27,9 @@ def open_context() -> moderngl.Context:
         There is no EGL driver, or its OpenGL is too old.
     """
     try:
-        context = moderngl.create_context(standalone=True, backend="egl")
+        # moderngl's own annotation asks for a dictionary where its code takes a name.
+        backend: dict[str, Any] = {"backend": "egl"}
+        context = moderngl.create_context(standalone=True, **backend)
     except Exception as error:
         # glcontext raises bare Exception, moderngl its own Error, for whatever EGL lacks.
         reason = " ".join(str(error).split())

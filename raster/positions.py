@@ -55,8 +55,8 @@ class Positions:
         target.bind_identity(0)
         for binding, buffer in enumerate((self._vertices, self._faces, points), start=1):
             buffer.bind_to_storage_buffer(binding)
-        self._program["clip_from_scene"].write(c.T.tobytes())
-        self._program["clip_from_scene_c_star"].write(c_star.T.tobytes())
+        self._program["clip_from_scene"] = tuple(c.T.ravel().tolist())
+        self._program["clip_from_scene_c_star"] = tuple(c_star.T.ravel().tolist())
         self._program.run(-(-width // GROUP), -(-height // GROUP), 1)
         GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
         return np.frombuffer(points.read(), dtype=np.float32).reshape(height, width, 3)

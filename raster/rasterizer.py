@@ -56,7 +56,9 @@ class Rasterizer:
 
     def __init__(self, scene: Scene) -> None:
         if len(scene.faces) > MAX_TRIANGLES:
-            raise InputError(f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn")
+            raise InputError(
+                f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn"
+            )
         self.scene = scene
         self._context = open_context()
         self.device = describe(self._context)
@@ -166,7 +168,7 @@ class Rasterizer:
         self._context.depth_func = camera.test.function
         self._context.front_face = camera.front_face
         GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
-        self._program["clip_from_scene"].write(camera.clip_from_scene.T.astype(np.float32).tobytes())
+        self._program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
         self._program["light"] = camera.light
         self._program["camera_bit"] = camera.camera_bit
         self._normals.bind_to_storage_buffer(0)

@@ -68,7 +68,7 @@ class Target:
 
     def clear_depth(self, value: float) -> None:
         """Set every depth."""
-        GL.glClearBufferfv(GL.GL_DEPTH, 0, np.float32([value]))
+        GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
 
     def bind_identity(self, unit: int) -> None:
         """Make the identities a texture for a shader."""
@@ -77,7 +77,9 @@ class Target:
 
     def read_triangle(self) -> NDArray[np.int32]:
         """Return triangle numbers, (H, W), row 0 at the top, -1 where nothing was drawn."""
-        identity = self._read(IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32))
+        identity = self._read(
+            IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32)
+        )
         return (identity & ~np.uint32(CAMERA_BIT)).view(np.int32) - 1
 
     def read_color(self) -> NDArray[np.float32]:

@@ -87,9 +87,7 @@ def first_surfaces(triangles: NDArray[np.float64], pencil: Pencil, rows: range) 
     )
 
 
-def _contenders(
-    triangles: NDArray[np.float64], pencil: Pencil, exact: ExactPencil, rows: range
-) -> Pairs:
+def _contenders(triangles: NDArray[np.float64], pencil: Pencil, exact: ExactPencil, rows: range) -> Pairs:
     """Return the pairs that may be first on their line: none surely lies before them."""
     width = pencil.resolution[0]
     base = rows.start * width

@@ -41,16 +41,14 @@ class EmbreeTracer:
             vertices = (scene.vertices * self._scale).astype(np.float32)
             TriangleMesh(self._embree, vertices, scene.faces.astype(np.int32))
             # The structure is built on the first ray; two threads must not both build it.
-            self._embree.run(np.zeros((1, 3), np.float32), np.float32([[0, 0, 1]]))
+            self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 
     @property
     def versions(self) -> dict[str, str]:
         """Name and version of the tracer, for reports."""
         return {"embreex": version("embreex")}
 
-    def first_hits(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
-    ) -> NDArray[np.int32]:
+    def first_hits(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 
         Parameters

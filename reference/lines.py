@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -63,9 +63,7 @@ class Pencil:
         return d
 
 
-def film_window(
-    frustum: Frustum, aperture: Aperture
-) -> tuple[tuple[float, float], tuple[float, float]]:
+def film_window(frustum: Frustum, aperture: Aperture) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return shear k and half-extent t of an aperture's film, slopes per unit of depth.
 
     Centered: k = 0, t = tan(fov / 2). Recentered (paper, section 5): the lines of the film's
@@ -103,13 +101,16 @@ def offset_pinholes(frustum: Frustum, aperture: Aperture, near: float) -> tuple[
     shear, half_extent = film_window(frustum, aperture)
     kx, ky = shear
     viewer, back = frustum.reach
-    common = {"shear": shear, "half_extent": half_extent, "resolution": frustum.resolution}
     c = Pencil(
-        center=(aperture.x - near * kx, aperture.y - near * ky, near), s_range=(near, near + back), **common
+        center=(aperture.x - near * kx, aperture.y - near * ky, near),
+        shear=shear,
+        half_extent=half_extent,
+        resolution=frustum.resolution,
+        s_range=(near, near + back),
     )
-    c_star = Pencil(
+    c_star = replace(
+        c,
         center=(aperture.x + near * kx, aperture.y + near * ky, -near),
         s_range=(-near - viewer, -near),
-        **common,
     )
     return c, c_star

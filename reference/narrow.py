@@ -117,9 +117,7 @@ def _evaluate(spans: Spans, part: slice, lengths: NDArray[np.int64], pencil: Pen
     return found[inside] if not inside.all() else found
 
 
-def divided(
-    plane: Floats, plane_bound: Floats, slope: Floats, slope_bound: Floats
-) -> tuple[Floats, Floats]:
+def divided(plane: Floats, plane_bound: Floats, slope: Floats, slope_bound: Floats) -> tuple[Floats, Floats]:
     """Return s = plane / slope and the bound of its error, infinite where the slope may be zero.
 
     |s - s_true| <= (plane_bound + |s| slope_bound) / (|slope| - slope_bound), and the division
@@ -146,7 +144,10 @@ def _covered(
         value = edge[:, 0] * dx + edge[:, 1] * dy - edge[:, 2]
         bound = ROUNDING * np.einsum("ij,ij->i", d_magnitude, magnitude)
         lowest, highest = np.minimum(lowest, value - bound), np.maximum(highest, value + bound)
-        surely_low, surely_high = np.minimum(surely_low, value + bound), np.maximum(surely_high, value - bound)
+        surely_low, surely_high = (
+            np.minimum(surely_low, value + bound),
+            np.maximum(surely_high, value - bound),
+        )
     surely_in = (lowest > 0) | (highest < 0)
     # Some edge function is surely positive and another surely negative.
     surely_out = (surely_high > 0) & (surely_low < 0)

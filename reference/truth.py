@@ -97,9 +97,7 @@ class Reference:
                     lambda band: first_surfaces(triangles, pencil, band), bands[start : start + workers]
                 )
 
-    def _camera(
-        self, aperture: Aperture, pencil: Pencil, settings: DoubleFrustum | None
-    ) -> HogelCamera:
+    def _camera(self, aperture: Aperture, pencil: Pencil, settings: DoubleFrustum | None) -> HogelCamera:
         return HogelCamera(
             aperture=aperture,
             resolution=pencil.resolution,

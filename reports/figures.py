@@ -63,7 +63,8 @@ def _fraction_figure(
     figure = go.Figure()
 
     def fraction(row: Measurement) -> float | None:
-        return row.comparison[key]["fraction"] or 0.5 / max(row.comparison["judged"], 1)
+        share = float(row.comparison[key]["fraction"])
+        return share or 0.5 / max(row.comparison["judged"], 1)
 
     _add_depth_lines(figure, rows, reach, fraction)
     for line, group in zip(figure.data, _by_depth(rows).values(), strict=True):

@@ -26,11 +26,11 @@ SURFACE_COLOR = "rgb(224, 49, 49)"
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
 
 _DISPLACEMENT_STEPS = 40
-_HEIGHT_STEPS = 30
+_HEIGHT_STEPS = 15
 _DISPLACEMENT_COLORS = sample_colorscale("Viridis", list(np.linspace(0, 1, _DISPLACEMENT_STEPS)))
 _HEIGHT_COLORS = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
 _UNTEXTURED_GRAY = 0.4
-PICTURE_COLORS = 128
+_DROPPED_BITS = 2
 
 
 def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction: int = 1) -> SettingPictures:
@@ -56,10 +56,10 @@ def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction
 
 
 def picture(image: HogelImage, reduction: int = 1) -> bytes:
-    """Encode the color image as PNG in sRGB, transparent where there is no surface.
+    """Encode the color image as WebP in sRGB, transparent where there is no surface.
 
-    Every pixel stays where it is and its color becomes one of `PICTURE_COLORS`, which suits
-    shaded surfaces and takes a third of the bytes of true color.
+    Without loss but for the last `_DROPPED_BITS` of each channel, which nobody sees and which
+    fill half the file.
     """
     covered = image.covered
     if image.color is None:
@@ -74,14 +74,14 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
         linear = linear / np.maximum(share, np.finfo(np.float32).tiny)[..., None]
     # IEC 61966-2-1; scikit-image has no public function for the transfer curve alone.
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    pixels = Image.fromarray(np.rint(255 * np.clip(encoded, 0, 1)).astype(np.uint8))
-    few = pixels.quantize(PICTURE_COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    palette = np.asarray(few.getpalette("RGB")).reshape(-1, 3)
-    index = np.where(share >= 0.5, 1 + np.asarray(few, dtype=np.int64), 0)
-    return _indexed_png(index, palette)
+    pixels = np.rint(255 * np.clip(np.dstack([encoded, share]), 0, 1)).astype(np.uint8)
+    pixels[..., :3] &= 0xFF << _DROPPED_BITS & 0xFF
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "WEBP", lossless=True, quality=0, method=0)
+    return buffer.getvalue()
 
 
-def displacement_map(displacement: NDArray[np.float32], reduction: int = 1) -> bytes:
+def displacement_map(displacement: NDArray[np.floating], reduction: int = 1) -> bytes:
     """Encode the length of (H, W, 2) displacement vectors as PNG, transparent where undefined.
 
     The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
@@ -95,7 +95,7 @@ def displacement_map(displacement: NDArray[np.float32], reduction: int = 1) -> b
     return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
 
 
-def height_map(height: NDArray[np.float32], reach: float, reduction: int = 1) -> bytes:
+def height_map(height: NDArray[np.floating], reach: float, reduction: int = 1) -> bytes:
     """Encode the signed (H, W) height error as PNG, transparent where undefined.
 
     Red is nearer to the viewer than the truth, blue farther; logarithmic over `HEIGHT_RANGE`.
@@ -127,9 +127,15 @@ def height_scale() -> list[str]:
     return list(_HEIGHT_COLORS)
 
 
+def media_type(encoded: bytes) -> str:
+    """Return the media type of an encoded picture."""
+    return "image/webp" if encoded.startswith(b"RIFF") else "image/png"
+
+
 def _log10(values: NDArray[np.floating]) -> NDArray[np.floating]:
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.log10(values)
+        logarithm: NDArray[np.floating] = np.log10(values)
+    return logarithm
 
 
 def _worst(index: NDArray[np.generic], reduction: int) -> NDArray[np.generic]:
@@ -137,13 +143,10 @@ def _worst(index: NDArray[np.generic], reduction: int) -> NDArray[np.generic]:
 
 
 def _palette_png(index: NDArray[np.generic], colors: list[str]) -> bytes:
-    return _indexed_png(index, np.rint([unlabel_rgb(color) for color in colors]))
-
-
-def _indexed_png(index: NDArray[np.generic], palette: NDArray[np.generic]) -> bytes:
-    """Encode palette indices; 0 is transparent, i is row i - 1 of the (N, 3) palette."""
+    """Encode palette indices; 0 is transparent, i is the i-th color."""
+    palette = np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)])
     encoded = Image.fromarray(index.astype(np.uint8))
-    encoded.putpalette([0, 0, 0, *palette.astype(np.uint8).ravel().tolist()])
+    encoded.putpalette(palette.astype(np.uint8).tobytes())
     buffer = io.BytesIO()
     encoded.save(buffer, "PNG", transparency=0, compress_level=6)
     return buffer.getvalue()

@@ -53,7 +53,7 @@ class Measurement:
 
 @dataclass(frozen=True, kw_only=True)
 class SettingPictures:
-    """Encoded pictures (PNG) of one setting; see `xfrustum.reports.images`."""
+    """Encoded pictures (PNG or WebP) of one setting; see `xfrustum.reports.images`."""
 
     raster: bytes
     displacement: bytes

@@ -103,7 +103,7 @@ def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
     key = hashlib.sha256(encoded).hexdigest()[:16]
     if key not in pictures:
         text = base64.b64encode(encoded).decode()
-        pictures[key] = f"data:image/png;base64,{text}"
+        pictures[key] = f"data:{images.media_type(encoded)};base64,{text}"
     return key
 
 

@@ -39,9 +39,8 @@ DEFAULT_NEAR_COUNT = 25
 _LARGEST_NEAR, _SMALLEST_NEAR = 1e-1, 1e-8
 
 PAGE_PIXELS = 120_000_000
-"""Pixels of all settings together that are shown in full. At about an eighth of a byte each, all their
-pictures included, the page stays near the 20 MB that a browser opens without delay; larger sweeps are
-shown reduced."""
+"""Pixels of all settings together that are shown in full. All pictures of a setting take between a
+tenth and a fifth of a byte per pixel, so that the page stays under 30 MB; larger sweeps are shown reduced."""
 
 
 def default_nears(frustum: Frustum) -> tuple[float, ...]:
@@ -107,7 +106,8 @@ def sweep(
                 rows.append(row)
                 pictures.append(picture)
                 bar.update()
-        devices = {**provenance.machine(), **rasterizer.device}
+        opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
+        devices = {**provenance.machine(), **opengl}
     return Sweep(
         scene=scene,
         apertures=tuple(apertures),

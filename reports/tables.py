@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, is_dataclass
 from enum import StrEnum
@@ -142,4 +143,4 @@ def _scene_object(scene: Scene) -> dict[str, Any]:
 
 
 def _column(name: str) -> str:
-    return name.lower().replace("-", "_").replace(" ", "_")
+    return re.sub(r"\W+", "_", name.lower())

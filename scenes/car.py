@@ -26,6 +26,8 @@ _TRACK = 17.6
 _END = 45.0
 """From here to the tip the body is a rounded cap, `_CAP` long."""
 _CAP = 5.0
+_SECTION = 3.4
+"""Exponent of the lower body's cross section."""
 
 # Lines of the lower body along z.
 _SHOULDER: Knots = (
@@ -91,10 +93,15 @@ def _lower_body() -> Mesh:
     cap = np.clip(np.abs(z - inside) / _CAP, 0, 1)
     shrink = (1 - cap**2.4) ** (1 / 2.4)
     top, bottom = _curve(_SHOULDER, z), _curve(_SILL, z)
-    section = _superellipse(3.4, 104)
-    x = (_curve(_HALF_WIDTH, z) * shrink)[:, None] * section[:, 0]
-    y = ((top + bottom) / 2)[:, None] + ((top - bottom) / 2 * shrink)[:, None] * section[:, 1]
-    y = np.maximum(y, arch[:, None])
+    section = _superellipse(_SECTION, 104)
+    half_width, half_height = _curve(_HALF_WIDTH, z) * shrink, (top - bottom) / 2 * shrink
+    x = half_width[:, None] * section[:, 0]
+    y = ((top + bottom) / 2)[:, None] + half_height[:, None] * section[:, 1]
+    # Where an arch cuts above the widest line, what it cuts away must not fold over its roof.
+    above = np.clip((arch - (top + bottom) / 2) / half_height, 0, 1)
+    roof = (half_width * (1 - above**_SECTION) ** (1 / _SECTION))[:, None]
+    cut = y < arch[:, None]
+    x, y = np.where(cut, np.clip(x, -roof, roof), x), np.where(cut, arch[:, None], y)
     # Turned so that the facets face outward for z running forward.
     return wrapped_grid(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1))
 

@@ -119,9 +119,15 @@ def crossing() -> tuple[SceneObject, ...]:
     The cell about the origin is a piece of the plane z = 2 x with the origin inside one of its two
     triangles, off every edge: all lines of the middle aperture meet the surface in the plate itself,
     unless something in front hides it there. The box shows from other apertures only.
+
+    Cells shrink toward the origin, by powers of two: the near planes meet the plate in a window
+    as small as n, and float32 places a corner only relative to its distance from the origin.
     """
-    x = np.concatenate([np.linspace(-31, -1, 31), np.linspace(2, 32, 31)])
-    y = np.concatenate([np.linspace(-31.5, -1.5, 25), np.linspace(1, 31, 25)])
+    shrinking = 2.0 ** -np.arange(1, 6)
+    x = np.concatenate([np.linspace(-31, -1, 31), -shrinking, 2 * shrinking[::-1], np.linspace(2, 32, 31)])
+    y = np.concatenate(
+        [np.linspace(-31.5, -1.5, 25), -1.5 * shrinking, shrinking[::-1], np.linspace(1, 31, 25)]
+    )
     columns, rows = np.meshgrid(x, y)
     # Zero on the four corners about the origin, full a few millimeters away.
     distance = np.maximum(np.maximum(columns - 2, -1 - columns), np.maximum(rows - 1, -1.5 - rows))

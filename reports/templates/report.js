@@ -76,6 +76,9 @@ function show() {
   for (const image of document.querySelectorAll("[data-layer]")) image.src = data.pictures[shown[image.dataset.layer]];
   for (const part of document.querySelectorAll("[data-number]")) {
     const count = row.comparison[part.dataset.number];
+    for (const mask of document.querySelectorAll(`[data-layer="${part.dataset.number}"]`)) {
+      mask.classList.toggle("sparse", count !== null && count.fraction < 0.002);
+    }
     part.textContent = count === null ? "not known" : `${count.wrong.toLocaleString()} px, ${short(100 * count.fraction)} %`;
   }
   get("numbers").innerHTML = numbers(row);
