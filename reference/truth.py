@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -12,11 +13,13 @@ from numpy.typing import NDArray
 from xfrustum.reference.certify import FirstSurfaces, first_surfaces
 from xfrustum.reference.embree import EmbreeTracer
 from xfrustum.reference.lines import Pencil, crossed_frustum, offset_pinholes
+from xfrustum.reference.proposals import proposed
 from xfrustum.reference.shading import shaded
 from xfrustum.reference.threads import worker_count
+from xfrustum.reference.tracer import Tracer
 from xfrustum.reference.visibility import hidden
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
-from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage, stacked
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
@@ -35,7 +38,7 @@ class Reference:
     scene
         Its acceleration structure is built once.
     tracer
-        One of `TRACERS`: who traces first, before `certify` has the last word.
+        One of `TRACERS`: who gives the second opinion, before `certify` has the last word.
     """
 
     def __init__(self, scene: Scene, tracer: str = "embree") -> None:
@@ -44,28 +47,42 @@ class Reference:
         self.scene = scene
 
     @cached_property
-    def _tracer(self) -> EmbreeTracer:
+    def tracer(self) -> Tracer:
+        """The tracer, built when first needed."""
         return EmbreeTracer(self.scene)
+
+    @cached_property
+    def _normal_of_number(self) -> NDArray[np.float64]:
+        """Normals by triangle number; the last row, which `NOTHING` finds, is NaN."""
+        return np.append(self.scene.normals, np.full((1, 3), np.nan), axis=0)
+
+    @cached_property
+    def _object_of_number(self) -> NDArray[np.int32]:
+        """Object numbers by triangle number; the last, which `NOTHING` finds, is `NOTHING`."""
+        return np.append(self.scene.object_of_triangle, np.int32(NOTHING))
 
     @property
     def versions(self) -> dict[str, str]:
         """Names and versions of what decides the truth."""
-        return self._tracer.versions
+        return self.tracer.versions
 
     def trace(self, aperture: Aperture) -> HogelImage:
         """Return the true image of an aperture (paper, section 3: one frustum that crosses itself)."""
-        pencil = crossed_frustum(self.scene.frustum, aperture)
-        bands = list(self._decided(pencil))
-        return self._image(self._camera(aperture, pencil, None), [(pencil, bands)])
+        return stacked(list(self.trace_bands(aperture)))
 
-    def trace_bands(self, aperture: Aperture) -> Iterator[tuple[int, HogelImage]]:
-        """Yield the true image in bands, (first row, image of some rows), in bounded memory."""
+    def trace_bands(self, aperture: Aperture) -> Iterator[HogelImage]:
+        """Yield the true image in bands of rows, from the top, in bounded memory."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        camera = self._camera(aperture, pencil, None)
-        row = 0
-        for band in self._decided(pencil):
-            yield row, self._image(camera, [(pencil, [band])], row)
-            row += len(band.triangle)
+        tracer, triangles = self.tracer, self.scene.triangles
+
+        def band(rows: range) -> HogelImage:
+            decided = first_surfaces(triangles, pencil, rows)
+            image = self._image(self._camera(aperture, pencil, None), pencil, rows, [(pencil, decided)])
+            second_opinion = proposed(tracer, triangles, pencil, rows)
+            overruled = (second_opinion != decided.triangle) & (decided.certainty != Certainty.TIE)
+            return replace(image, overruled=overruled)
+
+        yield from _in_parallel(band, pencil.resolution)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
         """Return what the offset cameras C and C* would draw without any rounding, C* over C."""
@@ -73,29 +90,20 @@ class Reference:
         pencil = crossed_frustum(self.scene.frustum, aperture)
         c, c_star = offset_pinholes(self.scene.frustum, aperture, settings.near)
         drawn = {Camera.BOTH: (c, c_star), Camera.C: (c,), Camera.C_STAR: (c_star,)}[settings.camera]
-        layers = [(camera, list(self._decided(camera))) for camera in drawn]
-        return self._image(self._camera(aperture, pencil, settings), layers)
+        triangles = self.scene.triangles
+
+        def band(rows: range) -> HogelImage:
+            layers = [(camera, first_surfaces(triangles, camera, rows)) for camera in drawn]
+            return self._image(self._camera(aperture, pencil, settings), pencil, rows, layers)
+
+        return stacked(list(_in_parallel(band, pencil.resolution)))
 
     def hidden(
         self, aperture: Aperture, points: NDArray[np.float64], tolerance: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """Return which points the true frustum of an aperture does not see; see `visibility.hidden`."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        return hidden(self._tracer, self.scene, pencil, points, tolerance)
-
-    def _decided(self, pencil: Pencil) -> Iterator[FirstSurfaces]:
-        """Decide an image band by band, on all processors."""
-        width, height = pencil.resolution
-        workers = worker_count()
-        rows = max(1, min(BAND_PIXELS // width, -(-height // workers)))
-        bands = [range(start, min(start + rows, height)) for start in range(0, height, rows)]
-        triangles = self.scene.triangles
-        with ThreadPoolExecutor(workers) as pool:
-            # No more bands under way than workers, so that a slow reader bounds the memory.
-            for start in range(0, len(bands), workers):
-                yield from pool.map(
-                    lambda band: first_surfaces(triangles, pencil, band), bands[start : start + workers]
-                )
+        return hidden(self.tracer, self.scene, pencil, points, tolerance)
 
     def _camera(self, aperture: Aperture, pencil: Pencil, settings: DoubleFrustum | None) -> HogelCamera:
         return HogelCamera(
@@ -106,43 +114,46 @@ class Reference:
             reach=self.scene.frustum.reach,
             scene=self.scene.source,
             scene_hash=self.scene.content_hash,
-            renderer="reference",
+            renderer="reference" if settings is None else "reference, offset cameras",
             settings=settings,
         )
 
     def _image(
-        self,
-        camera: HogelCamera,
-        layers: list[tuple[Pencil, list[FirstSurfaces]]],
-        first_row: int = 0,
+        self, camera: HogelCamera, pencil: Pencil, rows: range, layers: list[tuple[Pencil, FirstSurfaces]]
     ) -> HogelImage:
         """Overlay decided layers, the last on top, and say what their surfaces are."""
-        for pencil, bands in layers:
-            upper_triangle = np.concatenate([band.triangle for band in bands])
-            upper_certainty = np.concatenate([band.certainty for band in bands])
-            s = np.concatenate([band.s for band in bands])
-            rows = slice(first_row, first_row + len(s))
-            upper_position = np.asarray(pencil.center) + s[..., None] * pencil.directions(rows)
-            if pencil is layers[0][0]:
-                triangle, certainty, position = upper_triangle, upper_certainty, upper_position
-            else:
-                on_top = upper_triangle != NOTHING
-                # Where the upper layer shows nothing, both layers' decisions were needed.
-                certainty = np.where(on_top, upper_certainty, np.maximum(certainty, upper_certainty))
-                triangle = np.where(on_top, upper_triangle, triangle)
-                position = np.where(on_top[..., None], upper_position, position)
-        covered = triangle != NOTHING
-        objects = np.full(triangle.shape, NOTHING, dtype=np.int32)
-        objects[covered] = self.scene.object_of_triangle[triangle[covered]]
-        normals = np.full((*triangle.shape, 3), np.nan)
-        normals[covered] = self.scene.normals[triangle[covered]]
+        some = slice(rows.start, rows.stop)
+        directions = pencil.directions(some)
+        triangle = np.full(directions.shape[:2], NOTHING, dtype=np.int32)
+        certainty = np.zeros(directions.shape[:2], dtype=np.uint8)
+        position = np.full(directions.shape, np.nan)
+        for layer, decided in layers:
+            on_top = decided.triangle != NOTHING
+            # Where a layer shows nothing, what is seen rests on both decisions.
+            certainty = np.where(on_top, decided.certainty, np.maximum(certainty, decided.certainty))
+            triangle = np.where(on_top, decided.triangle, triangle)
+            points = np.asarray(layer.center) + decided.s[..., None] * layer.directions(some)
+            position = np.where(on_top[..., None], points, position)
+        normals = self._normal_of_number[triangle]
         return HogelImage(
             camera=camera,
             triangle=triangle,
-            object=objects,
+            object=self._object_of_number[triangle],
             position=position,
             normal=normals,
-            color=shaded(normals, layers[0][0].directions(slice(first_row, first_row + len(triangle)))),
+            color=shaded(normals, directions),
             certainty=certainty,
-            companions=np.concatenate([band.companions for _, bands in layers for band in bands]),
+            companions=np.concatenate([decided.companions for _, decided in layers]),
         )
+
+
+def _in_parallel(band: Callable[[range], HogelImage], resolution: tuple[int, int]) -> Iterator[HogelImage]:
+    """Yield an image's bands in order, made on all processors."""
+    width, height = resolution
+    workers = worker_count()
+    rows = max(1, min(BAND_PIXELS // width, -(-height // workers)))
+    bands = [range(start, min(start + rows, height)) for start in range(0, height, rows)]
+    with ThreadPoolExecutor(workers) as pool:
+        # No more bands under way than workers, so that a slow reader bounds the memory.
+        for start in range(0, len(bands), workers):
+            yield from pool.map(band, bands[start : start + workers])

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.cone import Floats
-from xfrustum.reference.embree import EmbreeTracer
 from xfrustum.reference.lines import Pencil
+from xfrustum.reference.tracer import Tracer
 from xfrustum.scenes.hogel_image import NOTHING
 from xfrustum.scenes.scene import Scene
 
 
 def hidden(
-    tracer: EmbreeTracer, scene: Scene, pencil: Pencil, points: Floats, tolerance: Floats
+    tracer: Tracer, scene: Scene, pencil: Pencil, points: Floats, tolerance: Floats
 ) -> NDArray[np.bool_]:
     """Return which points lie behind another surface on their own true line.
 

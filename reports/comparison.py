@@ -58,19 +58,22 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
 
 
 def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
-    """Open the scene that an image names, from here or from the image's own folder."""
+    """Open the scene that an image names, or say why it cannot be had."""
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
-    for name in dict.fromkeys((camera.scene, str(folder / camera.scene))):
+    note = f"scene {camera.scene} cannot be opened; {unseen}"
+    # As named, then beside the image: a folder of both may have been moved as one.
+    beside = (folder / camera.scene, folder / Path(camera.scene).name)
+    for name in dict.fromkeys((camera.scene, *map(str, beside))):
         try:
             scene = open_scene(name)
         except InputError:
             continue
         if scene.content_hash == camera.scene_hash:
             return scene, ""
-        return None, f"scene {name} is not the one that the truth was traced from; {unseen}"
-    return None, f"scene {camera.scene} cannot be opened; {unseen}"
+        note = f"scene {name} is not the one that the truth was traced from; {unseen}"
+    return None, note
 
 
 def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:

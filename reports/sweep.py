@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -85,45 +86,37 @@ def sweep(
     watch = Stopwatch()
     with watch.stage("prepare"):
         reference = Reference(scene, tracer=tracer)
-    rows: list[Measurement] = []
-    pictures: list[SettingPictures] = []
-    truths: list[bytes] = []
-    reduction = _reduction(scene.frustum, len(apertures) * len(settings))
-    steps = len(apertures) * (1 + len(settings))
-    with (
-        _open_rasterizer(scene, watch) as rasterizer,
-        tqdm(total=steps, disable=not progress, desc="report", unit="image") as bar,
-    ):
-        bench = _Bench(scene=scene, reference=reference, rasterizer=rasterizer, reduction=reduction)
+        rasterizer = Rasterizer(scene)
+    bench = _Bench(scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings)))
+    with rasterizer, _progress_bar(len(apertures) * (1 + len(settings)), progress) as bar:
         for aperture in apertures:
-            bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth")
+            bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
             bench.trace(aperture, watch)
-            truths.append(images.picture(bench.truth, reduction))
             bar.update()
             for setting in settings:
-                bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: {setting.depth_label}")
-                row, picture = bench.measure(aperture, setting, watch)
-                rows.append(row)
-                pictures.append(picture)
+                bar.set_postfix_str(
+                    f"aperture {aperture.column},{aperture.row}: {setting.depth_label}", refresh=False
+                )
+                bench.measure(aperture, setting, watch)
                 bar.update()
-        opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
-        devices = {**provenance.machine(), **opengl}
+    opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
     return Sweep(
         scene=scene,
         apertures=tuple(apertures),
-        rows=tuple(rows),
-        pictures=tuple(pictures),
-        truths=tuple(truths),
-        reduction=reduction,
+        rows=tuple(bench.rows),
+        pictures=tuple(bench.pictures),
+        truths=tuple(bench.truths),
+        reduction=bench.reduction,
         versions={**provenance.versions(), **reference.versions},
-        devices=devices,
+        devices={**provenance.machine(), **opengl},
         times_s=watch.seconds,
     )
 
 
-def _open_rasterizer(scene: Scene, watch: Stopwatch) -> Rasterizer:
-    with watch.stage("prepare"):
-        return Rasterizer(scene)
+def _progress_bar(steps: int, shown: bool) -> tqdm[None]:
+    # A log keeps every line that a terminal would overwrite.
+    seconds = 0.1 if sys.stderr.isatty() else 5.0
+    return tqdm(total=steps, disable=not shown, desc="report", unit="image", mininterval=seconds)
 
 
 def _reduction(frustum: Frustum, count: int) -> int:
@@ -132,47 +125,49 @@ def _reduction(frustum: Frustum, count: int) -> int:
 
 
 class _Bench:
-    """The two renderers of a scene, and the truth of the aperture at hand."""
+    """The two renderers of a scene, the truth of the aperture at hand, and all that was measured."""
 
-    truth: HogelImage
+    _truth: HogelImage
 
-    def __init__(self, *, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:
-        self._scene = scene
+    def __init__(self, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:
+        self._reach = scene.frustum.longest_reach
         self._reference = reference
         self._rasterizer = rasterizer
-        self._reduction = reduction
+        self.reduction = reduction
+        self.rows: list[Measurement] = []
+        self.pictures: list[SettingPictures] = []
+        self.truths: list[bytes] = []
 
     def trace(self, aperture: Aperture, watch: Stopwatch) -> None:
         lap = Stopwatch()
         with lap.stage("trace"):
-            self.truth = self._reference.trace(aperture)
-        self._trace_s = lap.seconds
+            self._truth = self._reference.trace(aperture)
+        self._trace_s = dict(lap.seconds)
+        with lap.stage("pictures"):
+            self.truths.append(images.picture(self._truth, self.reduction))
         # The closed form depends on the near plane alone, not on the depth buffer.
         self._predictions: dict[float, Spread | None] = {}
         watch.add(lap.seconds)
 
-    def measure(
-        self, aperture: Aperture, settings: DoubleFrustum, watch: Stopwatch
-    ) -> tuple[Measurement, SettingPictures]:
+    def measure(self, aperture: Aperture, settings: DoubleFrustum, watch: Stopwatch) -> None:
         lap = Stopwatch()
         with lap.stage("raster"):
             drawn = self._rasterizer.render(aperture, settings, normals=False, color=True)
         with lap.stage("compare"):
-            comparison = compare_images(self.truth, drawn, self._reference)
+            comparison = compare_images(self._truth, drawn, self._reference)
         with lap.stage("predict"):
             if settings.near not in self._predictions:
-                self._predictions[settings.near] = predict.displacement(self.truth, settings.near)
+                self._predictions[settings.near] = predict.displacement(self._truth, settings.near)
         with lap.stage("pictures"):
-            pictures = images.setting_pictures(
-                drawn, comparison.maps, self._scene.frustum.longest_reach, self._reduction
-            )
+            self.pictures.append(images.setting_pictures(drawn, comparison.maps, self._reach, self.reduction))
         watch.add(lap.seconds)
-        row = Measurement(
-            aperture=aperture,
-            settings=settings,
-            comparison=comparison.summary(),
-            certainty=comparison.certainty,
-            predicted=self._predictions[settings.near],
-            times_s={**self._trace_s, **lap.seconds},
+        self.rows.append(
+            Measurement(
+                aperture=aperture,
+                settings=settings,
+                comparison=comparison.summary(),
+                certainty=comparison.certainty,
+                predicted=self._predictions[settings.near],
+                times_s={**self._trace_s, **lap.seconds},
+            )
         )
-        return row, pictures

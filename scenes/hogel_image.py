@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +83,8 @@ class HogelImage:
         uint8 `Certainty` per pixel; None where nobody claims the truth.
     companions
         (N, 3) row, column and triangle number of every surface that shares a tie; None likewise.
+    overruled
+        Pixels where the float32 tracer alone would have shown another triangle; None likewise.
     """
 
     camera: HogelCamera
@@ -91,6 +95,7 @@ class HogelImage:
     color: NDArray[np.float32] | None = None
     certainty: NDArray[np.uint8] | None = None
     companions: NDArray[np.int64] | None = None
+    overruled: NDArray[np.bool_] | None = None
 
     @property
     def covered(self) -> NDArray[np.bool_]:
@@ -102,3 +107,14 @@ class HogelImage:
     def height(self) -> NDArray[np.floating]:
         """Height above the plate, NaN where there is no surface."""
         return self.position[..., 2]
+
+
+def stacked(bands: Sequence[HogelImage]) -> HogelImage:
+    """Join bands of rows of one image, from the top. What one of them lacks, the image lacks."""
+
+    def joined(name: str) -> Any:
+        parts = [getattr(band, name) for band in bands]
+        return None if any(part is None for part in parts) else np.concatenate(parts)
+
+    arrays = [item.name for item in fields(HogelImage) if item.name != "camera"]
+    return HogelImage(camera=bands[0].camera, **{name: joined(name) for name in arrays})

@@ -38,7 +38,11 @@ def cli(context: click.Context) -> None:
 @cli.command()
 @options.scene_argument
 @click.option("--near", "nears", type=options.Numbers(), help="Offsets in scene units.  [default: 25]")
-@click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the middle]")
+@click.option(
+    "--apertures",
+    type=options.Indices(),
+    help="Column,row of each.  [default: the middle, recentered also two corners]",
+)
 @click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: all]")
 @options.tracer_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")

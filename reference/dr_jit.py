@@ -1,0 +1,190 @@
+"""Which Mitsuba variant, and which LLVM under it: chosen once, on purpose, before Dr.Jit chooses.
+
+Dr.Jit takes the LLVM that it finds when it is first imported. It refuses version 14, and with
+15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So the
+library is picked here, by version, and handed over in `DRJIT_LIBLLVM_PATH` before that import.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from xfrustum.scenes.errors import InputError
+
+LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
+"""Where Dr.Jit looks first; whoever sets it has chosen, and nothing else is considered."""
+
+OLDEST_LLVM = 17
+"""Dr.Jit refuses 14; 15 and 16 cannot compile its minimum and maximum and abort the process."""
+
+TESTED_LLVM = 19
+"""Taken first; of the others the nearest to it."""
+
+Version = tuple[int, int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Backend:
+    """What Mitsuba computes with in this process.
+
+    Attributes
+    ----------
+    mitsuba, drjit
+        The modules, Mitsuba's variant set.
+    variant
+        Its variant: `cuda_ad_rgb`, `llvm_ad_rgb`, `scalar_rgb`, or what was set before us.
+    llvm
+        Version of the LLVM in use, or why there is none.
+    """
+
+    mitsuba: Any
+    drjit: Any
+    variant: str
+    llvm: str
+
+    @property
+    def scalar(self) -> bool:
+        """Whether one ray is traced at a time."""
+        return self.variant.startswith("scalar")
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Names and versions for reports."""
+        return {"mitsuba": self.mitsuba.__version__, "mitsuba variant": self.variant, "llvm": self.llvm}
+
+
+@cache
+def backend() -> Backend:
+    """Return Mitsuba with its variant set, the same in every call.
+
+    The variant is a property of the process. One that was set before the first call stays.
+
+    Raises
+    ------
+    InputError
+        A variant on top of an LLVM that would abort the process was set before.
+    """
+    llvm = prepare_llvm()
+    mitsuba = importlib.import_module("mitsuba")
+    version = loaded_llvm()
+    usable = version is not None and version[0] >= OLDEST_LLVM
+    if version is not None:
+        llvm = ".".join(map(str, version)) + ("" if usable else f", not used: older than {OLDEST_LLVM}")
+    chosen = mitsuba.variant()
+    if chosen is None:
+        chosen = "cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb" if usable else "scalar_rgb"
+        mitsuba.set_variant(chosen)
+    elif chosen.startswith("llvm") and not usable:
+        raise InputError(
+            f"Mitsuba's variant {chosen} is set on LLVM {llvm}, which aborts the process: set {LLVM_VARIABLE} "
+            f"to an LLVM from {OLDEST_LLVM} on before the first import of mitsuba, or take scalar_rgb"
+        )
+    return Backend(mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm)
+
+
+def prepare_llvm() -> str:
+    """Point Dr.Jit to an accepted LLVM, if it has not been imported yet; return what was found.
+
+    Returns
+    -------
+    str
+        The path, or in words why there is none.
+    """
+    if "drjit" in sys.modules:
+        return "none: Dr.Jit found none when it was imported"
+    named = os.environ.get(LLVM_VARIABLE)
+    library = accepted_llvm([Path(named)] if named else installed_llvms())
+    if library is None:
+        where = f"{LLVM_VARIABLE} names none" if named else "none found"
+        return f"none: {where} from version {OLDEST_LLVM} on"
+    os.environ[LLVM_VARIABLE] = str(library)
+    return str(library)
+
+
+def accepted_llvm(
+    libraries: Iterable[Path], ask: Callable[[Path], Version | None] | None = None
+) -> Path | None:
+    """Return the best library that Dr.Jit can compile with, None where there is none.
+
+    Parameters
+    ----------
+    libraries
+        Candidates.
+    ask
+        Loads a library and returns its version; `asked_version` by default. Names sort and reject,
+        so that few are loaded; the library itself has the last word.
+    """
+    ask = ask or asked_version
+    named = [(named_version(library), library) for library in dict.fromkeys(libraries)]
+    promising = [(major, library) for major, library in named if major is None or major >= OLDEST_LLVM]
+    promising.sort(key=lambda entry: (entry[0] is None, abs((entry[0] or 0) - TESTED_LLVM), str(entry[1])))
+    for _, library in promising:
+        version = ask(library)
+        if version is not None and version[0] >= OLDEST_LLVM:
+            return library
+    return None
+
+
+def named_version(library: Path) -> int | None:
+    """Return the major version in a library's name, links resolved; None where it has none."""
+    match = re.search(r"libLLVM(?:\.so\.|-)(\d+)", library.resolve().name)
+    return int(match[1]) if match else None
+
+
+def asked_version(library: Path) -> Version | None:
+    """Load a library and return its version, None where it is no LLVM or one before 16."""
+    try:
+        get_version = ctypes.CDLL(str(library)).LLVMGetVersion
+    except (OSError, AttributeError):
+        # LLVMGetVersion came with LLVM 16.
+        return None
+    parts = (ctypes.c_uint(), ctypes.c_uint(), ctypes.c_uint())
+    get_version(*(ctypes.byref(part) for part in parts))
+    return parts[0].value, parts[1].value, parts[2].value
+
+
+def installed_llvms() -> list[Path]:
+    """Return the LLVM libraries that the dynamic linker knows, and those in the usual folders."""
+    found: list[Path] = []
+    ldconfig = shutil.which("ldconfig", path=os.pathsep.join((os.environ.get("PATH", ""), "/sbin")))
+    if ldconfig is not None:
+        listed = subprocess.run([ldconfig, "-p"], capture_output=True, text=True, check=False).stdout
+        found.extend(Path(path) for path in re.findall(r"=> (\S*/libLLVM[-.]\S+)", listed))
+    folders = [Path(folder) for folder in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder]
+    folders += [Path(sys.prefix, "lib"), Path("/usr/local/lib"), Path("/usr/lib64")]
+    folders += [*Path("/usr/lib").glob("llvm*/lib"), *Path("/usr/lib").glob("*-linux-gnu")]
+    for folder in folders:
+        found.extend(sorted(folder.glob("libLLVM[-.]*so*")))
+    return found
+
+
+def loaded_llvm() -> Version | None:
+    """Return the version of the LLVM that Dr.Jit has loaded, None where it has none that it takes."""
+    drjit = importlib.import_module("drjit")
+    if not drjit.has_backend(drjit.JitBackend.LLVM):
+        return None
+    version: Version = drjit.detail.llvm_version()
+    return version
+
+
+def cuda_works() -> bool:
+    """Return whether there is a CUDA device, and OptiX to trace rays on it."""
+    drjit = importlib.import_module("drjit")
+    if not drjit.has_backend(drjit.JitBackend.CUDA):
+        return False
+    try:
+        ctypes.CDLL(os.environ.get("DRJIT_LIBOPTIX_PATH") or "libnvoptix.so.1")
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,110 @@
+"""Mitsuba as tracer: a second, independent proposal, on all processors or a GPU.
+
+In the scalar variant, the fallback without LLVM, every ray is a call from Python: right, but
+some twenty times slower.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.dr_jit import backend
+from xfrustum.reference.tracer import unit_scale
+from xfrustum.scenes.hogel_image import NOTHING
+from xfrustum.scenes.scene import Scene
+
+RAYS_PER_CALL = 1 << 20
+"""Bounds the memory: some 100 bytes per ray."""
+
+
+class MitsubaTracer:
+    """A scene's acceleration structure, built once, robust where it is Embree's.
+
+    Parameters
+    ----------
+    scene
+        Its triangles keep their numbers.
+    """
+
+    name = "mitsuba"
+
+    def __init__(self, scene: Scene) -> None:
+        self._backend = backend()
+        self._scale = unit_scale(scene.vertices)
+        self._scene = None
+        if len(scene.faces):
+            mesh = triangle_mesh("scene", scene.vertices * self._scale, scene.faces)
+            self._scene = self._backend.mitsuba.load_dict(
+                {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
+            )
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Name and version of the tracer, its variant and its LLVM, for reports."""
+        return self._backend.versions
+
+    def first_hits(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
+
+        Parameters
+        ----------
+        origins, directions
+            (N, 3) scene units; directions need no unit length.
+        """
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        if self._scene is None:
+            return hits
+        trace = self._one_by_one if self._backend.scalar else self._together
+        for start in range(0, len(origins), RAYS_PER_CALL):
+            part = slice(start, start + RAYS_PER_CALL)
+            hits[part] = trace(
+                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32)
+            )
+        return hits
+
+    def _together(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.int32]:
+        mi, dr = self._backend.mitsuba, self._backend.drjit
+        assert self._scene is not None
+        # Dr.Jit's arrays of vectors hold each coordinate in one piece.
+        ray = mi.Ray3f(mi.Point3f(_coordinates(origins)), mi.Vector3f(_coordinates(directions)))
+        met = self._scene.ray_intersect_preliminary(ray, coherent=True)
+        hits: NDArray[np.int32] = dr.select(met.is_valid(), mi.Int(met.prim_index), NOTHING).numpy()
+        return hits
+
+    def _one_by_one(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.int32]:
+        mi = self._backend.mitsuba
+        assert self._scene is not None
+        trace = self._scene.ray_intersect_preliminary
+        met = (trace(mi.Ray3f(o, d)) for o, d in zip(origins.tolist(), directions.tolist(), strict=True))
+        return np.array([m.prim_index if m.is_valid() else NOTHING for m in met], dtype=np.int32)
+
+
+def triangle_mesh(
+    name: str, vertices: NDArray[np.float64], faces: NDArray[np.int64], bsdf: Any | None = None
+) -> Any:
+    """Return a `mi.Mesh` whose primitive numbers are the rows of `faces`.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) and (F, 3), F at least 1; Mitsuba keeps the vertices in float32.
+    bsdf
+        A Mitsuba BSDF; None for Mitsuba's default.
+    """
+    mi = backend().mitsuba
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["bsdf"] = bsdf
+    mesh = mi.Mesh(name, len(vertices), len(faces), properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters.update()
+    return mesh
+
+
+def _coordinates(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(vectors.T)

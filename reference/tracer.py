@@ -1,0 +1,40 @@
+"""What a ray tracer has to answer here, and what scale it may answer in."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Tracer(Protocol):
+    """A scene's triangles, ready to be met by rays.
+
+    What it answers is a proposal, in whatever precision it has: `certify` knows no tracer.
+    """
+
+    name: str
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Names and versions for reports."""
+
+    def first_hits(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
+
+        Parameters
+        ----------
+        origins, directions
+            (N, 3) scene units; directions need no unit length.
+        """
+
+
+def unit_scale(vertices: NDArray[np.float64]) -> float:
+    """Return the power of two that brings a scene to about unit size.
+
+    Embree has absolute constants near the limits of float32; a power of two moves no bit of
+    any mantissa, so that the picture does not depend on the unit of length.
+    """
+    size = float(np.abs(vertices).max(initial=0.0))
+    return float(2.0 ** -np.floor(np.log2(size))) if size > 0 else 1.0

@@ -1,0 +1,269 @@
+"""The command line: one JSON object on standard output, one line per mistake, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+import xfrustum
+from xfrustum.cli import main
+from xfrustum.scenes import builtin
+
+SCENE = """
+name = "two boxes"
+units = "mm"
+[plate]
+size = [40.0, 30.0]
+hogels = [5, 3]
+[frustum]
+resolution = [48, 32]
+fov_deg = [60.0, 40.0]
+reach = [50.0, 60.0]
+[[object]]
+shape = "box"
+scale = 12.0
+rotate_deg = [20.0, 30.0, 0.0]
+translate = [3.0, 1.0, 25.0]
+[[object]]
+shape = "box"
+scale = 30.0
+translate = [-4.0, 2.0, -35.0]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    Path("boxes.toml").write_text(SCENE)
+    return "boxes.toml"
+
+
+@pytest.fixture
+def images(scene: str) -> tuple[str, str]:
+    assert main(["trace", scene, "--out", "truth.exr"]) == 0
+    assert (
+        main(
+            [
+                "raster",
+                scene,
+                "--near",
+                "0.5",
+                "--depth",
+                "d32f",
+                "--mapping",
+                "reversed",
+                "--out",
+                "raster.exr",
+            ]
+        )
+        == 0
+    )
+    return "truth.exr", "raster.exr"
+
+
+def refuse(constant: str) -> NoReturn:
+    raise AssertionError(f"{constant} is not JSON")
+
+
+def one_object(text: str) -> dict[str, object]:
+    value = json.loads(text, parse_constant=refuse)
+    assert isinstance(value, dict)
+    return value
+
+
+def test_scenes_lists_every_builtin_scene_with_its_purpose(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == builtin.names()
+    assert all(entry.purpose in line for entry, line in zip(builtin.listing(), lines, strict=True))
+
+
+def test_scenes_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes", "--json"]) == 0
+    entries = one_object(capsys.readouterr().out)["scenes"]
+    assert isinstance(entries, list)
+    assert [entry["name"] for entry in entries] == builtin.names()
+
+
+def test_compare_prints_the_object_of_the_contract(
+    images: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", *images, "--json"]) == 0
+    printed = capsys.readouterr()
+    numbers = one_object(printed.out)
+    assert printed.err == ""
+    assert {
+        "pixels",
+        "judged",
+        "covered",
+        "at_plate",
+        "surface",
+        "triangle",
+        "displacement_px",
+        "height",
+    } <= set(numbers)
+    assert numbers["pixels"] == 48 * 32
+    assert numbers["radiance"] is None
+    for share in ("surface", "triangle"):
+        part = numbers[share]
+        assert isinstance(part, dict) and isinstance(numbers["judged"], int)
+        assert part["fraction"] == part["wrong"] / numbers["judged"]
+    assert isinstance(numbers["displacement_px"], dict)
+    assert list(numbers["displacement_px"]) == ["rms", "p50", "p95", "p99", "max"]
+
+
+def test_compare_finds_a_scene_that_was_moved_with_its_images(
+    images: tuple[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    for name in ("boxes.toml", *images):
+        Path(name).rename(moved / name)
+    assert main(["compare", *(f"moved/{name}" for name in images), "--json"]) == 0
+    assert one_object(capsys.readouterr().out)["surface"] is not None
+    monkeypatch.chdir(moved)
+    assert main(["compare", *images, "--json"]) == 0
+    assert one_object(capsys.readouterr().out)["surface"] is not None
+
+
+@pytest.mark.parametrize("change", ["gone", "other"])
+def test_without_its_scene_compare_leaves_surface_open_and_says_why(
+    change: str, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    if change == "gone":
+        Path("boxes.toml").unlink()
+    else:
+        Path("boxes.toml").write_text(SCENE.replace("scale = 12.0", "scale = 12.5"))
+    assert main(["compare", *images, "--json"]) == 0
+    printed = capsys.readouterr()
+    assert one_object(printed.out)["surface"] is None
+    assert printed.err.startswith("xfrustum: note: scene ")
+    assert ("cannot be opened" if change == "gone" else "not the one") in printed.err
+    assert printed.err.count("\n") == 1
+    assert main(["compare", *images]) == 0
+    assert "not known" in capsys.readouterr().out
+
+
+def test_compare_writes_a_picture_of_each_error(
+    images: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", *images, "--out", "errors"]) == 0
+    assert "wrong surface" in capsys.readouterr().out
+    names = sorted(path.name for path in Path("errors").iterdir())
+    assert names == ["comparison.json", "displacement.png", "height.png", "surface.png", "triangle.png"]
+
+
+def test_report_says_the_best_setting_and_where_the_page_is(
+    scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [
+        "report",
+        scene,
+        "--near",
+        "1,0.01",
+        "--apertures",
+        "2,1;0,2",
+        "--depth",
+        "d24,d32f:reversed",
+    ]
+    assert main([*arguments, "--out", "out", "--quiet"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert said.out.startswith("Best of 4 settings: near ")
+    assert Path(said.out.splitlines()[-1]) == Path("out/index.html")
+    assert main([*arguments, "--json"]) == 0
+    told = one_object(capsys.readouterr().out)
+    assert told["files"] == {
+        "html": "report/two-boxes/index.html",
+        "json": "report/two-boxes/report.json",
+        "parquet": "report/two-boxes/measurements.parquet",
+    }
+    assert isinstance(told["rows"], list) and len(told["rows"]) == 8
+
+
+BAD = [
+    ("report missing.toml", "missing.toml"),
+    ("report no-such-scene", "no-such-scene"),
+    ("report boxes.toml --near 0", "near"),
+    ("report boxes.toml --near 0.1,-1", "near"),
+    ("report boxes.toml --near 60", "reach"),
+    ("report boxes.toml --near nan", "near"),
+    ("report boxes.toml --near a,b", "--near"),
+    ("report boxes.toml --apertures 5,0", "outside the plate"),
+    ("report boxes.toml --apertures 1;2", "--apertures"),
+    ("report boxes.toml --depth d24:sideways", "sideways"),
+    ("report boxes.toml --out a-file/below", "a-file"),
+    ("report boxes.toml --tracer pinhole", "pinhole"),
+    ("trace boxes.toml", "--out"),
+    ("trace boxes.toml --out no/such/folder/x.exr", "no/such/folder"),
+    ("trace boxes.toml --out .", "folder"),
+    ("trace boxes.toml --aperture 0,-1 --out x.exr", "outside the plate"),
+    ("trace boxes.toml --aperture 1 --out x.exr", "--aperture"),
+    ("raster boxes.toml --out x.exr", "--near"),
+    ("raster boxes.toml --near -2 --out x.exr", "near"),
+    ("raster boxes.toml --near 1 --depth d48 --out x.exr", "d48"),
+    ("raster boxes.toml --near 1 --out a-file/x.exr", "a-file"),
+    ("compare boxes.toml boxes.toml", "boxes.toml"),
+    ("compare missing.exr missing.exr", "missing.exr"),
+    ("unknown", "unknown"),
+    ("scenes --unknown", "--unknown"),
+]
+
+
+@pytest.mark.parametrize(("line", "word"), BAD)
+def test_bad_input_is_one_line_status_2_and_nothing_written(
+    line: str, word: str, scene: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a-file").touch()
+    assert main(line.split()) == 2
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("xfrustum: error: ")
+    assert printed.err.count("\n") == 1
+    assert word in printed.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a-file", scene]
+
+
+def test_a_bug_keeps_its_traceback(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: str) -> NoReturn:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("xfrustum.scenes.open_scene", broken)
+    with pytest.raises(ZeroDivisionError):
+        main(["trace", scene, "--out", "x.exr"])
+
+
+def test_without_a_command_the_help_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    assert "report" in capsys.readouterr().out
+
+
+def test_help_loads_no_renderer_and_no_plots() -> None:
+    program = (
+        "import sys\nfrom xfrustum.cli import main\nassert main(['--help']) == 0\n"
+        "sys.exit(len({'trimesh', 'moderngl', 'embreex', 'mitsuba', 'plotly'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=False).returncode == 0
+
+
+def test_python_m_xfrustum_returns_the_exit_status() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "xfrustum", "unknown"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("xfrustum: error: ")
+
+
+def test_every_public_name_can_be_had_from_the_package() -> None:
+    for name in xfrustum.__all__:
+        assert getattr(xfrustum, name) is not None
+    with pytest.raises(AttributeError, match="no_such_name"):
+        xfrustum.no_such_name  # noqa: B018

@@ -1,0 +1,346 @@
+"""The report: what is swept, which setting is called best, and files that are whole or absent."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from xfrustum.reports import images, report, sweep
+from xfrustum.reports.best import (
+    DISPLACEMENT_TIE_PX,
+    SURFACE_TIE,
+    best_per_depth,
+    best_setting,
+    sentence,
+)
+from xfrustum.reports.measurement import Measurement
+from xfrustum.reports.report import ReportFiles, default_folder, make_report
+from xfrustum.reports.tables import json_ready
+from xfrustum.reports.timing import Stopwatch
+from xfrustum.scenes import (
+    Aperture,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Frustum,
+    InputError,
+    Scene,
+    open_scene,
+)
+
+NEARS = (1.5, 0.015, 1.5e-4)
+DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
+FILES = ["index.html", "measurements.parquet", "report.json"]
+
+
+def small(name: str, resolution: tuple[int, int] = (64, 48)) -> Scene:
+    scene = open_scene(name)
+    return replace(scene, frustum=replace(scene.frustum, resolution=resolution))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    """A report of a sheared frustum, hence of three apertures."""
+    out = tmp_path_factory.mktemp("report") / "new" / "folder"
+    return make_report(small("asymmetric-recentered"), out, nears=NEARS, depths=DEPTHS)
+
+
+def refuse(constant: str) -> NoReturn:
+    raise AssertionError(f"{constant} is not JSON")
+
+
+def test_default_nears_are_25_in_equal_ratios_from_a_tenth_to_1e_8_of_the_larger_reach() -> None:
+    nears = sweep.default_nears(Frustum(resolution=(8, 8), reach=(50.0, 700.0), fov=(1.0, 1.0)))
+    assert len(nears) == 25
+    np.testing.assert_allclose([nears[0], nears[-1]], [70.0, 7e-6], rtol=1e-12)
+    np.testing.assert_allclose([b / a for a, b in pairwise(nears)], 10 ** (-7 / 24), rtol=1e-12)
+
+
+def test_default_depths_hold_every_format_and_both_mappings() -> None:
+    assert {depth for depth, _ in sweep.DEFAULT_DEPTHS} == set(DepthFormat)
+    assert (DepthFormat.D24, DepthMapping.STANDARD) in sweep.DEFAULT_DEPTHS
+    assert (DepthFormat.D32F, DepthMapping.REVERSED) in sweep.DEFAULT_DEPTHS
+
+
+def test_a_recentered_scene_is_measured_in_the_middle_and_at_two_corners(files: ReportFiles) -> None:
+    apertures = [(a["column"], a["row"]) for a in files.content["apertures"]]
+    columns, rows = open_scene("asymmetric-recentered").plate.hogels
+    assert apertures == [(columns // 2, rows // 2), (0, 0), (columns - 1, rows - 1)]
+    assert len(files.content["rows"]) == 3 * len(NEARS) * len(DEPTHS)
+
+
+def test_the_json_has_no_nan_and_says_what_was_returned(files: ReportFiles) -> None:
+    content = json.loads(files.json.read_text(), parse_constant=refuse)
+    assert content == files.content
+    assert content["best"]["sentence"] == files.sentence
+    assert content["best"]["near"] == files.best.settings.near
+    assert [(b["depth"], b["mapping"]) for b in content["best_per_depth"]] == [*DEPTHS]
+    assert content["scene"]["hash"] == small("asymmetric-recentered").content_hash
+
+
+def test_the_parquet_has_one_row_per_aperture_and_setting_with_the_same_numbers(files: ReportFiles) -> None:
+    rows = pq.read_table(files.parquet).to_pylist()
+    assert len(rows) == len(files.content["rows"])
+    for flat, row in zip(rows, files.content["rows"], strict=True):
+        comparison = row["comparison"]
+        assert [flat["aperture_column"], flat["aperture_row"]] == row["aperture"]
+        assert {key: flat[key] for key in row["settings"]} == row["settings"]
+        assert flat["pixels"] == 64 * 48
+        assert flat["surface_wrong"] == comparison["surface"]["wrong"]
+        assert flat["displacement_px_p99"] == comparison["displacement_px"]["p99"]
+        assert flat["height_max"] == comparison["height"]["max"]
+        assert flat["certainty_proven"] == comparison["certainty"]["proven"]
+        assert flat["time_raster_s"] == row["times_s"]["raster"]
+        assert flat["version_numpy"] == np.__version__
+        assert flat["device_opengl_renderer"]
+
+
+def test_times_of_every_stage_are_in_every_row_and_add_up(files: ReportFiles) -> None:
+    rows, total = files.content["rows"], files.content["times_s"]
+    assert {"trace", "raster", "compare", "predict", "pictures"} <= set(rows[0]["times_s"])
+    for stage in ("raster", "compare"):
+        assert sum(row["times_s"][stage] for row in rows) == pytest.approx(total[stage])
+    assert total["trace"] == pytest.approx(
+        sum(row["times_s"]["trace"] for row in rows) / len(NEARS) / len(DEPTHS)
+    )
+
+
+def test_displacement_falls_with_near_as_predicted(files: ReportFiles) -> None:
+    """Away from float32's own limit the closed form and the pixels agree (design, section 3)."""
+    for row in files.content["rows"]:
+        if row["settings"]["near"] == 0.015:
+            measured = row["comparison"]["displacement_px"]["rms"]
+            assert row["predicted_displacement_px"]["rms"] == pytest.approx(measured, rel=0.05)
+
+
+def test_the_page_is_one_file_that_asks_for_nothing(files: ReportFiles) -> None:
+    html = files.html.read_text()
+    own = re.sub(r"<script>.*?</script>", "", html, count=1, flags=re.DOTALL)
+    assert len(html) - len(own) > 1e6, "plotly.js is inside"
+    assert not re.search(r"https?:|//cdn|@import|url\(", own)
+    assert not re.search(r'(src|href)\s*=\s*"(?!data:)', own)
+    assert html.count("get_plotlyjs") == 0 and html.count("* plotly.js v") == 1
+
+
+def test_the_page_has_verdict_pictures_and_curves_of_every_row(files: ReportFiles) -> None:
+    html = files.html.read_text()
+    assert files.sentence in html.replace("\u00a0", " ")
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert found
+    data = json.loads(found[1], parse_constant=refuse)
+    assert len(data["rows"]) == len(files.content["rows"])
+    assert len(data["curves"]) == len(data["truths"]) == 3
+    for row in data["rows"]:
+        assert set(row["pictures"].values()) <= set(data["pictures"])
+    assert all(picture.startswith("data:image/") for picture in data["pictures"].values())
+    best = data["rows"][data["start"]]
+    assert best["near"] == files.best.settings.near
+
+
+def test_nothing_but_the_three_files_is_left(files: ReportFiles) -> None:
+    assert sorted(path.name for path in files.html.parent.iterdir()) == FILES
+    assert [path.name for path in files.html.parent.parent.iterdir()] == [files.html.parent.name]
+
+
+def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
+    made = make_report(small("empty", (16, 16)), tmp_path / "out", nears=[1.0], depths=DEPTHS[:1])
+    (row,) = made.content["rows"]
+    assert row["comparison"]["surface"]["wrong"] == 0
+    assert row["comparison"]["displacement_px"] is None
+    assert pq.read_table(made.parquet).to_pylist()[0]["displacement_px_rms"] is None
+
+
+def test_a_report_that_fails_leaves_the_old_one_untouched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "index.html").write_text("the old report")
+
+    def fail(_: object) -> NoReturn:
+        raise RuntimeError("in the middle of writing")
+
+    monkeypatch.setattr(report, "write_parquet", lambda _sweep, path: fail(path))
+    for out in (tmp_path, tmp_path / "deep" / "new"):
+        with pytest.raises(RuntimeError, match="in the middle"):
+            make_report(small("empty", (8, 8)), out, nears=[1.0], depths=DEPTHS[:1])
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+    assert (tmp_path / "index.html").read_text() == "the old report"
+
+
+def test_a_second_report_replaces_its_files_and_keeps_others(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("old")
+    (tmp_path / "notes.txt").write_text("mine")
+    make_report(small("empty", (8, 8)), tmp_path, nears=[1.0], depths=DEPTHS[:1])
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*FILES, "notes.txt"])
+    assert json.loads((tmp_path / "report.json").read_text())["rows"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"nears": [0.0]}, "near must be a positive"),
+        ({"nears": [1.0, -1.0]}, "near must be a positive"),
+        ({"nears": [float("nan")]}, "near must be a positive"),
+        ({"nears": [150.0]}, "smaller than the reach"),
+        ({"nears": []}, "nothing to measure"),
+        ({"apertures": []}, "nothing to measure"),
+        ({"out": Path("a-file") / "under" / "it"}, "not a folder"),
+        ({"out": Path("a-file")}, "not a folder"),
+    ],
+)
+def test_bad_questions_are_refused_before_any_work(
+    change: dict[str, Any], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a-file").touch()
+    monkeypatch.setattr(report, "sweep", lambda *_, **__: pytest.fail("work began"))
+    with pytest.raises(InputError, match=words) as refused:
+        make_report(small("car"), **{"out": Path("out"), **change})
+    assert "\n" not in str(refused.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["a-file"]
+
+
+def test_by_default_reports_never_go_under_reports() -> None:
+    assert default_folder(open_scene("car")) == Path("report/car")
+    assert default_folder(replace(open_scene("car"), name="../ odd/name")).parts[0] == "report"
+    assert ".." not in default_folder(replace(open_scene("car"), name="../..")).parts
+
+
+MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
+CORNER = Aperture(column=0, row=0, x=-1.0, y=1.0)
+
+
+def measured(
+    near: float,
+    surface: float,
+    p99: float | None,
+    *,
+    depth: DepthFormat = DepthFormat.D24,
+    aperture: Aperture = MIDDLE,
+) -> Measurement:
+    return Measurement(
+        aperture=aperture,
+        settings=DoubleFrustum(near=near, depth=depth),
+        comparison={
+            "surface": {"fraction": surface},
+            "displacement_px": None if p99 is None else {"p99": p99},
+        },
+        certainty={},
+        predicted=None,
+        times_s={},
+    )
+
+
+def test_least_surface_error_is_best_whatever_the_displacement() -> None:
+    rows = [measured(1.0, 0.02, 0.1), measured(2.0, 0.01, 5.0)]
+    assert best_setting(rows).settings.near == 2.0
+
+
+def test_among_equal_surfaces_least_displacement_is_best() -> None:
+    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE, 0.05)]
+    assert best_setting(rows).settings.near == 0.1
+    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 1.1 * SURFACE_TIE, 0.05)]
+    assert best_setting(rows).settings.near == 1.0
+
+
+def test_among_equal_displacements_the_largest_near_is_best() -> None:
+    rows = [
+        measured(1e-6, 0.01, 0.0),
+        measured(1e-5, 0.01, 0.9 * DISPLACEMENT_TIE_PX),
+        measured(1e-4, 0.01, 1.1 * DISPLACEMENT_TIE_PX),
+    ]
+    assert best_setting(rows).settings.near == 1e-5
+
+
+def test_at_equal_near_the_depth_buffer_listed_first_is_best() -> None:
+    rows = [measured(1.0, 0.01, 0.1, depth=depth) for depth in (DepthFormat.D24, DepthFormat.D32F)]
+    assert best_setting(rows).settings.depth == DepthFormat.D24
+
+
+def test_the_worst_aperture_counts() -> None:
+    rows = [
+        measured(1.0, 0.0, 0.1),
+        measured(0.1, 0.01, 0.1),
+        measured(1.0, 0.05, 0.1, aperture=CORNER),
+        measured(0.1, 0.02, 0.3, aperture=CORNER),
+    ]
+    best = best_setting(rows)
+    assert (best.settings.near, best.surface_fraction, best.displacement_p99_px) == (0.1, 0.02, 0.3)
+    assert "at the worst of 2 apertures" in sentence(rows, "mm", 150.0)
+
+
+def test_nothing_displaced_is_no_displacement() -> None:
+    assert best_setting([measured(1.0, 0.0, None)]).displacement_p99_px == 0.0
+
+
+def test_each_depth_buffer_has_a_best_of_its_own() -> None:
+    rows = [
+        measured(1.0, 0.3, 0.1, depth=DepthFormat.D16),
+        measured(0.1, 0.4, 0.1, depth=DepthFormat.D16),
+        measured(0.1, 0.0, 0.1, depth=DepthFormat.D24),
+    ]
+    assert [(b.settings.depth, b.settings.near) for b in best_per_depth(rows)] == [("d16", 1.0), ("d24", 0.1)]
+
+
+def test_the_sentence_names_near_format_surface_and_displacement() -> None:
+    said = sentence([measured(0.015, 0.00012, 0.25)], "mm", 150.0)
+    for words in ("near 0.015 mm", "0.0001 of the reach", "D24 standard", "0.012 %", "0.25 px"):
+        assert words in said
+
+
+def test_json_ready_turns_nan_and_infinity_into_none() -> None:
+    value = {"a": float("nan"), "b": [np.float32("inf"), np.int64(3)], "c": np.array([1.0, np.nan])}
+    assert json_ready(value) == {"a": None, "b": [None, 3], "c": [1.0, None]}
+    assert json_ready(DoubleFrustum(near=1.0))["depth"] == "d24"
+
+
+def test_a_stopwatch_adds_stages_up_also_when_they_raise() -> None:
+    watch = Stopwatch()
+    watch.record("raster", 1.5)
+    watch.add({"raster": 0.5, "trace": 2.0})
+    assert watch.seconds == {"raster": 2.0, "trace": 2.0}
+    with pytest.raises(KeyError), watch.stage("compare"):
+        raise KeyError
+    assert watch.seconds["compare"] >= 0
+
+
+def decoded(encoded: bytes) -> np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]:
+    return np.asarray(Image.open(io.BytesIO(encoded)).convert("RGBA"))
+
+
+def test_undefined_pixels_are_transparent_and_scales_run_from_end_to_end() -> None:
+    shift = np.full((1, 4, 2), np.nan)
+    shift[0, 1:, 0], shift[0, 1:, 1] = [0.0, 3e-4, 1e5], 0.0
+    shown = decoded(images.displacement_map(shift))
+    assert list(shown[0, :, 3]) == [0, 255, 255, 255]
+    ends = [[int(c) for c in re.findall(r"\d+", images.displacement_scale()[i])] for i in (0, 0, -1)]
+    np.testing.assert_allclose(shown[0, 1:, :3], ends, atol=1)
+
+
+def test_height_errors_toward_the_viewer_are_red_and_away_from_it_blue() -> None:
+    red, none, blue = decoded(images.height_map(np.array([[1.0, 0.0, -1.0]]), reach=100.0))[0, :, :3].astype(
+        int
+    )
+    assert red[0] > red[2] + 50
+    assert blue[2] > blue[0] + 50
+    assert np.ptp(none) < 3
+
+
+def test_a_reduced_picture_keeps_the_worst_pixel_of_a_block() -> None:
+    wrong = np.zeros((4, 6), dtype=np.bool_)
+    wrong[3, 1] = True
+    np.testing.assert_array_equal(
+        decoded(images.mask(wrong, images.SURFACE_COLOR, 2))[..., 3], [[0, 0, 0], [255, 0, 0]]
+    )
+    height = np.zeros((2, 2))
+    height[0, 1], height[1, 1] = -1.0, np.nan
+    assert decoded(images.height_map(height, 100.0, 2))[0, 0, 2] > 90
