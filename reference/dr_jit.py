@@ -64,11 +64,11 @@ class Backend:
         return {"mitsuba": self.mitsuba.__version__, "mitsuba variant": self.variant, "llvm": self.llvm}
 
 
-@cache
 def backend() -> Backend:
-    """Return Mitsuba with its variant set, the same in every call.
+    """Return Mitsuba with a variant set: the one that is set, else the best of this machine.
 
-    The variant is a property of the process. One that was set before the first call stays.
+    The variant is a property of the process, and Mitsuba remembers it. Ours is set once, and
+    one that somebody else sets, before or after, stays.
 
     Raises
     ------
@@ -93,6 +93,7 @@ def backend() -> Backend:
     return Backend(mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm)
 
 
+@cache
 def prepare_llvm() -> str:
     """Point Dr.Jit to an accepted LLVM, if it has not been imported yet; return what was found.
 

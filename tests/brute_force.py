@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Vector = tuple[Fraction, Fraction, Fraction]
 
-TRIANGLES_AT_ONCE, LINES_AT_ONCE = 32, 256
+TRIANGLES_AT_ONCE, LINES_AT_ONCE = 32, 1024
 
 
 @dataclass(frozen=True, kw_only=True)
