@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.exact import ExactPencil
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow import Pairs, pairs
-from xfrustum.reference.spans import spans
-from xfrustum.scenes.hogel_image import NOTHING, Certainty
-
-PENDING_PAIRS = 1 << 22
-"""Pairs kept before those that cannot be first are dropped; bounds the memory of a band."""
+from xfrustum.reference.narrow import Pairs
+from xfrustum.reference.processors import narrow_phase
+from xfrustum.reference.spans import footprints, spans
+from xfrustum.scenes.hogel_image import Certainty
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,8 +42,8 @@ class FirstSurfaces:
     companions: NDArray[np.int64]
 
 
-def first_surfaces(triangles: NDArray[np.float64], pencil: Pencil, rows: range) -> FirstSurfaces:
-    """Decide the first surface of every pixel in some rows.
+class Certifier:
+    """Decides who is first along the lines of one image.
 
     Parameters
     ----------
@@ -53,62 +51,59 @@ def first_surfaces(triangles: NDArray[np.float64], pencil: Pencil, rows: range) 
         (F, 3, 3) corners in scene units.
     pencil
         The lines.
-    rows
-        Rows of the image, in order.
     """
-    width = pencil.resolution[0]
-    exact = ExactPencil(triangles, pencil)
-    contenders = _contenders(triangles, pencil, exact, rows)
-    base = rows.start * width
 
-    triangle = np.full(len(rows) * width, NOTHING, dtype=np.int32)
-    s = np.full(len(rows) * width, np.nan)
-    certainty = np.full(len(rows) * width, Certainty.PROVEN, dtype=np.uint8)
-    rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[contenders.pixel - base]
-    proven = (rivals == 1) & contenders.sure
-    triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
-    s[contenders.pixel[proven] - base] = contenders.s[proven]
+    def __init__(self, triangles: NDArray[np.float64], pencil: Pencil) -> None:
+        self._triangles = triangles
+        self._pencil = pencil
+        self._exact = ExactPencil(triangles, pencil)
+        self._footprints = footprints(triangles, pencil, self._exact)
 
-    companions: list[tuple[int, int, int]] = []
-    for pixel, group in _by_pixel(contenders[~proven]):
-        winners, where, decided = _decide(pixel, group, exact)
-        certainty[pixel - base] = decided
-        if winners:
-            triangle[pixel - base], s[pixel - base] = winners[0], where
-        if decided == Certainty.TIE:
-            companions.extend((*divmod(pixel, width), winner) for winner in winners)
+    def decide(self, rows: range) -> FirstSurfaces:
+        """Decide the first surface of every pixel in some rows of the image."""
+        width = self._pencil.resolution[0]
+        phase = narrow_phase(self._pencil, rows)
+        for span in spans(self._triangles, self._pencil, self._footprints, rows):
+            phase.add(span)
+        sifted = phase.finish()
+        triangle, s = sifted.triangle, sifted.s
+        certainty = np.full(len(triangle), Certainty.PROVEN, dtype=np.uint8)
 
-    shape = (len(rows), width)
-    return FirstSurfaces(
-        triangle=triangle.reshape(shape),
-        s=s.reshape(shape),
-        certainty=certainty.reshape(shape),
-        companions=np.array(companions, dtype=np.int64).reshape(-1, 3),
-    )
+        base = rows.start * width
+        contenders = _not_behind(sifted.contested, base, len(triangle))
+        rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[contenders.pixel - base]
+        proven = (rivals == 1) & contenders.sure
+        triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
+        s[contenders.pixel[proven] - base] = contenders.s[proven]
+
+        companions: list[tuple[int, int, int]] = []
+        for pixel, group in _by_pixel(contenders[~proven]):
+            winners, where, decided = _decide(pixel, group, self._exact)
+            certainty[pixel - base] = decided
+            if winners:
+                triangle[pixel - base], s[pixel - base] = winners[0], where
+            if decided == Certainty.TIE:
+                companions.extend((*divmod(pixel, width), winner) for winner in winners)
+
+        shape = (len(rows), width)
+        return FirstSurfaces(
+            triangle=triangle.reshape(shape),
+            s=s.reshape(shape),
+            certainty=certainty.reshape(shape),
+            companions=np.array(companions, dtype=np.int64).reshape(-1, 3),
+        )
 
 
-def _contenders(triangles: NDArray[np.float64], pencil: Pencil, exact: ExactPencil, rows: range) -> Pairs:
-    """Return the pairs that may be first on their line: none surely lies before them."""
-    width = pencil.resolution[0]
-    base = rows.start * width
-    limit = np.full(len(rows) * width, np.inf)
-    kept: list[Pairs] = []
-    pending = 0
-    for span in spans(triangles, pencil, exact, rows):
-        for found in pairs(span, pencil):
-            np.minimum.at(limit, found.pixel[found.sure] - base, found.farthest[found.sure])
-            kept.append(found[found.nearest <= limit[found.pixel - base]])
-            pending += len(kept[-1].pixel)
-            if pending > PENDING_PAIRS:
-                joined = Pairs.joined(kept)
-                kept = [joined[joined.nearest <= limit[joined.pixel - base]]]
-                pending = len(kept[0].pixel)
-    if not kept:
-        nothing = np.zeros(0)
-        number = np.zeros(0, dtype=np.int64)
-        return Pairs(pixel=number, triangle=number, s=nothing, error=nothing, sure=nothing.astype(np.bool_))
-    joined = Pairs.joined(kept)
-    return joined[joined.nearest <= limit[joined.pixel - base]]
+def first_surfaces(triangles: NDArray[np.float64], pencil: Pencil) -> FirstSurfaces:
+    """Decide the first surface of every pixel of an image at once."""
+    return Certifier(triangles, pencil).decide(range(pencil.resolution[1]))
+
+
+def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
+    """Drop the pairs that surely lie behind another, now that doubtful coverage is settled."""
+    limit = np.full(pixels, np.inf)
+    np.minimum.at(limit, pairs.pixel[pairs.sure] - base, pairs.farthest[pairs.sure])
+    return pairs[pairs.nearest <= limit[pairs.pixel - base]]
 
 
 def _by_pixel(contested: Pairs) -> list[tuple[int, Pairs]]:

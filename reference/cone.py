@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 UNIT_ROUNDOFF = 2.0**-53
 ROUNDING = 12 * UNIT_ROUNDOFF
-"""Relative to the sum of absolute products; 8 by the derivation, the rest pays for rounding the bound itself."""
+"""Relative to the sum of absolute products: 8 u by the derivation, the rest pays for rounding the bound."""
 
 EDGES = ((0, 1), (1, 2), (2, 0))
 

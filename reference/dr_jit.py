@@ -87,8 +87,8 @@ def backend() -> Backend:
         mitsuba.set_variant(chosen)
     elif chosen.startswith("llvm") and not usable:
         raise InputError(
-            f"Mitsuba's variant {chosen} is set on LLVM {llvm}, which aborts the process: set {LLVM_VARIABLE} "
-            f"to an LLVM from {OLDEST_LLVM} on before the first import of mitsuba, or take scalar_rgb"
+            f"Mitsuba's variant {chosen} is set on LLVM {llvm}, which would abort the process: set "
+            f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take scalar_rgb"
         )
     return Backend(mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm)
 

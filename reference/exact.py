@@ -9,7 +9,7 @@ covers nothing).
 from __future__ import annotations
 
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,12 +58,23 @@ class ExactPencil:
     def __init__(self, triangles: NDArray[np.float64], pencil: Pencil) -> None:
         self._triangles = triangles
         self._pencil = pencil
-        self._bits = max(_fraction_bits(triangles.ravel()), _fraction_bits(np.asarray(pencil.center)))
-        self._slope_bits = max(_fraction_bits(pencil.dx), _fraction_bits(pencil.dy))
-        self._center = tuple(_scaled(x, self._bits) for x in pencil.center)
         self._range = (Fraction(pencil.s_range[0]), Fraction(pencil.s_range[1]))
         self.cone = lru_cache(maxsize=1 << 16)(self._cone)
         self.coplanar_pair = lru_cache(maxsize=1 << 16)(self._coplanar)
+
+    @cached_property
+    def _bits(self) -> int:
+        """Binary digits after the point that every coordinate needs; looked at only when asked."""
+        return max(_fraction_bits(self._triangles.ravel()), _fraction_bits(np.asarray(self._pencil.center)))
+
+    @cached_property
+    def _slope_bits(self) -> int:
+        return max(_fraction_bits(self._pencil.dx), _fraction_bits(self._pencil.dy))
+
+    @cached_property
+    def _center(self) -> Integers:
+        x, y, z = (_scaled(coordinate, self._bits) for coordinate in self._pencil.center)
+        return x, y, z
 
     def _cone(self, triangle: int) -> tuple[tuple[Integers, Integers, Integers], Integers, int]:
         """Return edge planes, plane normal and plane offset of a triangle, all integers."""

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.cone import ROUNDING, Cones, Floats
+from xfrustum.reference.cone import ROUNDING, Floats
 from xfrustum.reference.lines import Pencil
 from xfrustum.reference.spans import Spans
+from xfrustum.scenes.hogel_image import NOTHING
 
 PAIRS_PER_CHUNK = 1 << 20
-"""Bounds the memory of the narrow phase, about 200 bytes per pair."""
+"""Bounds the memory of the narrow phase on NumPy, about 200 bytes per pair."""
+
+PENDING_PAIRS = 1 << 22
+"""Pairs kept on NumPy before those that cannot be first are dropped."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,85 +75,222 @@ class Pairs:
         )
 
 
-def pairs(spans: Spans, pencil: Pencil) -> Iterator[Pairs]:
-    """Evaluate all pixels of some spans; pairs that surely miss are left out."""
-    lengths = spans.last - spans.first + 1
-    ends = np.cumsum(lengths)
-    start = 0
-    while start < len(lengths):
-        before = ends[start - 1] if start else 0
-        stop = max(start + 1, int(np.searchsorted(ends, before + PAIRS_PER_CHUNK)))
-        yield _evaluate(spans, slice(start, stop), lengths[start:stop], pencil)
-        start = stop
+NO_PAIRS = Pairs(
+    pixel=np.zeros(0, dtype=np.int64),
+    triangle=np.zeros(0, dtype=np.int64),
+    s=np.zeros(0),
+    error=np.zeros(0),
+    sure=np.zeros(0, dtype=np.bool_),
+)
 
 
-def _evaluate(spans: Spans, part: slice, lengths: NDArray[np.int64], pencil: Pencil) -> Pairs:
-    """Evaluate the pixels of consecutive spans."""
-    c = spans.cones
-    cone_of_span, dy_of_span = spans.cone[part], pencil.dy[spans.row[part]]
-    span = np.repeat(np.arange(len(lengths)), lengths)
-    offset = np.cumsum(lengths) - lengths
-    column = np.arange(len(span)) + (spans.first[part] - offset)[span]
-    dx = pencil.dx[column]
-    cone = cone_of_span[span]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sifted:
+    """Who may be first in some rows of an image.
 
-    # What depends on the row alone is computed once per span.
-    normal, magnitude = c.normal[cone_of_span], c.normal_magnitude[cone_of_span]
-    level = normal[:, 1] * dy_of_span - normal[:, 2]
-    level_magnitude = np.abs(dy_of_span) * magnitude[:, 1] + magnitude[:, 2]
-    slope = normal[:, 0][span] * dx + level[span]
-    slope_bound = ROUNDING * (magnitude[:, 0][span] * np.abs(dx) + level_magnitude[span])
-    s, error = divided(c.plane[cone], c.plane_bound[cone], slope, slope_bound)
-
-    sure = (dx >= spans.surely_from[part][span]) & (dx <= spans.surely_to[part][span])
-    inside = np.ones(len(dx), dtype=np.bool_)
-    doubtful = np.flatnonzero(~sure)
-    surely_in, surely_out = _covered(c, cone[doubtful], dx[doubtful], dy_of_span[span[doubtful]])
-    through_center = c.holds_center[cone[doubtful]]
-    sure[doubtful] = surely_in | through_center
-    inside[doubtful] = ~surely_out | through_center
-
-    first, last = pencil.s_range
-    inside &= (s + error >= first) & (s - error <= last)
-    # An infinite error also takes away certainty: the line may lie in the triangle's plane.
-    sure &= (s - error >= first) & (s + error <= last)
-    pixel = spans.row[part][span] * pencil.resolution[0] + column
-    found = Pairs(pixel=pixel, triangle=c.number[cone], s=s, error=error, sure=sure)
-    return found[inside] if not inside.all() else found
-
-
-def divided(plane: Floats, plane_bound: Floats, slope: Floats, slope_bound: Floats) -> tuple[Floats, Floats]:
-    """Return s = plane / slope and the bound of its error, infinite where the slope may be zero.
-
-    |s - s_true| <= (plane_bound + |s| slope_bound) / (|slope| - slope_bound), and the division
-    itself and this expression round: `ROUNDING` times |s| pays for both.
+    Attributes
+    ----------
+    triangle, s
+        (pixels,) the only triangle that can be first, surely met, and where; `NOTHING` and NaN
+        where no line meets any, and where `contested` has pairs.
+    contested
+        All pairs of the pixels for which several triangles may be first, or one in doubt.
     """
-    margin = np.abs(slope) - slope_bound
+
+    triangle: NDArray[np.int32]
+    s: Floats
+    contested: Pairs
+
+
+class NarrowPhase(Protocol):
+    """Evaluates the pixels of spans, on whatever computes."""
+
+    def __init__(self, pencil: Pencil, rows: range) -> None: ...
+
+    def add(self, spans: Spans) -> None:
+        """Take more spans into account."""
+        ...
+
+    def finish(self) -> Sifted:
+        """Return who may be first among all that was added."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpanPlanes:
+    """What the evaluation of a span's pixels needs of its triangle and row, (S,) each.
+
+    Along a row d . n = normal_x dx + level; its rounding error is at most
+    `ROUNDING` (magnitude_x |dx| + level_magnitude).
+    """
+
+    plane: Floats
+    plane_bound: Floats
+    normal_x: Floats
+    magnitude_x: Floats
+    level: Floats
+    level_magnitude: Floats
+
+    @classmethod
+    def of(cls, spans: Spans, pencil: Pencil) -> SpanPlanes:
+        """Compute once for each span what depends on its row alone."""
+        c, dy = spans.cones, pencil.dy[spans.row]
+        normal, magnitude = c.normal[spans.cone], c.normal_magnitude[spans.cone]
+        return cls(
+            plane=c.plane[spans.cone],
+            plane_bound=c.plane_bound[spans.cone],
+            normal_x=normal[:, 0],
+            magnitude_x=magnitude[:, 0],
+            level=normal[:, 1] * dy - normal[:, 2],
+            level_magnitude=np.abs(dy) * magnitude[:, 1] + magnitude[:, 2],
+        )
+
+
+def plane_meeting(dx: Any, planes: Sequence[Any], select: Callable[[Any, Any, Any], Any]) -> tuple[Any, Any]:
+    """Return s where lines meet triangles' planes, and the bound of its error.
+
+    Written once for NumPy and for Dr.Jit, which differ in what `select` is.
+
+        |s - s_true| <= (plane_bound + |s| slope_bound) / (|slope| - slope_bound),
+
+    and the division itself and this expression round: `ROUNDING` times |s| pays for both. The
+    error is infinite where the slope may be zero.
+
+    Parameters
+    ----------
+    dx
+        Slopes of the lines.
+    planes
+        The fields of `SpanPlanes`, in order, for each line.
+    select
+        `numpy.where` or `drjit.select`.
+    """
+    plane, plane_bound, normal_x, magnitude_x, level, level_magnitude = planes
+    slope = normal_x * dx + level
+    slope_bound = ROUNDING * (magnitude_x * abs(dx) + level_magnitude)
+    margin = abs(slope) - slope_bound
     certain = margin > slope_bound
-    divisor = np.where(certain, slope, 1.0)
-    s = np.where(certain, plane / divisor, 0.0)
-    error = (plane_bound + np.abs(s) * slope_bound) / np.where(certain, margin, 1.0)
-    error = np.where(certain, error * (1 + ROUNDING) + ROUNDING * np.abs(s), np.inf)
+    s = select(certain, plane / select(certain, slope, 1.0), 0.0)
+    error = (plane_bound + abs(s) * slope_bound) / select(certain, margin, 1.0)
+    error = select(certain, error * (1 + ROUNDING) + ROUNDING * abs(s), np.inf)
     return s, error
 
 
-def _covered(
-    c: Cones, cone: NDArray[np.int64], dx: Floats, dy: Floats
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which pairs are surely covered and which surely are not, by the edge functions."""
+def settled(spans: Spans, span: NDArray[np.int64], found: Pairs, pencil: Pencil) -> Pairs:
+    """Decide coverage of the pairs that are not sure yet by their edge functions, with bounds.
+
+    Parameters
+    ----------
+    spans, span
+        Where the pairs come from, and (N,) which span each belongs to.
+    found
+        Pairs whose s is possible; `sure` where the span was.
+    """
+    doubtful = np.flatnonzero(~found.sure)
+    if not len(doubtful):
+        return found
+    c, cone = spans.cones, spans.cone[span[doubtful]]
+    row, column = np.divmod(found.pixel[doubtful], pencil.resolution[0])
+    dx, dy = pencil.dx[column], pencil.dy[row]
     d_magnitude = np.stack((np.abs(dx), np.abs(dy), np.ones_like(dx)), axis=1)
-    lowest, highest = np.full(len(cone), np.inf), np.full(len(cone), -np.inf)
-    surely_low, surely_high = lowest.copy(), highest.copy()
+    low, high = np.full(len(cone), np.inf), np.full(len(cone), -np.inf)
+    surely_low, surely_high = low.copy(), high.copy()
     for k in range(3):
         edge, magnitude = c.edge[cone, k], c.edge_magnitude[cone, k]
         value = edge[:, 0] * dx + edge[:, 1] * dy - edge[:, 2]
         bound = ROUNDING * np.einsum("ij,ij->i", d_magnitude, magnitude)
-        lowest, highest = np.minimum(lowest, value - bound), np.maximum(highest, value + bound)
+        low, high = np.minimum(low, value - bound), np.maximum(high, value + bound)
         surely_low, surely_high = (
             np.minimum(surely_low, value + bound),
             np.maximum(surely_high, value - bound),
         )
-    surely_in = (lowest > 0) | (highest < 0)
-    # Some edge function is surely positive and another surely negative.
-    surely_out = (surely_high > 0) & (surely_low < 0)
-    return surely_in, surely_out
+    inside = np.ones(len(found.pixel), dtype=np.bool_)
+    # Outside: some edge function is surely positive and another surely negative.
+    inside[doubtful] = ~((surely_high > 0) & (surely_low < 0))
+    sure = found.sure.copy()
+    sure[doubtful] = ((low > 0) | (high < 0)) & surely_in_range(found[doubtful], pencil)
+    return Pairs(pixel=found.pixel, triangle=found.triangle, s=found.s, error=found.error, sure=sure)[inside]
+
+
+def surely_in_range(found: Pairs, pencil: Pencil) -> NDArray[np.bool_]:
+    """Return which pairs' s surely lie in the pencil's range; an infinite error never does."""
+    first, last = pencil.s_range
+    return np.asarray((found.nearest >= first) & (found.farthest <= last))
+
+
+class NumpyNarrowPhase:
+    """The narrow phase on NumPy, where there is no LLVM for Dr.Jit.
+
+    Parameters
+    ----------
+    pencil
+        The lines.
+    rows
+        Rows of the image that all spans lie in.
+    """
+
+    def __init__(self, pencil: Pencil, rows: range) -> None:
+        self._pencil = pencil
+        self._base = rows.start * pencil.resolution[0]
+        self._limit = np.full(len(rows) * pencil.resolution[0], np.inf)
+        self._kept: list[Pairs] = []
+
+    def add(self, spans: Spans) -> None:
+        """Take more spans into account."""
+        planes = SpanPlanes.of(spans, self._pencil)
+        lengths = spans.last - spans.first + 1
+        ends = np.cumsum(lengths)
+        start = 0
+        while start < len(lengths):
+            before = ends[start - 1] if start else 0
+            stop = max(start + 1, int(np.searchsorted(ends, before + PAIRS_PER_CHUNK)))
+            found = self._evaluated(spans, planes, np.repeat(np.arange(start, stop), lengths[start:stop]))
+            np.minimum.at(self._limit, found.pixel[found.sure] - self._base, found.farthest[found.sure])
+            self._kept.append(self._not_behind(found))
+            if sum(len(kept.pixel) for kept in self._kept) > PENDING_PAIRS:
+                self._kept = [self._not_behind(Pairs.joined(self._kept))]
+            start = stop
+
+    def finish(self) -> Sifted:
+        """Return who may be first among all that was added."""
+        found = self._not_behind(Pairs.joined([NO_PAIRS, *self._kept]))
+        pixel = found.pixel - self._base
+        rivals = np.bincount(pixel, minlength=len(self._limit))
+        alone = (rivals[pixel] == 1) & found.sure
+        triangle = np.full(len(self._limit), NOTHING, dtype=np.int32)
+        s = np.full(len(self._limit), np.nan)
+        triangle[pixel[alone]], s[pixel[alone]] = found.triangle[alone], found.s[alone]
+        return Sifted(triangle=triangle, s=s, contested=found[~alone])
+
+    def _not_behind(self, found: Pairs) -> Pairs:
+        return found[found.nearest <= self._limit[found.pixel - self._base]]
+
+    def _evaluated(self, spans: Spans, planes: SpanPlanes, span: NDArray[np.int64]) -> Pairs:
+        """Evaluate all pixels of consecutive spans, each named once for each of its pixels."""
+        run = np.flatnonzero(np.diff(span, prepend=-1))
+        column = spans.first[span] + np.arange(len(span)) - np.repeat(run, np.diff(run, append=len(span)))
+        dx = self._pencil.dx[column]
+        p = planes
+        s, error = plane_meeting(
+            dx,
+            (
+                p.plane[span],
+                p.plane_bound[span],
+                p.normal_x[span],
+                p.magnitude_x[span],
+                p.level[span],
+                p.level_magnitude[span],
+            ),
+            np.where,
+        )
+        found = Pairs(
+            pixel=spans.row[span] * self._pencil.resolution[0] + column,
+            triangle=spans.cones.number[spans.cone[span]],
+            s=s,
+            error=error,
+            sure=(dx >= spans.surely_from[span]) & (dx <= spans.surely_to[span]),
+        )
+        found = replace(found, sure=found.sure & surely_in_range(found, self._pencil))
+        found = settled(spans, span, found, self._pencil)
+        first, last = self._pencil.s_range
+        return found[(found.farthest >= first) & (found.nearest <= last)]

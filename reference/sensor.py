@@ -81,7 +81,9 @@ def _registered(variant: str) -> type:
     """Define the sensor on the classes of one variant; Mitsuba has other classes in each."""
     mi, dr = backend().mitsuba, backend().drjit
 
-    class CrossedFrustum(mi.Sensor):  # type: ignore[misc]  # Mitsuba's classes appear with the variant
+    box = mi.BoundingBox3f if variant.startswith("scalar") else mi.ScalarBoundingBox3f
+
+    class CrossedFrustum(mi.Sensor):  # type: ignore[misc, name-defined]  # comes with a variant
         """Every line passes through the aperture, from the viewer's end to the far one."""
 
         def __init__(self, props: Any) -> None:
@@ -90,7 +92,7 @@ def _registered(variant: str) -> type:
             self.shear = mi.Vector2f(props["shear_x"], props["shear_y"])
             self.half_extent = mi.Vector2f(props["half_extent_x"], props["half_extent_y"])
             self.reach = (float(props["reach_viewer"]), float(props["reach_back"]))
-            self.corner = mi.ScalarPoint3f(props["aperture"])
+            self.point = mi.ScalarPoint3f(props["aperture"])
             if min(props["half_extent_x"], props["half_extent_y"], *self.reach) <= 0:
                 raise ValueError(f"{PLUGIN}: half extents and reaches must be positive")
             self.m_needs_sample_2, self.m_needs_sample_3 = True, False
@@ -113,8 +115,34 @@ def _registered(variant: str) -> type:
             ray.has_differentials = True
             return ray, weight
 
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+            """Aim from a point in the scene at the viewer's end of its own line, for light tracing.
+
+            One line of the whole film passes through each point. The weight turns an integral over
+            surfaces into one over the film: u and v vary by dx / (2 s tx) and dy / (2 s ty), and a
+            surface is seen from d foreshortened by |d| against the plane of the plate.
+            """
+            offset = it.p - self.aperture
+            s = dr.select(offset.z == 0.0, dr.nan, -offset.z)
+            u = (offset.x / s - self.shear.x) / self.half_extent.x
+            v = (offset.y / s - self.shear.y) / self.half_extent.y
+            start, window = self._window()
+            x, y = ((u + 1.0) / 2.0 - start.x) / window.x, ((1.0 - v) / 2.0 - start.y) / window.y
+            seen = active & (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
+            seen &= (s >= -self.reach[0]) & (s <= self.reach[1])
+            end, d, _ = self._line(mi.Point2f(x, y))
+            film = mi.Vector2f(self.film().crop_size())
+            found = dr.zeros(mi.DirectionSample3f)
+            found.p, found.d, found.n = end, -d, d
+            found.dist = dr.norm(end - it.p)
+            found.uv = mi.Point2f(x * film.x, y * film.y)
+            found.time, found.pdf, found.delta = it.time, dr.select(seen, 1.0, 0.0), True
+            area = 4.0 * self.half_extent.x * self.half_extent.y * window.x * window.y
+            weight = dr.select(seen, -1.0 / (d.z * s * s * area), 0.0)
+            return found, mi.Spectrum(weight)
+
         def bbox(self) -> Any:
-            return mi.ScalarBoundingBox3f(self.corner)
+            return box(self.point)
 
         def to_string(self) -> str:
             return f"CrossedFrustum[aperture = {self.aperture}, shear = {self.shear}, reach = {self.reach}]"
@@ -129,9 +157,7 @@ def _registered(variant: str) -> type:
 
         def _line(self, position: Any) -> tuple[Any, Any, Any]:
             """Return the viewer's end, unit direction and length of a film position's line."""
-            film = self.film()
-            window = mi.Vector2f(film.crop_size()) / mi.Vector2f(film.size())
-            start = mi.Vector2f(film.crop_offset()) / mi.Vector2f(film.size())
+            start, window = self._window()
             x, y = position.x * window.x + start.x, position.y * window.y + start.y
             # Mitsuba's film has its origin at the top left, u and v theirs at the center, v up.
             slope_x = self.shear.x + (2.0 * x - 1.0) * self.half_extent.x
@@ -139,6 +165,12 @@ def _registered(variant: str) -> type:
             d = mi.Vector3f(slope_x, slope_y, -1.0)
             length = dr.norm(d)
             return self.aperture - self.reach[0] * d, d / length, sum(self.reach) * length
+
+        def _window(self) -> tuple[Any, Any]:
+            """Return where the film's crop window begins and its size, as parts of the whole film."""
+            film = self.film()
+            whole = mi.Vector2f(film.size())
+            return mi.Vector2f(film.crop_offset()) / whole, mi.Vector2f(film.crop_size()) / whole
 
     mi.register_sensor(PLUGIN, CrossedFrustum)
     return CrossedFrustum

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,33 +46,99 @@ class Spans:
     surely_to: Floats
 
 
-def spans(triangles: Floats, pencil: Pencil, exact: ExactPencil, rows: range) -> Iterator[Spans]:
-    """Enumerate the spans of all triangles (F, 3, 3) in some rows of the image."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footprints:
+    """Where on the film triangles may show: once for an image, before its rows are looked at.
+
+    Attributes
+    ----------
+    number
+        (N,) triangle numbers.
+    side
+        (N,) +1 behind the center (s > 0), -1 before it; 0 for triangles whose boxes in space
+        contain the center, the only ones that can be hit at s = 0.
+    holds_center
+        (N,) the center lies in the closed triangle, exactly.
+    box
+        (4, N) first and last column, first and last row, inclusive.
+    """
+
+    number: NDArray[np.int64]
+    side: NDArray[np.int8]
+    holds_center: NDArray[np.bool_]
+    box: NDArray[np.int32]
+
+
+def footprints(triangles: Floats, pencil: Pencil, exact: ExactPencil) -> Footprints:
+    """Find all triangles (F, 3, 3) that may cover a pixel's center, and drop those that surely do not."""
+    parts: list[Footprints] = []
     for start in range(0, len(triangles), TRIANGLES_PER_CHUNK):
         chunk = np.arange(start, min(start + TRIANGLES_PER_CHUNK, len(triangles)))
-        corners = triangles[chunk] - np.asarray(pencil.center)
-        touching = _may_contain_center(corners)
+        # Coordinate first, corner second: minima over corners are then minima of whole arrays.
+        x, y, z = np.ascontiguousarray((triangles[chunk] - np.asarray(pencil.center)).transpose(2, 1, 0))
+        touching = _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
         for side in (1, -1):
             if side * pencil.s_range[side > 0] > 0:
-                box = _pixel_box(corners, pencil, side, rows)
+                box = _pixel_box(x, y, -z, pencil, side)
                 hit = (box[0] <= box[1]) & (box[2] <= box[3]) & ~touching
-                if hit.any():
-                    yield _spans_of_side(cones(triangles, chunk[hit], pencil), pencil, side, box[:, hit])
+                parts.append(_footprints(chunk[hit], side, box[:, hit]))
         if touching.any():
+            width, height = pencil.resolution
+            whole = np.tile([[0], [width - 1], [0], [height - 1]], int(touching.sum()))
             numbers = chunk[touching]
             holds = np.array([exact.contains_center(number) for number in numbers.tolist()])
-            yield _whole_rows(cones(triangles, numbers, pencil, holds), pencil, rows)
+            parts.append(_footprints(numbers, 0, whole, holds))
+    if not parts:
+        return _footprints(np.zeros(0, dtype=np.int64), 0, np.zeros((4, 0)))
+    return Footprints(
+        number=np.concatenate([part.number for part in parts]),
+        side=np.concatenate([part.side for part in parts]),
+        holds_center=np.concatenate([part.holds_center for part in parts]),
+        box=np.concatenate([part.box for part in parts], axis=1),
+    )
 
 
-def _pixel_box(corners: Floats, pencil: Pencil, side: int, rows: range) -> NDArray[np.int64]:
+def _footprints(
+    number: NDArray[np.int64], side: int, box: NDArray[Any], holds: NDArray[np.bool_] | None = None
+) -> Footprints:
+    return Footprints(
+        number=number,
+        side=np.full(len(number), side, dtype=np.int8),
+        holds_center=np.zeros(len(number), dtype=np.bool_) if holds is None else holds,
+        box=box.astype(np.int32),
+    )
+
+
+def spans(triangles: Floats, pencil: Pencil, found: Footprints, rows: range) -> Iterator[Spans]:
+    """Enumerate the spans of all triangles in some rows of the image."""
+    top, bottom = np.maximum(found.box[2], rows.start), np.minimum(found.box[3], rows.stop - 1)
+    here = np.flatnonzero(top <= bottom)
+    for start in range(0, len(here), TRIANGLES_PER_CHUNK):
+        some = here[start : start + TRIANGLES_PER_CHUNK]
+        for sided in (True, False):
+            chosen = some[(found.side[some] != 0) == sided]
+            if not len(chosen):
+                continue
+            set_up = cones(triangles, found.number[chosen], pencil, found.holds_center[chosen])
+            box = np.stack((found.box[0, chosen], found.box[1, chosen], top[chosen], bottom[chosen]))
+            if sided:
+                yield _spans_of_sides(set_up, pencil, found.side[chosen], box.astype(np.int64))
+            else:
+                yield _whole_rows(set_up, pencil, rows)
+
+
+def _spans_zero(x: Floats) -> NDArray[np.bool_]:
+    return np.asarray((x.min(axis=0) <= 0) & (x.max(axis=0) >= 0))
+
+
+def _pixel_box(x: Floats, y: Floats, s: Floats, pencil: Pencil, side: int) -> Floats:
     """Return first and last column, first and last row (4, T) of the part of triangles on one side."""
-    s = -corners[:, :, 2]
     width, height = pencil.resolution
-    low, high = _slope_range(corners[:, :, 0], s, side)
+    low, high = _slope_range(x, s, side)
     scale, slack = width / (2 * pencil.half_extent[0]), _pixel_slack(pencil, 0)
     first = (low - pencil.shear[0]) * scale + (width - 1) / 2 - slack
     last = (high - pencil.shear[0]) * scale + (width - 1) / 2 + slack
-    low, high = _slope_range(corners[:, :, 1], s, side)
+    low, high = _slope_range(y, s, side)
     scale, slack = height / (2 * pencil.half_extent[1]), _pixel_slack(pencil, 1)
     top = (height - 1) / 2 - (high - pencil.shear[1]) * scale - slack
     bottom = (height - 1) / 2 - (low - pencil.shear[1]) * scale + slack
@@ -79,10 +146,10 @@ def _pixel_box(corners: Floats, pencil: Pencil, side: int, rows: range) -> NDArr
         (
             np.ceil(np.clip(first, 0, width)),
             np.floor(np.clip(last, -1, width - 1)),
-            np.ceil(np.clip(top, rows.start, rows.stop)),
-            np.floor(np.clip(bottom, rows.start - 1, rows.stop - 1)),
+            np.ceil(np.clip(top, 0, height)),
+            np.floor(np.clip(bottom, -1, height - 1)),
         )
-    ).astype(np.int64)
+    )
 
 
 def _pixel_slack(pencil: Pencil, axis: int) -> float:
@@ -96,7 +163,7 @@ def _pixel_slack(pencil: Pencil, axis: int) -> float:
 
 
 def _slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
-    """Return the range of x / s over the part of each triangle on one side of the center.
+    """Return the range of x / s over the part of each triangle (3, T) on one side of the center.
 
     A triangle that crosses s = 0 reaches to infinity there, in the direction of the points
     where its edges cross.
@@ -104,27 +171,22 @@ def _slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
     ahead = side * s > 0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = x / s
-    low = np.where(ahead, slope, np.inf).min(axis=1)
-    high = np.where(ahead, slope, -np.inf).max(axis=1)
-    mixed = np.flatnonzero(ahead.any(axis=1) & ~ahead.all(axis=1))
-    x, s, ahead = x[mixed], s[mixed], ahead[mixed]
+    low = np.where(ahead, slope, np.inf).min(axis=0)
+    high = np.where(ahead, slope, -np.inf).max(axis=0)
+    mixed = np.flatnonzero(ahead.any(axis=0) & ~ahead.all(axis=0))
+    x, s, ahead = x[:, mixed], s[:, mixed], ahead[:, mixed]
     for i, j in EDGES:
         # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j).
-        crosses = ahead[:, i] != ahead[:, j]
-        here, there = x[:, j] * s[:, i], x[:, i] * s[:, j]
-        toward = side * np.sign(s[:, i] - s[:, j]) * (here - there)
+        crosses = ahead[i] != ahead[j]
+        here, there = x[j] * s[i], x[i] * s[j]
+        toward = side * np.sign(s[i] - s[j]) * (here - there)
         doubt = ROUNDING * (np.abs(here) + np.abs(there))
         high[mixed[crosses & (toward >= -doubt)]] = np.inf
         low[mixed[crosses & (toward <= doubt)]] = -np.inf
     return low, high
 
 
-def _may_contain_center(corners: Floats) -> NDArray[np.bool_]:
-    """Return which triangles' boxes contain the center: the only ones that can be hit at s = 0."""
-    return np.asarray(((corners.min(axis=1) <= 0) & (corners.max(axis=1) >= 0)).all(axis=1))
-
-
-def _spans_of_side(c: Cones, pencil: Pencil, side: int, box: NDArray[np.int64]) -> Spans:
+def _spans_of_sides(c: Cones, pencil: Pencil, side: NDArray[np.int8], box: NDArray[np.int64]) -> Spans:
     """Cut the rows of each triangle's box by its three edge functions."""
     # Both orientations where the plane passes so near the center that its side is in doubt.
     in_doubt = np.abs(c.plane) <= c.plane_bound
@@ -134,7 +196,7 @@ def _spans_of_side(c: Cones, pencil: Pencil, side: int, box: NDArray[np.int64]) 
     heights = (box[3] - box[2] + 1)[entry]
     cone = np.repeat(entry, heights)
     orientation = np.repeat(orientation, heights)
-    row = box[2][cone] + np.arange(len(cone)) - np.repeat(np.cumsum(heights) - heights, heights)
+    row = np.arange(len(cone)) + np.repeat(box[2][entry] - (np.cumsum(heights) - heights), heights)
     dy = pencil.dy[row]
     steepest = np.abs(pencil.dx).max()
 
@@ -179,7 +241,10 @@ def _spans_of_side(c: Cones, pencil: Pencil, side: int, box: NDArray[np.int64]) 
 
 
 def _whole_rows(c: Cones, pencil: Pencil, rows: range) -> Spans:
-    """Return spans of full width for triangles whose boxes contain the center: none is certain yet."""
+    """Return spans of full width for triangles whose boxes in space contain the center.
+
+    A triangle that does contain it is met by every line; of the others nothing is certain yet.
+    """
     cone = np.repeat(np.arange(len(c.number)), len(rows))
     return Spans(
         cones=c,
@@ -187,6 +252,6 @@ def _whole_rows(c: Cones, pencil: Pencil, rows: range) -> Spans:
         row=np.tile(np.arange(rows.start, rows.stop), len(c.number)),
         first=np.zeros(len(cone), dtype=np.int64),
         last=np.full(len(cone), pencil.resolution[0] - 1),
-        surely_from=np.full(len(cone), np.inf),
-        surely_to=np.full(len(cone), -np.inf),
+        surely_from=np.where(c.holds_center[cone], -np.inf, np.inf),
+        surely_to=np.where(c.holds_center[cone], np.inf, -np.inf),
     )

@@ -10,9 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.certify import FirstSurfaces, first_surfaces
+from xfrustum.reference.certify import Certifier, FirstSurfaces
 from xfrustum.reference.embree import EmbreeTracer
 from xfrustum.reference.lines import Pencil, crossed_frustum, offset_pinholes
+from xfrustum.reference.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.proposals import proposed
 from xfrustum.reference.shading import shaded
 from xfrustum.reference.threads import worker_count
@@ -23,11 +24,11 @@ from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelIm
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
-TRACERS = ("embree",)
+TRACERS = ("embree", "mitsuba")
 """Names of the tracers that can be asked for."""
 
-BAND_PIXELS = 1 << 17
-"""Pixels decided at once; with `PENDING_PAIRS` it bounds the memory, whatever the image's size."""
+BAND_PIXELS = 1 << 19
+"""Pixels decided at once: bounds the memory, about 400 bytes a pixel, whatever the image's size."""
 
 
 class Reference:
@@ -45,11 +46,12 @@ class Reference:
         if tracer not in TRACERS:
             raise ValueError(f"tracer must be one of {TRACERS}, not {tracer!r}")
         self.scene = scene
+        self._tracer_name = tracer
 
     @cached_property
     def tracer(self) -> Tracer:
         """The tracer, built when first needed."""
-        return EmbreeTracer(self.scene)
+        return MitsubaTracer(self.scene) if self._tracer_name == "mitsuba" else EmbreeTracer(self.scene)
 
     @cached_property
     def _normal_of_number(self) -> NDArray[np.float64]:
@@ -74,9 +76,10 @@ class Reference:
         """Yield the true image in bands of rows, from the top, in bounded memory."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
         tracer, triangles = self.tracer, self.scene.triangles
+        certifier = Certifier(triangles, pencil)
 
         def band(rows: range) -> HogelImage:
-            decided = first_surfaces(triangles, pencil, rows)
+            decided = certifier.decide(rows)
             image = self._image(self._camera(aperture, pencil, None), pencil, rows, [(pencil, decided)])
             second_opinion = proposed(tracer, triangles, pencil, rows)
             overruled = (second_opinion != decided.triangle) & (decided.certainty != Certainty.TIE)
@@ -90,10 +93,10 @@ class Reference:
         pencil = crossed_frustum(self.scene.frustum, aperture)
         c, c_star = offset_pinholes(self.scene.frustum, aperture, settings.near)
         drawn = {Camera.BOTH: (c, c_star), Camera.C: (c,), Camera.C_STAR: (c_star,)}[settings.camera]
-        triangles = self.scene.triangles
+        certifiers = [(camera, Certifier(self.scene.triangles, camera)) for camera in drawn]
 
         def band(rows: range) -> HogelImage:
-            layers = [(camera, first_surfaces(triangles, camera, rows)) for camera in drawn]
+            layers = [(camera, certifier.decide(rows)) for camera, certifier in certifiers]
             return self._image(self._camera(aperture, pencil, settings), pencil, rows, layers)
 
         return stacked(list(_in_parallel(band, pencil.resolution)))

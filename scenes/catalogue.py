@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
-from xfrustum.scenes import builtin
+from xfrustum.scenes import builtin, hard_cases
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.scene import Scene
 from xfrustum.scenes.scene_file import read_scene
@@ -17,8 +17,9 @@ def open_scene(text: str) -> Scene:
     Parameters
     ----------
     text
-        The path of a TOML file, or a name out of `builtin.names()`. A path that ends in .toml is a
-        file even if it is missing; a built-in name comes before a file of the same name.
+        The path of a TOML file, or a name out of `builtin.names()` or `hard_cases.names()`. A path
+        that ends in .toml is a file even if it is missing; a built-in name comes before a file of
+        the same name.
 
     Raises
     ------
@@ -27,9 +28,12 @@ def open_scene(text: str) -> Scene:
     """
     if text in builtin.names():
         return builtin.build(text)
+    if text in hard_cases.CASES:
+        return hard_cases.build(text)
     if text.endswith(".toml") or Path(text).exists():
         return read_scene(Path(text))
-    nearest = difflib.get_close_matches(text, builtin.names(), n=1, cutoff=0.0)[0]
+    known = [*builtin.names(), *hard_cases.names()]
+    nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.0)[0]
     raise InputError(
         f"no scene file and no built-in scene is called {text!r}; the nearest built-in is {nearest} "
         "(`xfrustum scenes` lists all)"
