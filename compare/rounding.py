@@ -10,7 +10,9 @@ POSITION_ROUNDINGS = 16
 
 Our own rasterizer computes the point in double precision and rounds it once, in x and in z; seen
 from an aperture a that is 1 + |x - a| / L roundings, 2 to 4 on the plates and objects of practice.
-Renderers that interpolate the point as a varying need 16. The vertex is stored with one. Perspective interpolation forms sum(b_i p_i / w_i) / sum(b_i / w_i)
+Renderers that interpolate the point as a varying need 16.
+
+The vertex is stored with one. Perspective interpolation forms sum(b_i p_i / w_i) / sum(b_i / w_i)
 from plane equations: one rounding for each product p_i / w_i, two for each of the two gradients,
 two for each step along x and y, in numerator and denominator alike, and one for the quotient:
 1 + 2 (1 + 2 + 4) + 1 = 16.

@@ -61,7 +61,8 @@ class SphereCheck:
         """Return the counts in words."""
         return (
             f"sphere of {self.triangles:,} triangles, lines from its center: "
-            f"{self.vertices:,} vertices, {self.vertex_misses:,} missed (float32 {self.tracer_vertex_misses:,}); "
+            f"{self.vertices:,} vertices, {self.vertex_misses:,} missed "
+            f"(float32 {self.tracer_vertex_misses:,}); "
             f"{self.edges:,} edges, {self.edge_misses:,} missed (float32 {self.tracer_edge_misses:,}); "
             f"{self.wrong:,} wrong"
         )

@@ -76,8 +76,9 @@ class Rasterizer:
 
     def release(self) -> None:
         """Free the context and everything in it."""
-        for target in self._targets.values():
-            target.release()
+        with self._context:
+            for target in self._targets.values():
+                target.release()
         self._targets.clear()
         self._context.release()
 
@@ -119,22 +120,26 @@ class Rasterizer:
             near is not smaller than the reach, or the device cannot draw so large an image.
         """
         settings.check_against(self.scene.frustum)
-        target = self._target(settings.depth)
-        target.begin()
-        c, c_star = self._passes(aperture, settings)
-        # C first: C* overlays it.
-        for drawn in {Camera.BOTH: (c, c_star), Camera.C: (c,), Camera.C_STAR: (c_star,)}[settings.camera]:
-            target.clear_depth(drawn.test.clear)
-            self._draw(drawn)
-        triangle = target.read_triangle()
-        return HogelImage(
-            camera=self._camera(aperture, settings),
-            triangle=triangle,
-            object=self._object_of_number[triangle],
-            position=self._read_position(target, c, c_star),
-            normal=self._normals_of(triangle) if normals else None,
-            color=target.read_color() if color else None,
-        )
+        # OpenGL draws in whichever context is current: another Rasterizer may have been opened since.
+        with self._context:
+            target = self._target(settings.depth)
+            target.begin()
+            c, c_star = self._passes(aperture, settings)
+            # C first: C* overlays it.
+            for drawn in {Camera.BOTH: (c, c_star), Camera.C: (c,), Camera.C_STAR: (c_star,)}[
+                settings.camera
+            ]:
+                target.clear_depth(drawn.test.clear)
+                self._draw(drawn)
+            triangle = target.read_triangle()
+            return HogelImage(
+                camera=self._camera(aperture, settings),
+                triangle=triangle,
+                object=self._object_of_number[triangle],
+                position=self._read_position(target, c, c_star),
+                normal=self._normals_of(triangle) if normals else None,
+                color=target.read_color() if color else None,
+            )
 
     def _passes(self, aperture: Aperture, settings: DoubleFrustum) -> tuple[_Pass, _Pass]:
         """Return C and C*."""

@@ -15,6 +15,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from xfrustum.reference.threads import worker_count
+from xfrustum.reference.tracer import unit_scale
 from xfrustum.scenes.hogel_image import NOTHING
 from xfrustum.scenes.scene import Scene
 
@@ -34,7 +35,7 @@ class EmbreeTracer:
     name = "embree"
 
     def __init__(self, scene: Scene) -> None:
-        self._scale = _unit_scale(scene.vertices)
+        self._scale = unit_scale(scene.vertices)
         self._embree = EmbreeScene(robust=True)
         self._empty = len(scene.faces) == 0
         if not self._empty:
@@ -69,13 +70,3 @@ class EmbreeTracer:
         with ThreadPoolExecutor(worker_count()) as pool:
             list(pool.map(trace, range(0, len(origins), RAYS_PER_CALL)))
         return hits
-
-
-def _unit_scale(vertices: NDArray[np.float64]) -> float:
-    """Return the power of two that brings a scene to about unit size.
-
-    Embree has absolute constants near the limits of float32; a power of two moves no bit of
-    any mantissa, so that the picture does not depend on the unit of length.
-    """
-    size = float(np.abs(vertices).max(initial=0.0))
-    return float(2.0 ** -np.floor(np.log2(size))) if size > 0 else 1.0

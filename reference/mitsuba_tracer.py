@@ -33,11 +33,14 @@ class MitsubaTracer:
 
     def __init__(self, scene: Scene) -> None:
         self._backend = backend()
+        mi = self._backend.mitsuba
+        # Kept, so that this tracer outlives a change of Mitsuba's variant.
+        self._ray, self._point, self._vector, self._int = mi.Ray3f, mi.Point3f, mi.Vector3f, mi.Int
         self._scale = unit_scale(scene.vertices)
         self._scene = None
         if len(scene.faces):
             mesh = triangle_mesh("scene", scene.vertices * self._scale, scene.faces)
-            self._scene = self._backend.mitsuba.load_dict(
+            self._scene = mi.load_dict(
                 {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
             )
 
@@ -66,19 +69,18 @@ class MitsubaTracer:
         return hits
 
     def _together(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.int32]:
-        mi, dr = self._backend.mitsuba, self._backend.drjit
+        dr = self._backend.drjit
         assert self._scene is not None
         # Dr.Jit's arrays of vectors hold each coordinate in one piece.
-        ray = mi.Ray3f(mi.Point3f(_coordinates(origins)), mi.Vector3f(_coordinates(directions)))
+        ray = self._ray(self._point(_coordinates(origins)), self._vector(_coordinates(directions)))
         met = self._scene.ray_intersect_preliminary(ray, coherent=True)
-        hits: NDArray[np.int32] = dr.select(met.is_valid(), mi.Int(met.prim_index), NOTHING).numpy()
+        hits: NDArray[np.int32] = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
         return hits
 
     def _one_by_one(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.int32]:
-        mi = self._backend.mitsuba
         assert self._scene is not None
         trace = self._scene.ray_intersect_preliminary
-        met = (trace(mi.Ray3f(o, d)) for o, d in zip(origins.tolist(), directions.tolist(), strict=True))
+        met = (trace(self._ray(o, d)) for o, d in zip(origins.tolist(), directions.tolist(), strict=True))
         return np.array([m.prim_index if m.is_valid() else NOTHING for m in met], dtype=np.int32)
 
 

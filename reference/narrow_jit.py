@@ -9,7 +9,8 @@ only where that leaves more than one, to hand over the pairs.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,14 @@ from xfrustum.scenes.hogel_image import NOTHING
 
 _ONE_AT_A_TIME = threading.Lock()
 """Dr.Jit records per process; its kernels themselves use all processors."""
+
+
+@contextmanager
+def _strict_arithmetic() -> Iterator[None]:
+    """Hold Dr.Jit to IEEE arithmetic: a proof must not rest on a compiler's liberties."""
+    with _ONE_AT_A_TIME, dr.scoped_set_flag(dr.JitFlag.FastMath, False):
+        yield
+
 
 _DOUBTFUL = 2
 """What a pair counts whose coverage is in doubt: it leaves its pixel open even if it is alone."""
@@ -58,7 +67,7 @@ class JitNarrowPhase:
         self._pixels = len(rows) * pencil.resolution[0]
         self._base = rows.start * pencil.resolution[0]
         self._lanes: list[_Lanes] = []
-        with _ONE_AT_A_TIME:
+        with _strict_arithmetic():
             # Opaque: values that differ from image to image must not compile another kernel.
             self._limit = dr.opaque(Float64, np.inf, self._pixels)
             self._dx = Float64(np.array(pencil.dx))
@@ -68,7 +77,7 @@ class JitNarrowPhase:
         """Take more spans into account."""
         if not len(spans.row):
             return
-        with _ONE_AT_A_TIME:
+        with _strict_arithmetic():
             lanes = self._uploaded(spans)
             self._lanes.append(lanes)
 
@@ -85,7 +94,7 @@ class JitNarrowPhase:
 
     def finish(self) -> Sifted:
         """Return who is first where only one can be, and the pairs of all other pixels."""
-        with _ONE_AT_A_TIME:
+        with _strict_arithmetic():
             rivals = dr.opaque(UInt32, 0, self._pixels)
             number = dr.opaque(UInt32, 0, self._pixels)
             distance = dr.opaque(Float64, 0.0, self._pixels)

@@ -108,6 +108,10 @@ class Reference:
         pencil = crossed_frustum(self.scene.frustum, aperture)
         return hidden(self.tracer, self.scene, pencil, points, tolerance)
 
+    def camera(self, aperture: Aperture) -> HogelCamera:
+        """Return the true frustum of an aperture, as its image carries it."""
+        return self._camera(aperture, crossed_frustum(self.scene.frustum, aperture), None)
+
     def _camera(self, aperture: Aperture, pencil: Pencil, settings: DoubleFrustum | None) -> HogelCamera:
         return HogelCamera(
             aperture=aperture,

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from tqdm import tqdm
 
 from xfrustum.compare import compare_images, predict
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports import images, provenance
 from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.timing import Stopwatch
 from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.frustum import Frustum
@@ -88,7 +87,8 @@ def sweep(
         reference = Reference(scene, tracer=tracer)
         rasterizer = Rasterizer(scene)
     bench = _Bench(scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings)))
-    with rasterizer, _progress_bar(len(apertures) * (1 + len(settings)), progress) as bar:
+    images = len(apertures) * (1 + len(settings))
+    with rasterizer, progress_bar(images, "report", "image", shown=progress) as bar:
         for aperture in apertures:
             bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
             bench.trace(aperture, watch)
@@ -111,12 +111,6 @@ def sweep(
         devices={**provenance.machine(), **opengl},
         times_s=watch.seconds,
     )
-
-
-def _progress_bar(steps: int, shown: bool) -> tqdm[None]:
-    # A log keeps every line that a terminal would overwrite.
-    seconds = 0.1 if sys.stderr.isatty() else 5.0
-    return tqdm(total=steps, disable=not shown, desc="report", unit="image", mininterval=seconds)
 
 
 def _reduction(frustum: Frustum, count: int) -> int:

@@ -140,7 +140,7 @@ CASES = (
     HardCase(
         name="hard/screen-near-plate-in-front",
         why="the same screen 2^-30 before the plate: the shear changes its sign, and its image is mirrored",
-        expected="the box as from the opposite aperture with the screen behind, by half a turn of the film",
+        expected="the box where each line enters it; from the middle what the screen behind the plate shows",
         objects=_room,
         frustum=_screen_at(2.0**-30),
         apertures=((2, 2), (0, 3)),

@@ -23,11 +23,7 @@ from xfrustum.scenes.hard_frusta import (
     asymmetric_on_a_grid,
 )
 from xfrustum.scenes.hard_sheets import AT_REACH, SEPARATIONS, SHEET_ROWS, sheet_columns
-from xfrustum.scenes.hard_slivers import (
-    TURNED_COLUMN,
-    TURNED_HALF_HEIGHT,
-    TURNED_MIDDLE,
-)
+from xfrustum.scenes.hard_slivers import TURNED_COLUMN, TURNED_HALF_HEIGHT, TURNED_MIDDLE
 
 ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 
@@ -262,7 +258,8 @@ def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(name: str, ap
     where = scene_of(name).plate.aperture(*aperture)
     dx, dy = slopes(name, aperture)
     ways = [
-        (half + center * np.sign(d)) / np.abs(d) for half, center, d in zip(ROOM, (where.x, where.y), (dx, dy))
+        (half + center * np.sign(d)) / np.abs(d)
+        for half, center, d in zip(ROOM, (where.x, where.y), (dx, dy))
     ]
     np.testing.assert_allclose(image.height, np.minimum(np.minimum(*ways), ROOM[2]), rtol=1e-14)
     if name == "hard/steep":
@@ -271,10 +268,13 @@ def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(name: str, ap
         assert image.height.max() < 1e-6
 
 
-def test_a_screen_in_front_shows_the_opposite_aperture_turned_by_half_a_turn() -> None:
-    in_front = truth_of("hard/screen-near-plate-in-front", (0, 3)).height
-    behind = truth_of("hard/screen-near-plate", (4, 1)).height
-    np.testing.assert_array_equal(in_front, behind[::-1, ::-1])
+def test_a_screen_in_front_shears_the_other_way_and_from_the_middle_not_at_all() -> None:
+    behind, in_front = "hard/screen-near-plate", "hard/screen-near-plate-in-front"
+    np.testing.assert_array_equal(truth_of(in_front).triangle, truth_of(behind).triangle)
+    np.testing.assert_array_equal(truth_of(in_front).position, truth_of(behind).position)
+    one, other = truth_of(in_front, (0, 3)).camera, truth_of(behind, (0, 3)).camera
+    assert one.shear == (-other.shear[0], -other.shear[1]) != (0.0, 0.0)
+    assert one.half_extent == other.half_extent
 
 
 def test_the_picture_on_the_screen_fills_every_aperture_alike() -> None:

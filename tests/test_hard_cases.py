@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +42,7 @@ NEARS = (1e-3, 1e-6)
 LINE_ROUNDING = 4 * 2.0**-53
 """Two roundings in a coordinate a + s d of a surface point, relative to its terms, doubled."""
 
+KIB, GIB = 1 << 10, 1 << 30
 CHECKED_EXACTLY = 600
 """Pixels of each class that rational arithmetic decides again."""
 
@@ -144,10 +147,81 @@ def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: s
                     shown = drawn.triangle != NOTHING
                     assert np.isfinite(drawn.position[shown]).all()
                     assert drawn.color is not None and np.isfinite(drawn.color).all()
-                    assert bits(drawn) == bits(one.render(where, settings)) == bits(other.render(where, settings))
+                    assert (
+                        bits(drawn)
+                        == bits(one.render(where, settings))
+                        == bits(other.render(where, settings))
+                    )
 
                     judged = compare_images(truth_of(name, aperture), drawn, reference)
                     json.dumps(judged.summary(), allow_nan=False)
                     model = reference.trace_model(where, settings)
                     explained = explain(scene, model, drawn, int(one.device["subpixel_bits"]))
                     assert not explained.unexplained.any(), (aperture, settings)
+
+
+def test_two_open_rasterizers_do_not_draw_into_each_other() -> None:
+    scenes = [scene_of(name) for name in ("hard/tiny", "hard/needles", "hard/duplicates")]
+    settings = [DoubleFrustum(near=1e-3 * scene.frustum.longest_reach) for scene in scenes]
+    alone = []
+    for scene, setting in zip(scenes, settings, strict=True):
+        with Rasterizer(scene) as rasterizer:
+            alone.append(bits(rasterizer.render(scene.plate.middle, setting)))
+    rasterizers = [Rasterizer(scene) for scene in scenes]
+    while rasterizers:
+        for rasterizer, setting, expected in zip(rasterizers, settings, alone, strict=True):
+            assert bits(rasterizer.render(rasterizer.scene.plate.middle, setting)) == expected
+        rasterizers.pop(0).release()
+        settings, alone = settings[1:], alone[1:]
+
+
+def peak_memory(work: str) -> int:
+    """Return the most bytes that a process of its own needed for some work."""
+    measured = f"{work}\nimport resource\nprint(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    done = subprocess.run([sys.executable, "-c", measured], capture_output=True, text=True, check=True)
+    return int(done.stdout.splitlines()[-1]) * KIB
+
+
+MESH_COPIES = 13
+"""Arrays of nine doubles a triangle: corners, edges and normals while they are made, the mesh, the chunks."""
+
+
+@pytest.mark.slow
+def test_ten_million_triangles_are_traced_in_memory_for_the_mesh_alone() -> None:
+    case = hard_cases.CASES["hard/giant-mesh"]
+    assert case.triangles is not None
+    needed = peak_memory(
+        "import numpy as np\n"
+        "from xfrustum.reference import Reference\n"
+        "from xfrustum.scenes import Certainty, open_scene\n"
+        f"scene = open_scene({case.name!r})\n"
+        f"assert len(scene.faces) == {case.triangles}\n"
+        "image = Reference(scene).trace(scene.plate.middle)\n"
+        "assert image.covered.all() and -69 < image.height.min() and image.height.max() < -51\n"
+        "assert (image.certainty == Certainty.PROVEN).mean() > 0.999\n"
+    )
+    print(f"\n{case.name}: {needed / GIB:.2f} GiB")
+    assert needed < MESH_COPIES * 72 * case.triangles
+
+
+@pytest.mark.slow
+def test_a_giant_image_is_traced_in_bands_of_bounded_memory() -> None:
+    case = hard_cases.CASES["hard/giant-image"]
+    width, height = case.frustum.resolution
+    needed = peak_memory(
+        "from xfrustum.reference import Reference\n"
+        "from xfrustum.scenes import Certainty, open_scene\n"
+        f"scene = open_scene({case.name!r})\n"
+        f"assert len(scene.faces) == {case.triangles}\n"
+        "expected, covered, unproven = 0, 0, 0\n"
+        "for row, band in Reference(scene).trace_bands(scene.plate.middle):\n"
+        "    assert row == expected\n"
+        "    expected += len(band.triangle)\n"
+        "    covered += int(band.covered.sum())\n"
+        "    unproven += int((band.certainty != Certainty.PROVEN).sum())\n"
+        f"assert expected == {height}\n"
+        f"assert 0.2 < covered / {width * height} < 0.9\n"
+        f"assert unproven < 1e-3 * {width * height}\n"
+    )
+    print(f"\n{case.name}: {needed / GIB:.2f} GiB")
+    assert needed < 3 * GIB

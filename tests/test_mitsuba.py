@@ -170,6 +170,20 @@ class TestTracer:
         monkeypatch.setattr("xfrustum.reference.mitsuba_tracer.RAYS_PER_CALL", 1000)
         np.testing.assert_array_equal(tracer.first_hits(o, d), hits)
 
+    def test_a_tracer_outlives_its_variant(self) -> None:
+        scene = scene_at("asymmetric", 64, 48)
+        o, d = rays(scene, scene.plate.middle)
+        mi = backend().mitsuba
+        before = mi.variant()
+        tracer = MitsubaTracer(scene)
+        hits = tracer.first_hits(o, d)
+        mi.set_variant("scalar_rgb")
+        try:
+            np.testing.assert_array_equal(tracer.first_hits(o, d), hits)
+            np.testing.assert_array_equal(MitsubaTracer(scene).first_hits(o, d), hits)
+        finally:
+            mi.set_variant(before)
+
     def test_nothing_is_met_where_there_is_nothing(self) -> None:
         tracer = MitsubaTracer(open_scene("empty"))
         assert tracer.first_hits(np.zeros((3, 3)), np.ones((3, 3))).tolist() == [NOTHING] * 3

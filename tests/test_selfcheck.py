@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from tests.brute_force import exact_first
 from tests.strategies import ANYTHING, apertures, coincidences, frusta, triangles
-from tests.views import at, soup, view
+from tests.views import SHARED_SCENES, at, soup, view
 from xfrustum.compare import selfcheck as module
 from xfrustum.compare import sphere
 from xfrustum.compare.disagreements import disagreements
@@ -131,7 +132,7 @@ def test_a_part_of_the_self_check_agrees() -> None:
     assert check.total("proven") + check.total("exact") + check.total("ties") == check.total("pixels")
     assert min(check.total("exact"), check.total("ties"), check.total("tracer_wrong")) > 0
     assert check.sphere is not None and check.sphere.triangles == 5120
-    assert check.summary()["agrees"] is True
+    assert json.loads(json.dumps(check.summary(), allow_nan=False))["agrees"] is True
 
 
 def small_scene() -> Scene:
@@ -139,7 +140,7 @@ def small_scene() -> Scene:
     back = np.array(
         [[[-9, -9, -4], [9, -9, -4], [9, 9, -4]], [[-9, -9, -4], [9, 9, -4], [-9, 9, -4]]], dtype=float
     )
-    front = back / 4 + [2.1, 2.2, 1.0]
+    front = back / 4 + [2.1, 2.2, -1.0]
     return soup(np.concatenate((back, front, front[:1])), SQUARE)
 
 
@@ -169,7 +170,7 @@ SPOILED: dict[str, tuple[str, Callable[[HogelImage], HogelImage]]] = {
     "a proof called a tie": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.TIE)),
     "nobody looked": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.UNEXAMINED)),
     "a companion lost": ("companions", without_a_companion),
-    "a position off by 1e-14": ("position", lambda image: shifted(image, 1e-14)),
+    "a position off by 1e-13": ("position", lambda image: shifted(image, 1e-13)),
     "no position": ("position", lambda image: shifted(image, np.nan)),
 }
 
@@ -212,9 +213,7 @@ def test_processes_make_no_difference() -> None:
     assert one.sphere is None
 
 
-@pytest.mark.parametrize(
-    "name", ["beetle", "bunny-transfer", pytest.param("teapot-recentered"), pytest.param("truck")]
-)
+@pytest.mark.parametrize("name", SHARED_SCENES)
 def test_scene_files_agree(name: str) -> None:
     check = selfcheck([view(name, (1, 1)).source], quick=True)
     assert check.agrees, table(check)

@@ -46,7 +46,7 @@ def cli(context: click.Context) -> None:
 @click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: all]")
 @options.tracer_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
-@click.option("--quiet", is_flag=True, help="No progress bar.")
+@options.quiet_option
 @options.json_option
 def report(
     *,
@@ -89,17 +89,18 @@ def report(
 @options.aperture_option
 @options.tracer_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
-def trace(scene: str, aperture: tuple[int, int] | None, tracer: str, out: Path) -> None:
+@options.quiet_option
+def trace(scene: str, aperture: tuple[int, int] | None, tracer: str, out: Path, quiet: bool) -> None:
     """Trace the truth of one aperture and write it as EXR."""
     from xfrustum.reference import Reference
     from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.reports.tracing import trace_to_file
     from xfrustum.scenes import open_scene
-    from xfrustum.scenes.exr import write_image
 
     opened = open_scene(scene)
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_file(out)
-    write_image(out, Reference(opened, tracer=tracer).trace(chosen))
+    trace_to_file(Reference(opened, tracer=tracer), chosen, out, progress=not quiet)
 
 
 @cli.command()

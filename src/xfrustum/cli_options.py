@@ -182,4 +182,5 @@ aperture_option = click.option(
 tracer_option = click.option(
     "--tracer", type=Tracer(), default="embree", show_default=True, help="Who traces."
 )
+quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")

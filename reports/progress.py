@@ -1,0 +1,25 @@
+"""One look for every progress bar."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from tqdm import tqdm
+
+
+def progress_bar(total: int, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
+    """Return a bar on standard error, to be updated; a log gets few lines of it.
+
+    Parameters
+    ----------
+    total
+        Number of units.
+    what, unit
+        In words.
+    shown
+        Whether to draw it at all.
+    """
+    # A log keeps every line that a terminal would overwrite.
+    seconds = 0.1 if sys.stderr.isatty() else 5.0
+    return tqdm(total=total, disable=not shown, desc=what, unit=unit, mininterval=seconds)
