@@ -92,6 +92,16 @@ def near_edge(corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits
     return near
 
 
+def covers(corners: Floats, pencil: Pencil, pixels: PixelIndex) -> NDArray[np.bool_]:
+    """Return which pixel centers a camera's triangles (N, 3, 3), one for each pixel, cover."""
+    vertices, _ = film_vertices(corners, pencil)
+    points = film_points(pencil, pixels)
+    sides = [
+        np.einsum("ij,ij->i", np.cross(vertices[:, i], vertices[:, (i + 1) % 3]), points) for i in range(3)
+    ]
+    return np.asarray((np.min(sides, axis=0) >= 0) | (np.max(sides, axis=0) <= 0))
+
+
 def _within(
     line: Floats, value: Floats, value_bound: Floats, snap_px: float, resolution: tuple[int, int]
 ) -> NDArray[np.bool_]:

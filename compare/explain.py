@@ -6,8 +6,8 @@ buffer starts at a clear value that a surface must beat. Each leaves its mark (d
 
 * edge: the pixel's center lies within those roundings of an edge of one of the two triangles,
   or of a cut by the near plane or the reach;
-* order: the two surfaces are closer in stored depth than its roundings;
-* lost: the surface is closer to the clear value than that.
+* order: both triangles cover the pixel, and are closer in stored depth than its roundings;
+* lost: the surface is closer to the clear value than that, and what is shown covers the pixel.
 
 What bears no mark is unexplained: somebody's bug.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.depth_rounding import Depths, depths
-from xfrustum.compare.edge_rounding import near_edge
+from xfrustum.compare.edge_rounding import covers, near_edge
 from xfrustum.reference.lines import offset_pinholes
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.scene import Scene
@@ -67,6 +67,8 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     cameras = offset_pinholes(scene.frustum, raster.camera.aperture, settings.near)
 
     edge = np.zeros(len(rows), dtype=np.bool_)
+    # A depth test chooses only among triangles that cover the pixel: on the model's side they do.
+    at_choice = raster.triangle[rows, columns] == NOTHING
     sides: list[tuple[NDArray[np.bool_], Depths]] = []
     for image in (model, raster):
         triangle = image.triangle[rows, columns]
@@ -78,12 +80,14 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
             corners = scene.triangles[triangle[some]]
             pixels = (columns[some], rows[some])
             edge[some] |= near_edge(corners, pencil, pixels, subpixel_bits)
+            if image is raster:
+                at_choice[some] |= covers(corners, pencil, pixels)
             shown.put(some, depths(corners, pencil, pixels, settings, subpixel_bits))
         sides.append((height > 0, shown))
 
     (model_in_front, expected), (raster_in_front, drawn_depth) = sides
-    order = (model_in_front == raster_in_front) & expected.indistinguishable_from(drawn_depth)
-    lost = expected.lost()
+    order = at_choice & (model_in_front == raster_in_front) & expected.indistinguishable_from(drawn_depth)
+    lost = at_choice & expected.lost()
     return Explanation(
         edge=_scatter(wrong, edge),
         order=_scatter(wrong, order & ~edge),

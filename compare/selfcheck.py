@@ -42,6 +42,8 @@ class ViewCheck:
         The first few of them.
     tracer_wrong
         Pixels without a tie that the float32 tracer alone gets wrong.
+    seconds
+        Tracing, waiting for the exact rows, comparing; other processes work ahead meanwhile.
     """
 
     scene: str
@@ -55,6 +57,7 @@ class ViewCheck:
     wrong: int
     disagreements: tuple[Disagreement, ...]
     tracer_wrong: int
+    seconds: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +155,7 @@ def selfcheck(
 
 def _check(view: View, rows: list[Future[ExactRows]], bar: Any) -> ViewCheck:
     """Trace a view, wait for its exact rows and compare."""
+    started = time.perf_counter()
     image = Reference(view.scene).trace(view.aperture)
     assert image.certainty is not None
     assert image.overruled is not None
@@ -179,6 +183,7 @@ def _check(view: View, rows: list[Future[ExactRows]], bar: Any) -> ViewCheck:
         wrong=int(found.wrong.sum()),
         disagreements=found.listed,
         tracer_wrong=int(image.overruled.sum()),
+        seconds=time.perf_counter() - started,
     )
 
 

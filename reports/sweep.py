@@ -87,8 +87,8 @@ def sweep(
         reference = Reference(scene, tracer=tracer)
         rasterizer = Rasterizer(scene)
     bench = _Bench(scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings)))
-    images = len(apertures) * (1 + len(settings))
-    with rasterizer, progress_bar(images, "report", "image", shown=progress) as bar:
+    steps = len(apertures) * (1 + len(settings))
+    with rasterizer, progress_bar(steps, "report", "image", shown=progress) as bar:
         for aperture in apertures:
             bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
             bench.trace(aperture, watch)

@@ -93,7 +93,7 @@ def _lower_body() -> Mesh:
     cap = np.clip(np.abs(z - inside) / _CAP, 0, 1)
     shrink = (1 - cap**2.4) ** (1 / 2.4)
     top, bottom = _curve(_SHOULDER, z), _curve(_SILL, z)
-    section = _superellipse(_SECTION, 104)
+    section = _superellipse(_SECTION, 108)
     half_width, half_height = _curve(_HALF_WIDTH, z) * shrink, (top - bottom) / 2 * shrink
     x = half_width[:, None] * section[:, 0]
     y = ((top + bottom) / 2)[:, None] + half_height[:, None] * section[:, 1]

@@ -259,7 +259,7 @@ def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(name: str, ap
     dx, dy = slopes(name, aperture)
     ways = [
         (half + center * np.sign(d)) / np.abs(d)
-        for half, center, d in zip(ROOM, (where.x, where.y), (dx, dy))
+        for half, center, d in zip(ROOM[:2], (where.x, where.y), (dx, dy), strict=True)
     ]
     np.testing.assert_allclose(image.height, np.minimum(np.minimum(*ways), ROOM[2]), rtol=1e-14)
     if name == "hard/steep":

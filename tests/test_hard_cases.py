@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -187,7 +188,9 @@ MESH_COPIES = 13
 
 
 @pytest.mark.slow
-def test_ten_million_triangles_are_traced_in_memory_for_the_mesh_alone() -> None:
+def test_ten_million_triangles_are_traced_in_memory_for_the_mesh_alone(
+    record_property: Callable[[str, object], None],
+) -> None:
     case = hard_cases.CASES["hard/giant-mesh"]
     assert case.triangles is not None
     needed = peak_memory(
@@ -200,12 +203,14 @@ def test_ten_million_triangles_are_traced_in_memory_for_the_mesh_alone() -> None
         "assert image.covered.all() and -69 < image.height.min() and image.height.max() < -51\n"
         "assert (image.certainty == Certainty.PROVEN).mean() > 0.999\n"
     )
-    print(f"\n{case.name}: {needed / GIB:.2f} GiB")
+    record_property("peak_gib", needed / GIB)
     assert needed < MESH_COPIES * 72 * case.triangles
 
 
 @pytest.mark.slow
-def test_a_giant_image_is_traced_in_bands_of_bounded_memory() -> None:
+def test_a_giant_image_is_traced_in_bands_of_bounded_memory(
+    record_property: Callable[[str, object], None],
+) -> None:
     case = hard_cases.CASES["hard/giant-image"]
     width, height = case.frustum.resolution
     needed = peak_memory(
@@ -223,5 +228,5 @@ def test_a_giant_image_is_traced_in_bands_of_bounded_memory() -> None:
         f"assert 0.2 < covered / {width * height} < 0.9\n"
         f"assert unproven < 1e-3 * {width * height}\n"
     )
-    print(f"\n{case.name}: {needed / GIB:.2f} GiB")
+    record_property("peak_gib", needed / GIB)
     assert needed < 3 * GIB

@@ -209,7 +209,7 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: 
 
 def test_processes_make_no_difference() -> None:
     one, two = (selfcheck(["asymmetric"], quick=True, processes=n) for n in (1, 2))
-    assert one.views == two.views
+    assert [replace(v, seconds=0.0) for v in one.views] == [replace(v, seconds=0.0) for v in two.views]
     assert one.sphere is None
 
 
