@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.hogel_image import NOTHING
+from xfrustum.scenes.scene import Scene
+
 POSITION_ROUNDINGS = 16
 """Roundings of 2^-24 of a triangle's largest coordinate L in a drawn surface point.
 
@@ -21,6 +24,22 @@ two for each step along x and y, in numerator and denominator alike, and one for
 FLOAT32_ROUNDING = 2.0**-24
 
 
-def position_tolerance(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the distance within which points on triangles (N, 3, 3) are known, (N,), scene units."""
-    return np.asarray(POSITION_ROUNDINGS * FLOAT32_ROUNDING * np.abs(triangles).max(axis=(1, 2), initial=0.0))
+def position_tolerance(
+    scene: Scene, triangle: NDArray[np.int32], position: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the distance within which drawn surface points are known, (N,), scene units.
+
+    Parameters
+    ----------
+    scene
+        What they are on.
+    triangle
+        (N,) the triangles that they are on; where that is not known, `NOTHING`, the point's own
+        coordinates stand for its triangle's.
+    position
+        (N, 3) the points.
+    """
+    largest: NDArray[np.float64] = np.abs(position).max(axis=1, initial=0.0)
+    known = triangle != NOTHING
+    largest[known] = scene.largest_coordinates[triangle[known]]
+    return POSITION_ROUNDINGS * FLOAT32_ROUNDING * largest

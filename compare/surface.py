@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.rounding import position_tolerance
-from xfrustum.reference import Reference
+from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.hogel_image import HogelImage
 
 
@@ -28,7 +28,8 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
 
     asked = shows_point_on_film(raster) & ~wrong
-    points = raster.position[asked].astype(np.float64)
-    triangles = reference.scene.triangles[raster.triangle[asked]]
-    wrong[asked] = reference.hidden(truth.camera.aperture, points, position_tolerance(triangles))
+    position, number = raster.position[asked].astype(np.float64), raster.triangle[asked]
+    tolerance = position_tolerance(reference.scene, number, position)
+    points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
+    wrong[asked] = reference.hidden(truth.camera.aperture, points)
     return wrong

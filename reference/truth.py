@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from xfrustum.reference.proposals import proposed
 from xfrustum.reference.shading import shaded
 from xfrustum.reference.threads import worker_count
 from xfrustum.reference.tracer import Tracer
-from xfrustum.reference.visibility import hidden
+from xfrustum.reference.visibility import SurfacePoints, hidden
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage, stacked
 from xfrustum.scenes.plate import Aperture
@@ -26,6 +27,8 @@ from xfrustum.scenes.scene import Scene
 
 TRACERS = ("embree", "mitsuba")
 """Names of the tracers that can be asked for."""
+
+Band = TypeVar("Band")
 
 BAND_PIXELS = 1 << 19
 """Pixels decided at once: bounds the memory, about 400 bytes a pixel, whatever the image's size."""
@@ -81,11 +84,16 @@ class Reference:
         def band(rows: range) -> HogelImage:
             decided = certifier.decide(rows)
             image = self._image(self._camera(aperture, pencil, None), pencil, rows, [(pencil, decided)])
-            second_opinion = proposed(tracer, triangles, pencil, rows)
+            second_opinion = proposed(tracer, self.scene, pencil, rows)
             overruled = (second_opinion != decided.triangle) & (decided.certainty != Certainty.TIE)
             return replace(image, overruled=overruled)
 
         yield from _in_parallel(band, pencil.resolution)
+
+    def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
+        """Yield who is first along each line, and nothing else, in bands of rows from the top."""
+        pencil = crossed_frustum(self.scene.frustum, aperture)
+        yield from _in_parallel(Certifier(self.scene.triangles, pencil).decide, pencil.resolution)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
         """Return what the offset cameras C and C* would draw without any rounding, C* over C."""
@@ -101,12 +109,10 @@ class Reference:
 
         return stacked(list(_in_parallel(band, pencil.resolution)))
 
-    def hidden(
-        self, aperture: Aperture, points: NDArray[np.float64], tolerance: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def hidden(self, aperture: Aperture, points: SurfacePoints) -> NDArray[np.bool_]:
         """Return which points the true frustum of an aperture does not see; see `visibility.hidden`."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        return hidden(self.tracer, self.scene, pencil, points, tolerance)
+        return hidden(self.tracer, self.scene, pencil, points)
 
     def camera(self, aperture: Aperture) -> HogelCamera:
         """Return the true frustum of an aperture, as its image carries it."""
@@ -154,7 +160,7 @@ class Reference:
         )
 
 
-def _in_parallel(band: Callable[[range], HogelImage], resolution: tuple[int, int]) -> Iterator[HogelImage]:
+def _in_parallel(band: Callable[[range], Band], resolution: tuple[int, int]) -> Iterator[Band]:
     """Yield an image's bands in order, made on all processors."""
     width, height = resolution
     workers = worker_count()

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.cone import Floats
+from xfrustum.reference.entry import ray_origins
 from xfrustum.reference.lines import Pencil
 from xfrustum.reference.tracer import Tracer
 from xfrustum.scenes.hogel_image import NOTHING
 from xfrustum.scenes.scene import Scene
 
 
-def hidden(
-    tracer: Tracer, scene: Scene, pencil: Pencil, points: Floats, tolerance: Floats
-) -> NDArray[np.bool_]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfacePoints:
+    """Points that an image claims to show.
+
+    Attributes
+    ----------
+    position
+        (N, 3) scene units, z not 0.
+    triangle
+        (N,) the number of the triangle that each is on, `NOTHING` where that is not known.
+    tolerance
+        (N,) how exactly the points are known, scene units: a surface that passes within this
+        distance of a point is the point's own. Thus a mesh's tessellation makes no difference.
+    """
+
+    position: Floats
+    triangle: NDArray[np.int32]
+    tolerance: Floats
+
+
+def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) -> NDArray[np.bool_]:
     """Return which points lie behind another surface on their own true line.
 
     Parameters
@@ -26,17 +47,14 @@ def hidden(
     pencil
         A crossed frustum; each point's line passes through its center.
     points
-        (N, 3) scene units, z not 0.
-    tolerance
-        (N,) how exactly the points are known, scene units: a surface that passes within this
-        distance of a point is the point's own. Thus a mesh's tessellation makes no difference.
+        Where to look.
     """
-    relative = points - np.asarray(pencil.center)
+    relative = points.position - np.asarray(pencil.center)
     s_point = -relative[:, 2]
     directions = relative / s_point[:, None]
-    origins = np.asarray(pencil.center) + pencil.s_range[0] * directions
+    origins = ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
     hits = tracer.first_hits(origins, directions)
-    met = np.flatnonzero(hits != NOTHING)
+    met = np.flatnonzero((hits != NOTHING) & (hits != points.triangle))
     corners = scene.triangles[hits[met]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     slope = np.einsum("ij,ij->i", normals, directions[met])
@@ -45,8 +63,8 @@ def hidden(
         s_hit = offset / slope
     before = s_hit < s_point[met]
     met, corners = met[before], corners[before]
-    apart = distance_to_triangles(points[met], corners) > tolerance[met]
-    behind = np.zeros(len(points), dtype=np.bool_)
+    apart = distance_to_triangles(points.position[met], corners) > points.tolerance[met]
+    behind = np.zeros(len(hits), dtype=np.bool_)
     behind[met[apart]] = True
     return behind
 

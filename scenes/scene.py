@@ -128,6 +128,19 @@ class Scene:
         return read_only(self.vertices[self.faces])
 
     @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates of all vertices; NaN where there are none."""
+        if not len(self.vertices):
+            return read_only(np.full((2, 3), np.nan))
+        return read_only(np.stack((self.vertices.min(axis=0), self.vertices.max(axis=0))))
+
+    @cached_property
+    def largest_coordinates(self) -> NDArray[np.float64]:
+        """(F,) largest absolute coordinate of each triangle: what roundings of it are relative to."""
+        x, y, z = np.abs(self.triangles).transpose(1, 2, 0).max(axis=0)
+        return read_only(np.maximum(np.maximum(x, y), z))
+
+    @cached_property
     def normals(self) -> NDArray[np.float64]:
         """(F, 3) unit normals by the mesh's winding; zero for triangles without area.
 

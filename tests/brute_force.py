@@ -70,7 +70,9 @@ def _first_hits(triangles: Floats, center: Floats, d: Floats, s_range: tuple[flo
     return Hits(triangle=triangle, s=start + first, second=start + second)
 
 
-def _moeller_trumbore(origin: list[Floats], ray: list[Floats], corner_and_edges: tuple[Floats, ...]) -> Floats:
+def _moeller_trumbore(
+    origin: list[Floats], ray: list[Floats], corner_and_edges: tuple[Floats, ...]
+) -> Floats:
     """Return t of N lines and T triangles, (N, T), infinite where they do not meet."""
     v0, e1, e2 = corner_and_edges
     p = _cross(ray, e2)
@@ -114,7 +116,9 @@ def near_an_edge(
         with np.errstate(divide="ignore", invalid="ignore"):
             start, end = a[:, :2] / a[:, 2:], b[:, :2] / b[:, 2:]
             squared = np.sum((end - start) ** 2, axis=1)
-            share = np.einsum("ij,ij->i", film[pixel, :2] - start, end - start) / np.where(squared > 0, squared, 1)
+            share = np.einsum("ij,ij->i", film[pixel, :2] - start, end - start) / np.where(
+                squared > 0, squared, 1
+            )
             foot = start + np.clip(share, 0, 1)[:, None] * (end - start)
             at_edge = np.linalg.norm(film[pixel, :2] - foot, axis=1) <= px
         near[pixel[at_edge | (a[:, 2] * b[:, 2] <= 0)]] = True

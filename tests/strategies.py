@@ -35,8 +35,12 @@ def frusta(draw: st.DrawFn, *, exact: bool = False) -> Frustum:
     reach = (draw(st.sampled_from([REACH, 5.0])), draw(st.sampled_from([REACH, 7.0])))
     if not exact and draw(st.booleans()):
         angles = (draw(st.floats(20, 120)), draw(st.floats(20, 120)))
-        return Frustum(resolution=resolution, reach=reach, fov=(math.radians(angles[0]), math.radians(angles[1])))
-    height = draw(st.sampled_from([-8.0, -4.0, 4.0, 8.0]) if exact else st.sampled_from([-9.0, -3.5, 2.5, 11.0]))
+        return Frustum(
+            resolution=resolution, reach=reach, fov=(math.radians(angles[0]), math.radians(angles[1]))
+        )
+    height = draw(
+        st.sampled_from([-8.0, -4.0, 4.0, 8.0]) if exact else st.sampled_from([-9.0, -3.5, 2.5, 11.0])
+    )
     center = (draw(st.integers(-8, 8)) / 4, draw(st.integers(-8, 8)) / 4)
     size = (draw(st.sampled_from([8.0, 16.0])), draw(st.sampled_from([4.0, 16.0])))
     return Frustum(resolution=resolution, reach=reach, screen=Screen(height=height, center=center, size=size))

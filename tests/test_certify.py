@@ -84,9 +84,7 @@ class TestAgainstRationalNumbers:
 
     @settings(max_examples=75, deadline=None, derandomize=True)
     @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
-    def test_so_do_the_two_offset_cameras_overlaid(
-        self, asked: tuple[Scene, Aperture], near: float
-    ) -> None:
+    def test_so_do_the_two_offset_cameras_overlaid(self, asked: tuple[Scene, Aperture], near: float) -> None:
         scene, aperture = asked
         viewer, back = scene.frustum.reach
         screen = scene.frustum.screen
@@ -147,9 +145,7 @@ def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
     np.testing.assert_array_equal(once.triangle, twice.triangle)
     assert twice.certainty is not None
     np.testing.assert_array_equal(twice.certainty == Certainty.TIE, once.covered)
-    twins = [
-        [group | {t + len(scene.faces) for t in group} for group in row] for row in winners(once)
-    ]
+    twins = [[group | {t + len(scene.faces) for t in group} for group in row] for row in winners(once)]
     assert winners(twice) == twins
 
 

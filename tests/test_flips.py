@@ -120,9 +120,7 @@ def test_a_flipped_c_is_wrong(answers: Answers, axes: str) -> None:
     assert answers.surface(overlaid(pictured(answers.c, PLACES[axes]), answers.c_star)) > SEEN
 
 
-def test_a_c_star_where_the_nearest_wins_is_wrong(
-    answers: Answers, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_c_star_where_the_nearest_wins_is_wrong(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
     """C* looks back: what is nearest to it is what the viewer sees last."""
     monkeypatch.setattr(rasterizer, "farthest_wins", nearest_wins)
     with Rasterizer(answers.scene) as raster:

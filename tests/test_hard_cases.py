@@ -183,8 +183,11 @@ def peak_memory(work: str) -> int:
     return int(done.stdout.splitlines()[-1]) * KIB
 
 
-MESH_COPIES = 13
-"""Arrays of nine doubles a triangle: corners, edges and normals while they are made, the mesh, the chunks."""
+BYTES_PER_TRIANGLE = 512
+"""Of a mesh with two triangles a vertex, 132 stay: vertices 12, faces 24, corners 72, normals 24.
+
+Making the normals takes about as much again three times over. An image takes nothing beside that.
+"""
 
 
 @pytest.mark.slow
@@ -204,7 +207,7 @@ def test_ten_million_triangles_are_traced_in_memory_for_the_mesh_alone(
         "assert (image.certainty == Certainty.PROVEN).mean() > 0.999\n"
     )
     record_property("peak_gib", needed / GIB)
-    assert needed < MESH_COPIES * 72 * case.triangles
+    assert needed < BYTES_PER_TRIANGLE * case.triangles
 
 
 @pytest.mark.slow
@@ -218,13 +221,12 @@ def test_a_giant_image_is_traced_in_bands_of_bounded_memory(
         "from xfrustum.scenes import Certainty, open_scene\n"
         f"scene = open_scene({case.name!r})\n"
         f"assert len(scene.faces) == {case.triangles}\n"
-        "expected, covered, unproven = 0, 0, 0\n"
-        "for row, band in Reference(scene).trace_bands(scene.plate.middle):\n"
-        "    assert row == expected\n"
-        "    expected += len(band.triangle)\n"
+        "rows, covered, unproven = 0, 0, 0\n"
+        "for band in Reference(scene).trace_bands(scene.plate.middle):\n"
+        "    rows += len(band.triangle)\n"
         "    covered += int(band.covered.sum())\n"
         "    unproven += int((band.certainty != Certainty.PROVEN).sum())\n"
-        f"assert expected == {height}\n"
+        f"assert rows == {height}\n"
         f"assert 0.2 < covered / {width * height} < 0.9\n"
         f"assert unproven < 1e-3 * {width * height}\n"
     )

@@ -15,7 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy import stats
 
-from xfrustum.reference import TRACERS, Reference
+from xfrustum.reference import TRACERS, Reference, SurfacePoints
 from xfrustum.reference.dr_jit import (
     LLVM_VARIABLE,
     OLDEST_LLVM,
@@ -209,9 +209,13 @@ class TestTruth:
         seen = truth.position[truth.covered & (np.abs(truth.height) > 1.0)].astype(np.float64)
         center = np.array([aperture.x, aperture.y, 0.0])
         behind = center + (seen - center) * np.where(seen[:, 2] < 0, 1.05, 0.95)[:, None]
-        points = np.concatenate((seen, behind))
-        tolerance = np.full(len(points), 1e-3)
-        embree, mitsuba = (Reference(scene, t).hidden(aperture, points, tolerance) for t in TRACERS)
+        position = np.concatenate((seen, behind))
+        points = SurfacePoints(
+            position=position,
+            triangle=np.full(len(position), NOTHING, dtype=np.int32),
+            tolerance=np.full(len(position), 1e-3),
+        )
+        embree, mitsuba = (Reference(scene, t).hidden(aperture, points) for t in TRACERS)
         np.testing.assert_array_equal(mitsuba, embree)
         assert not mitsuba[: len(seen)].any()
         assert mitsuba[len(seen) :].all()

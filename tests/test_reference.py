@@ -55,7 +55,9 @@ def test_every_line_shows_what_brute_force_shows(
         apart = ~hit | (expected.second - expected.s > SECOND_SURFACE * reach)
     compared = apart & ~near_an_edge(scene.triangles, center, lines, steps, EDGE_PX)
     share = compared.mean()
-    print(f"\n{name} {resolution} {aperture}: {compared.sum()} of {compared.size} pixels, {hit.mean():.1%} hit")
+    print(
+        f"\n{name} {resolution} {aperture}: {compared.sum()} of {compared.size} pixels, {hit.mean():.1%} hit"
+    )
     assert share > 0.95
     assert hit[compared].mean() > 0.01
 

@@ -26,14 +26,16 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 SHARED_SCENES = ("beetle", "bunny-transfer", "teapot-recentered", "truck")
 
 
-def view(name: str, resolution: tuple[int, int]) -> Scene:
-    """Open a built-in scene, or one of `SHARED_SCENES`, at another resolution; skip what is not here."""
+def view(name: str, resolution: tuple[int, int] | None = None) -> Scene:
+    """Open a built-in scene, or one of `SHARED_SCENES`, at some resolution; skip what is not here."""
     if name in SHARED_SCENES:
         path = SHARED / "scenes" / f"{name}.toml"
         if not path.exists():
             pytest.skip(f"needs ../shared/scenes/{name}.toml, in the folder of test data beside the checkout")
         name = str(path)
     scene = open_scene(name)
+    if resolution is None:
+        return scene
     return replace(scene, frustum=replace(scene.frustum, resolution=resolution))
 
 

@@ -18,6 +18,7 @@ from xfrustum import cli_options as options
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 
+LIMIT_EXCEEDED = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
 """128 + SIGINT, what shells expect of a program that was stopped by Ctrl-C."""
@@ -157,6 +158,54 @@ def scenes(as_json: bool) -> None:
     width = max(len(entry.name) for entry in listing)
     for entry in listing:
         click.echo(f"{entry.name:<{width}}  {entry.triangles:>7,} triangles  {entry.purpose}")
+
+
+@cli.command()
+@click.argument("scenes", metavar="[SCENE]...", nargs=-1)
+@click.option("--quick", is_flag=True, help="A part of it, in less than a minute.")
+@options.quiet_option
+@options.json_option
+def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) -> int:
+    """Compare the truth with integer brute force; exit status 1 if anything disagrees.
+
+    Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
+    and edges, and the scene files in the folder of test data beside the checkout.
+    """
+    from xfrustum.compare.selfcheck import selfcheck as compare_with_integers
+    from xfrustum.compare.selfcheck import table
+
+    check = compare_with_integers(scenes, quick=quick, progress=not quiet)
+    if as_json:
+        _print_json(check.summary())
+    else:
+        click.echo(table(check))
+    return 0 if check.agrees else LIMIT_EXCEEDED
+
+
+@cli.group()
+def bench() -> None:
+    """Measure speed, here and now."""
+
+
+@bench.command("truth")
+@click.argument("scene", default="car")
+@click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 512,1024,2048]")
+@click.option("--repeat", type=click.IntRange(1), default=9, show_default=True, help="After a warm-up.")
+@options.quiet_option
+@options.json_option
+def bench_truth(
+    *, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool
+) -> None:
+    """Race the certified truth against bare tracers, in million pixels per second."""
+    from xfrustum.reports import bench as benchmarks
+    from xfrustum.scenes import open_scene
+
+    sizes = resolution or benchmarks.RESOLUTIONS
+    measured = benchmarks.bench_truth(open_scene(scene), sizes, repeat, progress=not quiet)
+    if as_json:
+        _print_json(measured.summary())
+    else:
+        click.echo(benchmarks.table(measured))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

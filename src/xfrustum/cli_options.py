@@ -82,6 +82,24 @@ class Numbers(click.ParamType[tuple[float, ...]]):
             self.fail(f"{value!r} is not a list of numbers such as 0.1,0.01", param, ctx)
 
 
+class Sizes(click.ParamType[tuple[int, ...]]):
+    """Positive whole numbers separated by commas."""
+
+    name = "N,N,.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Return the numbers in the order given."""
+        try:
+            sizes = tuple(int(part) for part in str(value).split(","))
+        except ValueError:
+            sizes = ()
+        if min(sizes, default=0) < 1:
+            self.fail(f"{value!r} is not a list of positive whole numbers such as 512,1024", param, ctx)
+        return sizes
+
+
 class Indices(click.ParamType[tuple[tuple[int, int], ...]]):
     """Apertures as column,row separated by semicolons."""
 

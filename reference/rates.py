@@ -1,0 +1,100 @@
+"""Who answers how fast: the certified truth beside what others would have called one.
+
+All answer for the same pixels of one aperture. What they answer differs, and so does what it
+costs: a triangle number in float32, a point, or a number, a place along the line and a proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import NDArray
+from trimesh import Trimesh
+from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+from xfrustum.reference.dr_jit import backend
+from xfrustum.reference.embree import EmbreeTracer
+from xfrustum.reference.lines import crossed_frustum
+from xfrustum.reference.mitsuba_tracer import triangle_mesh
+from xfrustum.reference.tracer import unit_scale
+from xfrustum.reference.truth import Reference
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import Scene
+
+Answer = Callable[[], object]
+"""Answers for all pixels of an image, and returns when that is done."""
+
+MITSUBA, EMBREE, TRIMESH = "mitsuba", "embree", "trimesh"
+CERTIFIED, TRUTH = "certified", "truth"
+MEANINGS = {
+    MITSUBA: "Mitsuba's bare ray_intersect_preliminary, robust, rays on the device",
+    EMBREE: "Embree through embreex, robust, rays from NumPy: triangle numbers",
+    TRIMESH: "trimesh's intersects_location, first hits only",
+    CERTIFIED: "certified triangle, place along the line and certainty, with all set-up",
+    TRUTH: "the whole true image: also points, normals, colors, Embree's second opinion",
+}
+"""All contestants, in the order in which they are listed."""
+
+
+def answers(scene: Scene, aperture: Aperture) -> dict[str, Answer]:
+    """Return the contestants that there are here, by the names in `MEANINGS`.
+
+    Acceleration structures are built, and rays aimed, here or at the first call, which no clock
+    should count. The certified truth has no such thing: each call begins with the triangles.
+
+    Parameters
+    ----------
+    scene
+        With at least one triangle.
+    aperture
+        Whose crossed frustum is answered for, from the viewer's end to the back.
+
+    Returns
+    -------
+    dict
+        `MITSUBA` is not in it where there is only its scalar variant, one ray at a time.
+    """
+    pencil = crossed_frustum(scene.frustum, aperture)
+    directions = pencil.directions().reshape(-1, 3)
+    origins = np.asarray(pencil.center) + pencil.s_range[0] * directions
+    embree, reference = EmbreeTracer(scene), Reference(scene)
+    mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
+    found: dict[str, Answer] = {
+        EMBREE: lambda: embree.first_hits(origins, directions),
+        TRIMESH: lambda: mesh.intersects_location(origins, directions, multiple_hits=False),
+        CERTIFIED: lambda: list(reference.decide(aperture)),
+        TRUTH: lambda: reference.trace(aperture),
+    }
+    if not backend().scalar:
+        found[MITSUBA] = _bare_mitsuba(scene, origins, directions)
+    return {name: found[name] for name in MEANINGS if name in found}
+
+
+def versions() -> dict[str, str]:
+    """Return names and versions of what the contestants are made of."""
+    libraries = {name: version(name) for name in ("drjit", "embreex", "trimesh")}
+    return {**backend().versions, **libraries}
+
+
+def _bare_mitsuba(scene: Scene, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> Answer:
+    mi, dr = backend().mitsuba, backend().drjit
+    scale = unit_scale(scene.vertices)
+    mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)
+    loaded = mi.load_dict(
+        {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
+    )
+    o, d = (np.ascontiguousarray(v.astype(np.float32).T) for v in (origins * scale, directions))
+    ray = mi.Ray3f(mi.Point3f(o), mi.Vector3f(d))
+    # Rays in NumPy's own memory would be traced from there; the bare rate begins on the device.
+    dr.make_opaque(ray)
+    dr.sync_thread()
+
+    def trace() -> object:
+        met = loaded.ray_intersect_preliminary(ray, coherent=True)
+        dr.eval(met)
+        dr.sync_thread()
+        return met
+
+    return trace
