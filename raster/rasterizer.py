@@ -192,8 +192,10 @@ class Rasterizer:
         return self._targets[size, depth]
 
     def _normals_of(self, triangle: NDArray[np.int32]) -> NDArray[np.float32]:
-        nothing = np.full((1, 3), np.nan)
-        return np.concatenate((self.scene.normals, nothing)).astype(np.float32)[triangle]
+        normals = np.full((*triangle.shape, 3), np.nan, dtype=np.float32)
+        covered = triangle != NOTHING
+        normals[covered] = self.scene.normals[triangle[covered]]
+        return normals
 
     def _camera(self, aperture: Aperture, settings: DoubleFrustum) -> HogelCamera:
         window = FilmWindow.of(self.scene.frustum, aperture)

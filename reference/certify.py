@@ -7,6 +7,7 @@ other is first, whatever any tracer says. Everything else is decided exactly.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.exact import ExactPencil
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow import Pairs
+from xfrustum.reference.pairs import Pairs
 from xfrustum.reference.processors import narrow_phase
 from xfrustum.reference.spans import footprints, spans
 from xfrustum.scenes.hogel_image import Certainty
@@ -76,21 +77,29 @@ class Certifier:
         triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
         s[contenders.pixel[proven] - base] = contenders.s[proven]
 
-        companions: list[tuple[int, int, int]] = []
-        for pixel, group in _by_pixel(contenders[~proven]):
-            winners, where, decided = _decide(pixel, group, self._exact)
-            certainty[pixel - base] = decided
+        groups = _Groups.of(contenders[~proven])
+        tied = groups.tied(self._exact)
+        leaders = groups.starts[tied]
+        triangle[groups.pairs.pixel[leaders] - base] = groups.pairs.triangle[leaders]
+        s[groups.pairs.pixel[leaders] - base] = groups.pairs.s[leaders]
+        certainty[groups.pairs.pixel[leaders] - base] = Certainty.TIE
+        sharing = groups.pairs[np.repeat(tied, groups.sizes)]
+        companions = [np.stack((*np.divmod(sharing.pixel, width), sharing.triangle), axis=-1)]
+
+        for pixel, numbers in groups.items(~tied):
+            winners, where = _first(pixel, numbers, self._exact)
             if winners:
                 triangle[pixel - base], s[pixel - base] = winners[0], where
-            if decided == Certainty.TIE:
-                companions.extend((*divmod(pixel, width), winner) for winner in winners)
+            certainty[pixel - base] = Certainty.TIE if len(winners) > 1 else Certainty.EXACT
+            if len(winners) > 1:
+                companions.append(np.array([(*divmod(pixel, width), winner) for winner in winners]))
 
         shape = (len(rows), width)
         return FirstSurfaces(
             triangle=triangle.reshape(shape),
             s=s.reshape(shape),
             certainty=certainty.reshape(shape),
-            companions=np.array(companions, dtype=np.int64).reshape(-1, 3),
+            companions=np.concatenate(companions),
         )
 
 
@@ -106,29 +115,52 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
     return pairs[pairs.nearest <= limit[pairs.pixel - base]]
 
 
-def _by_pixel(contested: Pairs) -> list[tuple[int, Pairs]]:
-    """Group pairs by pixel, within one by triangle number."""
-    order = np.lexsort((contested.triangle, contested.pixel))
-    contested = contested[order]
-    pixels, starts = np.unique(contested.pixel, return_index=True)
-    ends = np.append(starts, len(order))[1:]
-    return [
-        (pixel, contested[np.arange(start, end)])
-        for pixel, start, end in zip(pixels.tolist(), starts.tolist(), ends.tolist(), strict=True)
-    ]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Groups:
+    """Contested pairs by pixel, within one by triangle number, each triangle once."""
+
+    pairs: Pairs
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, contested: Pairs) -> _Groups:
+        # A triangle whose side is in doubt comes twice; the pair that is sure comes first.
+        pairs = contested[np.lexsort((~contested.sure, contested.triangle, contested.pixel))]
+        again = (np.diff(pairs.pixel, prepend=-1) == 0) & (np.diff(pairs.triangle, prepend=-1) == 0)
+        pairs = pairs[~again]
+        _, starts, sizes = np.unique(pairs.pixel, return_index=True, return_counts=True)
+        return cls(pairs=pairs, starts=starts, sizes=sizes)
+
+    def tied(self, exact: ExactPencil) -> NDArray[np.bool_]:
+        """Return the groups of which every line meets all at one s: no need to ask this line.
+
+        That is triangles through the center, met at s = 0 without any error, and triangles in
+        exactly one plane.
+        """
+        if not len(self.starts):
+            return np.zeros(0, dtype=np.bool_)
+        leader = np.repeat(self.starts, self.sizes)
+        known = (self.pairs.error == 0) & (self.pairs.error[leader] == 0)
+        sure = np.repeat(np.logical_and.reduceat(self.pairs.sure, self.starts), self.sizes)
+        asked = np.flatnonzero(sure & ~known)
+        planes = np.stack((self.pairs.triangle[leader[asked]], self.pairs.triangle[asked]), axis=-1)
+        different, which = np.unique(planes, axis=0, return_inverse=True)
+        coplanar = np.array([exact.coplanar(one, other) for one, other in different.tolist()], dtype=np.bool_)
+        known[asked] = coplanar[which.ravel()]
+        alone = self.sizes == 1
+        return np.asarray(np.logical_and.reduceat(sure & known, self.starts) & ~alone)
+
+    def items(self, chosen: NDArray[np.bool_]) -> Iterator[tuple[int, list[int]]]:
+        """Yield pixel and triangle numbers of some groups."""
+        for start, size in zip(self.starts[chosen].tolist(), self.sizes[chosen].tolist(), strict=True):
+            yield int(self.pairs.pixel[start]), self.pairs.triangle[start : start + size].tolist()
 
 
-def _decide(pixel: int, group: Pairs, exact: ExactPencil) -> tuple[list[int], float, Certainty]:
-    """Return the first triangles of a contested pixel in ascending order, their s, and the class."""
-    numbers = group.triangle.tolist()
-    if group.sure.all() and (
-        not group.error.any() or all(exact.coplanar_pair(numbers[0], other) for other in numbers[1:])
-    ):
-        # Every line meets these at one s: no need to ask this line.
-        return numbers, float(group.s[0]), Certainty.TIE
+def _first(pixel: int, numbers: list[int], exact: ExactPencil) -> tuple[list[int], float]:
+    """Return the first of some triangles along a pixel's line in ascending order, and their s."""
     hits = {number: s for number in numbers if (s := exact.meets(pixel, number)) is not None}
     if not hits:
-        return [], float("nan"), Certainty.EXACT
+        return [], float("nan")
     first = min(hits.values())
-    winners = [number for number, s in hits.items() if s == first]
-    return winners, float(first), Certainty.TIE if len(winners) > 1 else Certainty.EXACT
+    return [number for number, s in hits.items() if s == first], float(first)

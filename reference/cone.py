@@ -56,6 +56,16 @@ def cross_magnitude(a: Floats, b: Floats) -> Floats:
     )
 
 
+def s_bounds(z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
+    """Return a lower bound of s over each triangle and an upper one, given q_z of its corners (3, T).
+
+    A corner has s = -q_z; q_z is exact where the center lies in the plate.
+    """
+    low, high = -z.max(axis=0), -z.min(axis=0)
+    slack = 0.0 if pencil.center[2] == 0 else 2 * UNIT_ROUNDOFF
+    return low - slack * np.abs(low), high + slack * np.abs(high)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cones:
     """Some triangles about a pencil's center, with what their rounding errors are relative to.
@@ -74,6 +84,8 @@ class Cones:
         (T,) q_0 . n, and the bound of its rounding error.
     holds_center
         (T,) the center lies in the closed triangle, exactly: every line meets it at s = 0.
+    within
+        (T,) all corners surely lie in the pencil's range, hence all of the triangle.
     """
 
     number: NDArray[np.int64]
@@ -85,6 +97,7 @@ class Cones:
     plane: Floats
     plane_bound: Floats
     holds_center: NDArray[np.bool_]
+    within: NDArray[np.bool_]
 
 
 def cones(
@@ -111,6 +124,7 @@ def cones(
     following = corners[:, [1, 2, 0]]
     first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     normal, normal_magnitude = cross(first, second), cross_magnitude(first, second)
+    low, high = s_bounds(corners[..., 2].T, pencil)
     plane = np.einsum("ij,ij->i", corners[:, 0], normal)
     plane_bound = ROUNDING * np.einsum("ij,ij->i", np.abs(corners[:, 0]), normal_magnitude)
     return Cones(
@@ -123,4 +137,5 @@ def cones(
         plane=np.where(holds_center, 0.0, plane),
         plane_bound=np.where(holds_center, 0.0, plane_bound),
         holds_center=holds_center,
+        within=(low >= pencil.s_range[0]) & (high <= pencil.s_range[1]),
     )

@@ -60,7 +60,6 @@ class ExactPencil:
         self._pencil = pencil
         self._range = (Fraction(pencil.s_range[0]), Fraction(pencil.s_range[1]))
         self.cone = lru_cache(maxsize=1 << 16)(self._cone)
-        self.coplanar_pair = lru_cache(maxsize=1 << 16)(self._coplanar)
 
     @cached_property
     def _bits(self) -> int:
@@ -112,12 +111,16 @@ class ExactPencil:
         s = Fraction(offset << self._slope_bits, slope << self._bits)
         return s if self._range[0] <= s <= self._range[1] else None
 
+    def has_area(self, triangle: int) -> bool:
+        """Return whether a triangle is more than a line or a point."""
+        return self.cone(triangle)[1] != (0, 0, 0)
+
     def contains_center(self, triangle: int) -> bool:
         """Return whether the pencil's center lies in a closed triangle: every line meets it at s = 0."""
         edges, normal, offset = self.cone(triangle)
         return offset == 0 and normal != (0, 0, 0) and all(_dot(edge, normal) >= 0 for edge in edges)
 
-    def _coplanar(self, one: int, other: int) -> bool:
+    def coplanar(self, one: int, other: int) -> bool:
         """Return whether every line meets two triangles' planes at the same s."""
         _, a, a_offset = self.cone(one)
         _, b, b_offset = self.cone(other)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.cone import ROUNDING, Floats
 from xfrustum.reference.lines import Pencil
+from xfrustum.reference.pairs import NO_PAIRS, Pairs
 from xfrustum.reference.spans import Spans
 from xfrustum.scenes.hogel_image import NOTHING
 
@@ -19,69 +20,6 @@ PAIRS_PER_CHUNK = 1 << 20
 
 PENDING_PAIRS = 1 << 22
 """Pairs kept on NumPy before those that cannot be first are dropped."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pairs:
-    """Pixels and triangles that their lines meet, or may meet.
-
-    Attributes
-    ----------
-    pixel
-        (N,) row * W + column.
-    triangle
-        (N,) triangle numbers.
-    s, error
-        (N,) where the line meets the triangle's plane: the true s lies in s +- error.
-    sure
-        (N,) the line surely meets the triangle, inside the pencil's range.
-    """
-
-    pixel: NDArray[np.int64]
-    triangle: NDArray[np.int64]
-    s: Floats
-    error: Floats
-    sure: NDArray[np.bool_]
-
-    def __getitem__(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Pairs:
-        """Return some of the pairs."""
-        return Pairs(
-            pixel=self.pixel[chosen],
-            triangle=self.triangle[chosen],
-            s=self.s[chosen],
-            error=self.error[chosen],
-            sure=self.sure[chosen],
-        )
-
-    @property
-    def nearest(self) -> Floats:
-        """The smallest s that is possible."""
-        return self.s - self.error
-
-    @property
-    def farthest(self) -> Floats:
-        """The largest s that is possible."""
-        return self.s + self.error
-
-    @staticmethod
-    def joined(parts: list[Pairs]) -> Pairs:
-        """Concatenate."""
-        return Pairs(
-            pixel=np.concatenate([p.pixel for p in parts]),
-            triangle=np.concatenate([p.triangle for p in parts]),
-            s=np.concatenate([p.s for p in parts]),
-            error=np.concatenate([p.error for p in parts]),
-            sure=np.concatenate([p.sure for p in parts]),
-        )
-
-
-NO_PAIRS = Pairs(
-    pixel=np.zeros(0, dtype=np.int64),
-    triangle=np.zeros(0, dtype=np.int64),
-    s=np.zeros(0),
-    error=np.zeros(0),
-    sure=np.zeros(0, dtype=np.bool_),
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,7 +59,8 @@ class SpanPlanes:
     """What the evaluation of a span's pixels needs of its triangle and row, (S,) each.
 
     Along a row d . n = normal_x dx + level; its rounding error is at most
-    `ROUNDING` (magnitude_x |dx| + level_magnitude).
+    `ROUNDING` (magnitude_x |dx| + level_magnitude). Hits count from s = first to s = last: the
+    pencil's range, or everything for triangles that lie in it as a whole.
     """
 
     plane: Floats
@@ -130,12 +69,15 @@ class SpanPlanes:
     magnitude_x: Floats
     level: Floats
     level_magnitude: Floats
+    first: Floats
+    last: Floats
 
     @classmethod
     def of(cls, spans: Spans, pencil: Pencil) -> SpanPlanes:
         """Compute once for each span what depends on its row alone."""
         c, dy = spans.cones, pencil.dy[spans.row]
         normal, magnitude = c.normal[spans.cone], c.normal_magnitude[spans.cone]
+        within, (first, last) = c.within[spans.cone], pencil.s_range
         return cls(
             plane=c.plane[spans.cone],
             plane_bound=c.plane_bound[spans.cone],
@@ -143,6 +85,8 @@ class SpanPlanes:
             magnitude_x=magnitude[:, 0],
             level=normal[:, 1] * dy - normal[:, 2],
             level_magnitude=np.abs(dy) * magnitude[:, 1] + magnitude[:, 2],
+            first=np.where(within, -np.finfo(np.float64).max, first),
+            last=np.where(within, np.finfo(np.float64).max, last),
         )
 
 
@@ -161,7 +105,7 @@ def plane_meeting(dx: Any, planes: Sequence[Any], select: Callable[[Any, Any, An
     dx
         Slopes of the lines.
     planes
-        The fields of `SpanPlanes`, in order, for each line.
+        The first six fields of `SpanPlanes`, in order, for each line.
     select
         `numpy.where` or `drjit.select`.
     """
@@ -176,12 +120,12 @@ def plane_meeting(dx: Any, planes: Sequence[Any], select: Callable[[Any, Any, An
     return s, error
 
 
-def settled(spans: Spans, span: NDArray[np.int64], found: Pairs, pencil: Pencil) -> Pairs:
+def settled(spans: Spans, planes: SpanPlanes, span: NDArray[np.int64], found: Pairs, pencil: Pencil) -> Pairs:
     """Decide coverage of the pairs that are not sure yet by their edge functions, with bounds.
 
     Parameters
     ----------
-    spans, span
+    spans, planes, span
         Where the pairs come from, and (N,) which span each belongs to.
     found
         Pairs whose s is possible; `sure` where the span was.
@@ -208,14 +152,13 @@ def settled(spans: Spans, span: NDArray[np.int64], found: Pairs, pencil: Pencil)
     # Outside: some edge function is surely positive and another surely negative.
     inside[doubtful] = ~((surely_high > 0) & (surely_low < 0))
     sure = found.sure.copy()
-    sure[doubtful] = ((low > 0) | (high < 0)) & surely_in_range(found[doubtful], pencil)
+    sure[doubtful] = ((low > 0) | (high < 0)) & surely_in_range(found[doubtful], planes, span[doubtful])
     return Pairs(pixel=found.pixel, triangle=found.triangle, s=found.s, error=found.error, sure=sure)[inside]
 
 
-def surely_in_range(found: Pairs, pencil: Pencil) -> NDArray[np.bool_]:
-    """Return which pairs' s surely lie in the pencil's range; an infinite error never does."""
-    first, last = pencil.s_range
-    return np.asarray((found.nearest >= first) & (found.farthest <= last))
+def surely_in_range(found: Pairs, planes: SpanPlanes, span: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which pairs' s surely count; one with an infinite error never does."""
+    return np.asarray((found.nearest >= planes.first[span]) & (found.farthest <= planes.last[span]))
 
 
 class NumpyNarrowPhase:
@@ -290,7 +233,6 @@ class NumpyNarrowPhase:
             error=error,
             sure=(dx >= spans.surely_from[span]) & (dx <= spans.surely_to[span]),
         )
-        found = replace(found, sure=found.sure & surely_in_range(found, self._pencil))
-        found = settled(spans, span, found, self._pencil)
-        first, last = self._pencil.s_range
-        return found[(found.farthest >= first) & (found.nearest <= last)]
+        found = replace(found, sure=found.sure & surely_in_range(found, planes, span))
+        possible = (found.farthest >= planes.first[span]) & (found.nearest <= planes.last[span])
+        return settled(spans, planes, span[possible], found[possible], self._pencil)

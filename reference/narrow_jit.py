@@ -19,7 +19,8 @@ import numpy as np
 from drjit.llvm import Bool, Float64, UInt32
 
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow import NO_PAIRS, Pairs, Sifted, SpanPlanes, plane_meeting, settled
+from xfrustum.reference.narrow import Sifted, SpanPlanes, plane_meeting, settled
+from xfrustum.reference.pairs import NO_PAIRS, Pairs
 from xfrustum.reference.spans import Spans
 from xfrustum.scenes.hogel_image import NOTHING
 
@@ -43,7 +44,8 @@ class _Lanes:
     """Spans as Dr.Jit arrays."""
 
     spans: Spans
-    planes: list[Any]
+    planes: SpanPlanes
+    columns: list[Any]
     surely: tuple[Any, Any]
     first: Any
     last: Any
@@ -71,7 +73,6 @@ class JitNarrowPhase:
             # Opaque: values that differ from image to image must not compile another kernel.
             self._limit = dr.opaque(Float64, np.inf, self._pixels)
             self._dx = Float64(np.array(pencil.dx))
-            self._range = tuple(dr.opaque(Float64, s) for s in pencil.s_range)
 
     def add(self, spans: Spans) -> None:
         """Take more spans into account."""
@@ -124,7 +125,8 @@ class JitNarrowPhase:
         )
         return _Lanes(
             spans=spans,
-            planes=columns[:-2],
+            planes=planes,
+            columns=columns[:-2],
             surely=(columns[-2], columns[-1]),
             first=first,
             last=last,
@@ -135,9 +137,9 @@ class JitNarrowPhase:
     def _evaluated(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
         """Return s, its error, whether the line surely meets, and whether it may at all."""
         dx = dr.gather(Float64, self._dx, column)
-        s, error = plane_meeting(dx, lanes.planes, dr.select)
+        *plane, first, last = lanes.columns
+        s, error = plane_meeting(dx, plane, dr.select)
         nearest, farthest = s - error, s + error
-        first, last = self._range
         sure = (dx >= lanes.surely[0]) & (dx <= lanes.surely[1]) & (nearest >= first) & (farthest <= last)
         return s, error, sure, (farthest >= first) & (nearest <= last)
 
@@ -190,7 +192,7 @@ class JitNarrowPhase:
             error=error,
             sure=sure,
         )
-        return settled(spans, span, found, self._pencil)
+        return settled(spans, lanes.planes, span, found, self._pencil)
 
 
 def _walk(lanes: _Lanes, visit: Callable[[Any], None]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Cones, Floats, cones
+from xfrustum.reference.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Cones, Floats, cones, s_bounds
 from xfrustum.reference.exact import ExactPencil
 from xfrustum.reference.lines import Pencil
 
@@ -76,17 +76,20 @@ def footprints(triangles: Floats, pencil: Pencil, exact: ExactPencil) -> Footpri
         chunk = np.arange(start, min(start + TRIANGLES_PER_CHUNK, len(triangles)))
         # Coordinate first, corner second: minima over corners are then minima of whole arrays.
         x, y, z = np.ascontiguousarray((triangles[chunk] - np.asarray(pencil.center)).transpose(2, 1, 0))
-        touching = _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
+        low, high = s_bounds(z, pencil)
+        imaged = (low <= pencil.s_range[1]) & (high >= pencil.s_range[0])
+        touching = imaged & _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
         for side in (1, -1):
             if side * pencil.s_range[side > 0] > 0:
                 box = _pixel_box(x, y, -z, pencil, side)
-                hit = (box[0] <= box[1]) & (box[2] <= box[3]) & ~touching
+                hit = (box[0] <= box[1]) & (box[2] <= box[3]) & imaged & ~touching
                 parts.append(_footprints(chunk[hit], side, box[:, hit]))
         if touching.any():
             width, height = pencil.resolution
-            whole = np.tile([[0], [width - 1], [0], [height - 1]], int(touching.sum()))
-            numbers = chunk[touching]
-            holds = np.array([exact.contains_center(number) for number in numbers.tolist()])
+            # Without area a triangle is met by no line, and here it would occupy the whole image.
+            numbers = np.array([n for n in chunk[touching].tolist() if exact.has_area(n)], dtype=np.int64)
+            holds = np.array([exact.contains_center(number) for number in numbers.tolist()], dtype=np.bool_)
+            whole = np.tile([[0], [width - 1], [0], [height - 1]], len(numbers))
             parts.append(_footprints(numbers, 0, whole, holds))
     if not parts:
         return _footprints(np.zeros(0, dtype=np.int64), 0, np.zeros((4, 0)))

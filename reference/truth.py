@@ -57,11 +57,6 @@ class Reference:
         return MitsubaTracer(self.scene) if self._tracer_name == "mitsuba" else EmbreeTracer(self.scene)
 
     @cached_property
-    def _normal_of_number(self) -> NDArray[np.float64]:
-        """Normals by triangle number; the last row, which `NOTHING` finds, is NaN."""
-        return np.append(self.scene.normals, np.full((1, 3), np.nan), axis=0)
-
-    @cached_property
     def _object_of_number(self) -> NDArray[np.int32]:
         """Object numbers by triangle number; the last, which `NOTHING` finds, is `NOTHING`."""
         return np.append(self.scene.object_of_triangle, np.int32(NOTHING))
@@ -147,7 +142,9 @@ class Reference:
             triangle = np.where(on_top, decided.triangle, triangle)
             points = np.asarray(layer.center) + decided.s[..., None] * layer.directions(some)
             position = np.where(on_top[..., None], points, position)
-        normals = self._normal_of_number[triangle]
+        normals = np.full(directions.shape, np.nan)
+        covered = triangle != NOTHING
+        normals[covered] = self.scene.normals[triangle[covered]]
         return HogelImage(
             camera=camera,
             triangle=triangle,

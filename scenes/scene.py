@@ -15,6 +15,9 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.plate import Aperture, Plate
 
+TRIANGLES_AT_ONCE = 1 << 19
+"""Bounds the memory of intermediate results, 300 bytes a triangle, in scenes of many millions."""
+
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -137,8 +140,8 @@ class Scene:
     @cached_property
     def largest_coordinates(self) -> NDArray[np.float64]:
         """(F,) largest absolute coordinate of each triangle: what roundings of it are relative to."""
-        x, y, z = np.abs(self.triangles).transpose(1, 2, 0).max(axis=0)
-        return read_only(np.maximum(np.maximum(x, y), z))
+        of_vertex = np.abs(self.vertices).max(axis=1, initial=0.0)
+        return read_only(of_vertex[self.faces].max(axis=1, initial=0.0))
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
@@ -147,13 +150,16 @@ class Scene:
         Each triangle is scaled to size one first, so that neither tiny nor huge ones
         underflow or overflow in the cross product.
         """
-        first = self.triangles[:, 0]
-        edges = self.triangles[:, 1:] - first[:, None]
-        scale = np.abs(edges).max(axis=(1, 2), initial=0.0)
-        edges = edges / np.where(scale > 0, scale, 1.0)[:, None, None]
-        cross = np.cross(edges[:, 0], edges[:, 1])
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return read_only(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
+        normals = np.zeros((len(self.faces), 3))
+        for start in range(0, len(normals), TRIANGLES_AT_ONCE):
+            corners = self.triangles[start : start + TRIANGLES_AT_ONCE]
+            edges = corners[:, 1:] - corners[:, :1]
+            scale = np.abs(edges).max(axis=(1, 2), initial=0.0)
+            edges = edges / np.where(scale > 0, scale, 1.0)[:, None, None]
+            cross = np.cross(edges[:, 0], edges[:, 1])
+            length = np.linalg.norm(cross, axis=1, keepdims=True)
+            np.divide(cross, length, out=normals[start : start + len(cross)], where=length > 0)
+        return read_only(normals)
 
     @cached_property
     def content_hash(self) -> str:
