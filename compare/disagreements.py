@@ -104,7 +104,7 @@ def _other_companions(image: HogelImage, exact: ExactRows) -> Mask:
 def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Mask:
     """Return pixels whose position is not where the exact triangle is met."""
     assert image.certainty is not None
-    mask = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
+    mask: NDArray[np.bool_] = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
     same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
     d, s = pencil.directions()[same], exact.s[same]
     center = np.asarray(pencil.center)

@@ -135,12 +135,15 @@ class ExactLines:
         self._dx = [slope(value) for value in pencil.dx.tolist()]
         self._dy = [slope(value) for value in pencil.dy.tolist()]
         self._range = (self._length(float(pencil.s_range[0])), self._length(float(pencil.s_range[1])))
-        center = [self._length(float(value)) for value in pencil.center]
+        cx, cy, cz = (self._length(float(value)) for value in pencil.center)
+
+        def relative(point: list[float]) -> Integers:
+            x, y, z = point
+            return (self._length(x) - cx, self._length(y) - cy, self._length(z) - cz)
+
         self._planes = {
-            number: integer_plane(
-                tuple(tuple(self._length(x) - c for x, c in zip(p, center, strict=True)) for p in points)
-            )
-            for number, points in zip(numbers.tolist(), corners.tolist(), strict=True)
+            number: integer_plane((relative(p0), relative(p1), relative(p2)))
+            for number, (p0, p1, p2) in zip(numbers.tolist(), corners.tolist(), strict=True)
         }
 
     def first(

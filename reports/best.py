@@ -91,6 +91,10 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
     units, reach
         The scene's length unit, and its larger reach in it.
     """
+    if not any(row.comparison["judged"] for row in rows):
+        return "Nothing can be judged: every pixel of the truth is a tie."
+    if not any(row.comparison["covered"] or row.comparison["displacement_px"] for row in rows):
+        return "There is nothing to judge: neither the truth nor any raster image shows a surface."
     verdict = best_setting(rows)
     settings = len({row.settings for row in rows})
     apertures = len({row.aperture for row in rows})
@@ -110,8 +114,8 @@ def digits(value: float) -> str:
 
 
 def percent(fraction: float) -> str:
-    """Write a fraction as percent with two digits, such as `0.012 %`."""
-    return _plain(f"{100 * fraction:.2g} %")
+    """Write a fraction as percent with two digits, such as `0.012 %`; `100 %` has three."""
+    return _plain(f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %")
 
 
 def pixels(value: float) -> str:

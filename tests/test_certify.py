@@ -253,7 +253,8 @@ def test_the_unit_of_length_makes_no_difference(
     if screen is not None:
         center, size = np.array(screen.center) * scale, np.array(screen.size) * scale
         screen = Screen(height=screen.height * scale, center=tuple(center), size=tuple(size))
-    scaled = replace(frustum, reach=tuple(r * scale for r in frustum.reach), screen=screen)
+    viewer, back = frustum.reach
+    scaled = replace(frustum, reach=(viewer * scale, back * scale), screen=screen)
     one = Reference(soup(corners, frustum)).trace(aperture)
     other = Reference(soup(corners * scale, scaled)).trace(at(aperture.x * scale, aperture.y * scale))
     np.testing.assert_array_equal(other.triangle, one.triangle)

@@ -291,10 +291,10 @@ def test_projecting_is_the_design() -> None:
 def test_images_of_different_questions_are_not_compared(asymmetric: Case) -> None:
     truth, scene = asymmetric.truth, asymmetric.reference.scene
     smaller = Reference(view("asymmetric", (64, 64))).trace(scene.plate.middle)
-    with pytest.raises(InputError, match="96 x 64.*64 x 64"):
+    with pytest.raises(InputError, match=r"96 x 64.*64 x 64"):
         compare_images(truth, smaller, asymmetric.reference)
     moved = asymmetric.reference.trace(scene.plate.aperture(3, 4))
-    with pytest.raises(InputError, match="aperture.*3,4"):
+    with pytest.raises(InputError, match=r"aperture.*3,4"):
         compare_images(truth, moved, asymmetric.reference)
     other = replace(asymmetric.drawn, camera=replace(asymmetric.drawn.camera, scene_hash="0" * 64))
     with pytest.raises(InputError, match="different scenes"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def test_fixed_point_depth_rises_again(
     assert bottom / 4 < best < bottom * 4
     rising = [surface[near] for near in sorted(surface) if near <= best]
     assert rising[0] > top
-    assert all(smaller >= larger for smaller, larger in zip(rising, rising[1:], strict=False))
+    assert all(smaller >= larger for smaller, larger in pairwise(rising))
     # Resolution n 2^b in w: ten times smaller near, about ten times more lost or swapped.
     if depth == "d24":
         assert 5 < surface[1e-7] / surface[1e-6] < 20

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,9 @@ from xfrustum.compare.rounding import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, HogelImage
+
+LOG = logging.getLogger(__name__)
+"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
 
 NEARS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 """Of the reach."""
@@ -73,7 +78,7 @@ def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, inde
                 if (name, index) in MESHES:
                     assert most <= MOST_PX
     assert seen > 2000
-    print(f"\n{name} {index}: {seen} pixels, 99 % within {worst:.1e} px, {used:.0%} of the bound used")
+    LOG.info(f"{name} {index}: {seen} pixels, 99 % within {worst:.1e} px, {used:.0%} of the bound used")
 
 
 @pytest.mark.parametrize("name", ["car", "asymmetric-recentered"])

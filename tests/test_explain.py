@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,9 @@ from xfrustum.raster import Rasterizer, rasterizer
 from xfrustum.raster.cameras import orthoscopic, pseudoscopic
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, Frustum, HogelImage, Scene, builtin
+
+LOG = logging.getLogger(__name__)
+"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
 
 OTHER_TRIANGLES = 1e-3
 """Share of pixels where float32 and subpixel snapping may show another triangle than exact lines do."""
@@ -48,7 +52,7 @@ def assert_explained(name: str, nears: tuple[float, ...]) -> None:
                 assert sum(counts.values()) == wrong.sum()
                 report.append((near, aperture.index, int(wrong.sum()), counts))
     pixels = scene.frustum.resolution[0] * scene.frustum.resolution[1]
-    print(f"\n{name}: at most {max(wrong for *_, wrong, _ in report)} of {pixels} pixels differ")
+    LOG.info(f"{name}: at most {max(wrong for *_, wrong, _ in report)} of {pixels} pixels differ")
     assert [row for row in report if row[2] >= OTHER_TRIANGLES * pixels] == []
     assert [row for row in report if row[3]["unexplained"]] == []
 
@@ -82,7 +86,7 @@ class Case:
     def assert_unexplained(self, drawn: HogelImage) -> None:
         wrong = differences(self.model, drawn).sum()
         unexplained = explain(self.scene, self.model, drawn, self.bits).counts()["unexplained"]
-        print(f"\n{self.scene.name}: {unexplained} of {wrong} wrong pixels unexplained")
+        LOG.info(f"{self.scene.name}: {unexplained} of {wrong} wrong pixels unexplained")
         assert wrong > 500
         assert unexplained >= STAYS_UNEXPLAINED * wrong
 

@@ -78,10 +78,11 @@ def overlaid(below: HogelImage, above: HogelImage) -> HogelImage:
 
     def choose(name: str) -> NDArray[Any]:
         one, other = getattr(above, name), getattr(below, name)
-        return np.where(on_top if one.ndim == 2 else on_top[..., None], one, other)
+        return np.asarray(np.where(on_top if one.ndim == 2 else on_top[..., None], one, other))
 
     names = ("triangle", "object", "position", "normal", "color")
-    return replace(below, **{name: choose(name) for name in names})
+    arrays: dict[str, Any] = {name: choose(name) for name in names}
+    return replace(below, **arrays)
 
 
 PLACES: dict[str, Picture] = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,9 @@ from tests.brute_force import exact_s, first_hits, near_an_edge
 from tests.views import lines_by_definition, view
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty
+
+LOG = logging.getLogger(__name__)
+"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
 
 EDGE_PX = 1e-5
 SECOND_SURFACE = 1e-6
@@ -55,8 +60,8 @@ def test_every_line_shows_what_brute_force_shows(
         apart = ~hit | (expected.second - expected.s > SECOND_SURFACE * reach)
     compared = apart & ~near_an_edge(scene.triangles, center, lines, steps, EDGE_PX)
     share = compared.mean()
-    print(
-        f"\n{name} {resolution} {aperture}: {compared.sum()} of {compared.size} pixels, {hit.mean():.1%} hit"
+    LOG.info(
+        f"{name} {resolution} {aperture}: {compared.sum()} of {compared.size} pixels, {hit.mean():.1%} hit"
     )
     assert share > 0.95
     assert hit[compared].mean() > 0.01

@@ -21,6 +21,7 @@ from xfrustum.reports.best import (
     SURFACE_TIE,
     best_per_depth,
     best_setting,
+    percent,
     sentence,
 )
 from xfrustum.reports.measurement import Measurement
@@ -231,6 +232,8 @@ def measured(
         aperture=aperture,
         settings=DoubleFrustum(near=near, depth=depth),
         comparison={
+            "judged": 3072,
+            "covered": 1000,
             "surface": {"fraction": surface},
             "displacement_px": None if p99 is None else {"p99": p99},
         },
@@ -344,3 +347,15 @@ def test_a_reduced_picture_keeps_the_worst_pixel_of_a_block() -> None:
     height = np.zeros((2, 2))
     height[0, 1], height[1, 1] = -1.0, np.nan
     assert decoded(images.height_map(height, 100.0, 2))[0, 0, 2] > 90
+
+
+def test_where_nothing_shows_the_sentence_does_not_praise_a_setting(tmp_path: Path) -> None:
+    files = make_report(small("empty"), tmp_path / "out", nears=NEARS, depths=DEPTHS)
+    assert files.sentence == (
+        "There is nothing to judge: neither the truth nor any raster image shows a surface."
+    )
+
+
+def test_percentages_are_written_as_people_do() -> None:
+    written = [percent(fraction) for fraction in (1.0, 0.123, 0.0123, 7.6e-6, 0.0)]
+    assert written == ["100 %", "12 %", "1.2 %", "0.00076 %", "0 %"]
