@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.exact import ExactPencil
+from xfrustum.reference.footprints import footprints
 from xfrustum.reference.lines import Pencil
 from xfrustum.reference.pairs import Pairs
 from xfrustum.reference.processors import narrow_phase
-from xfrustum.reference.spans import footprints, spans
+from xfrustum.reference.spans import spans
 from xfrustum.scenes.hogel_image import Certainty
 
 

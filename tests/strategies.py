@@ -54,6 +54,28 @@ def triangles(draw: st.DrawFn, *, coordinates: st.SearchStrategy[float] = EIGHTH
 
 
 @st.composite
+def near_misses(
+    draw: st.DrawFn, center: NDArray[np.float64], lines: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return triangles whose corners lie on lines but for the last bit: (F, 3, 3).
+
+    Lines pass their edges and corners, and surfaces each other, at a distance of about one rounding,
+    on either side: what floating point alone gets wrong.
+    """
+    line, s = st.integers(0, len(lines) - 1), st.sampled_from([-7.3, -3.1, -1.7, 0.6, 2.3, 3.9])
+    on_a_line = st.builds(lambda n, s: tuple((center + s * lines[n]).tolist()), line, s)
+    points = draw(st.lists(on_a_line, min_size=3, max_size=9, unique=True))
+    for _ in range(draw(st.integers(0, 4))):
+        # A point of an edge or of a triangle that is there already.
+        some = [points[draw(st.integers(0, len(points) - 1))] for _ in range(3)]
+        share = draw(st.floats(0, 1))
+        points.append(tuple((np.array(some[0]) * share + np.array(some[1]) * (1 - share)).tolist()))
+        points.append(tuple((np.array(some).sum(axis=0) / 3).tolist()))
+    corner = st.sampled_from(points)
+    return np.array(draw(st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=8)))
+
+
+@st.composite
 def coincidences(
     draw: st.DrawFn, center: NDArray[np.float64], lines: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.brute_force import exact_first
-from tests.strategies import ANYTHING, apertures, coincidences, frusta, triangles
+from tests.strategies import ANYTHING, apertures, coincidences, frusta, near_misses, triangles
 from tests.views import at, lines_by_definition, soup, view
 from xfrustum.compare.film import pixel_centers, true_pixel
 from xfrustum.reference import Reference
+from xfrustum.reference.lines import crossed_frustum
 from xfrustum.scenes import (
     NOTHING,
     Aperture,
@@ -69,6 +70,15 @@ def exact_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
     return soup(draw(coincidences(center, lines)), frustum), aperture
 
 
+@st.composite
+def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
+    frustum, aperture = draw(frusta()), draw(apertures())
+    pencil = crossed_frustum(frustum, aperture)
+    return soup(
+        draw(near_misses(np.array(pencil.center), pencil.directions().reshape(-1, 3))), frustum
+    ), aperture
+
+
 class TestAgainstRationalNumbers:
     """Corners exactly on lines and in the aperture, shared edges, coincident and flat triangles."""
 
@@ -81,6 +91,21 @@ class TestAgainstRationalNumbers:
         image = Reference(scene).trace(aperture)
         s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
         self.check(scene, image, [(np.array([aperture.x, aperture.y, 0.0]), s_range)], aperture)
+
+    @settings(max_examples=150, deadline=None, derandomize=True)
+    @given(rounded_scenes())
+    def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
+        self, asked: tuple[Scene, Aperture]
+    ) -> None:
+        scene, aperture = asked
+        pencil = crossed_frustum(scene.frustum, aperture)
+        d, center = pencil.directions(), np.array(pencil.center)
+        image = Reference(scene).trace(aperture)
+        assert image.certainty is not None
+        for row, column in np.ndindex(*image.triangle.shape):
+            _, first = exact_first(scene.triangles, center, d[row, column], pencil.s_range)
+            assert image.triangle[row, column] == (first[0] if first else NOTHING)
+            assert (image.certainty[row, column] == Certainty.TIE) == (len(first) > 1)
 
     @settings(max_examples=75, deadline=None, derandomize=True)
     @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))

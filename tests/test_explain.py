@@ -16,7 +16,16 @@ from xfrustum.compare.explain import explain
 from xfrustum.raster import Rasterizer, rasterizer
 from xfrustum.raster.cameras import orthoscopic, pseudoscopic
 from xfrustum.reference import Reference
-from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, Frustum, HogelImage, Scene, builtin
+from xfrustum.scenes import (
+    NOTHING,
+    Certainty,
+    DepthFormat,
+    DoubleFrustum,
+    Frustum,
+    HogelImage,
+    Scene,
+    builtin,
+)
 
 LOG = logging.getLogger(__name__)
 """Figures behind the verdicts: shown with --log-cli-level=INFO."""
@@ -66,6 +75,26 @@ def test_the_rasterizer_draws_its_model_and_nothing_is_unexplained(name: str) ->
 @pytest.mark.parametrize("name", SCENES)
 def test_so_it_does_at_every_near(name: str) -> None:
     assert_explained(name, ALL_NEARS)
+
+
+@pytest.mark.parametrize("depth", [DepthFormat.D16, DepthFormat.D24])
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(name: str, depth: DepthFormat) -> None:
+    scene = view(name, RESOLUTION)
+    aperture = scene.plate.aperture(30, 40)
+    near = {DepthFormat.D16: 5e-7, DepthFormat.D24: 3e-9}[depth] * scene.frustum.longest_reach
+    settings = DoubleFrustum(near=near, depth=depth)
+    model = Reference(scene).trace_model(aperture, settings)
+    with Rasterizer(scene) as raster:
+        drawn = raster.render(aperture, settings, normals=False, color=False)
+        explanation = explain(scene, model, drawn, int(raster.device["subpixel_bits"]))
+    counts = explanation.counts()
+    assert counts["unexplained"] == 0
+    assert counts["order"] > 100
+    assert counts["lost"] > 10
+    # What the depth buffer never let in leaves the background, or what lies behind it.
+    emptied = model.covered & ~drawn.covered & explanation.lost
+    assert emptied.any()
 
 
 class Case:
