@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.raster.depth_formats import ENDS
-from xfrustum.scenes.double_frustum import DepthMapping, DoubleFrustum
+from xfrustum.raster.depth_formats import ClipEnds
+from xfrustum.scenes.double_frustum import DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.plate import Aperture
 
@@ -53,51 +53,102 @@ class FilmWindow:
         )
 
 
-def sheared_from_scene(window: FilmWindow, aperture: Aperture) -> Matrix:
-    """Return the shear about the aperture plane that straightens the frustum's axis (figure 6)."""
+@dataclass(frozen=True, kw_only=True)
+class SlabCamera:
+    """One camera: where it stands, and what it keeps.
+
+    Attributes
+    ----------
+    orthoscopic
+        C, looking away from the viewer, else C*, looking back.
+    step
+        How far it has stepped back from the plate, away from what it sees.
+    near, far
+        Distances of its near and far plane from itself.
+    heights
+        |z| of the two planes.
+    scale
+        Of the film window: below one where a plane other than infinity is to be drawn exactly.
+    """
+
+    orthoscopic: bool
+    step: float
+    near: float
+    far: float
+    heights: tuple[float, float]
+    scale: float
+
+
+def slab_cameras(frustum: Frustum, settings: DoubleFrustum, *, orthoscopic: bool) -> list[SlabCamera]:
+    """Return the cameras of C or of C*, innermost slab first (paper, section 4: splitting)."""
+    cameras = []
+    for low, high in settings.sections(frustum.reach[1 if orthoscopic else 0]):
+        touches_plate = low == 0
+        step = settings.near if touches_plate and settings.offset is Offset.PLATE else 0.0
+        fitted = settings.fitted_height(frustum)
+        cameras.append(
+            SlabCamera(
+                orthoscopic=orthoscopic,
+                step=step,
+                near=settings.near if touches_plate else low,
+                far=step + high,
+                heights=(low if step or not touches_plate else settings.near, high),
+                # The window at the fitted height is that of the true frustum, seen from n farther away.
+                scale=1.0 if fitted is None or not touches_plate else fitted / (fitted + step),
+            )
+        )
+    return cameras
+
+
+def clip_from_scene(
+    frustum: Frustum, aperture: Aperture, camera: SlabCamera, pivot: Pivot, ends: ClipEnds
+) -> Matrix:
+    """Return the matrix of one camera."""
+    window = FilmWindow.of(frustum, aperture)
+    projection = clip_from_eye(window, camera, ends)
+    eye = eye_from_sheared(camera)
+    stands_at = camera.step if camera.orthoscopic else -camera.step
+    # The shear leaves the plane of its pivot where it is: the plate (paper, figure 6), or the
+    # plane that the camera itself stands in.
+    return (
+        projection @ eye @ sheared_from_scene(window, aperture, 0.0 if pivot is Pivot.APERTURE else stands_at)
+    )
+
+
+def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: float) -> Matrix:
+    """Return the shear about a plane z = fixed_height that straightens the frustum's axis (figure 6)."""
     matrix = np.eye(4)
-    matrix[0, 2], matrix[1, 2] = -window.axis[0], -window.axis[1]
-    matrix[0, 3], matrix[1, 3] = -aperture.x, -aperture.y
+    for row, (slope, origin) in enumerate(zip(window.axis, (aperture.x, aperture.y), strict=True)):
+        matrix[row, 2] = -slope
+        matrix[row, 3] = slope * fixed_height - origin
     return matrix
 
 
-def clip_from_eye(window: FilmWindow, near: float, far: float, mapping: DepthMapping) -> Matrix:
-    """Return the perspective projection of a camera that looks to -z; clip depth runs 0..1.
+def eye_from_sheared(camera: SlabCamera) -> Matrix:
+    """Return eye coordinates, in which the camera stands at the origin and looks to -z.
 
-    w is the distance from the camera; depth is `ENDS[mapping].near` at `near`, `.far` at `far`.
+    Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3): lines
+    that cross at the aperture come out on the other side of the axis. With the view turned around
+    that makes an odd number of mirrors, so that window winding is reversed: faces turned to C*
+    run clockwise.
     """
-    ends = ENDS[mapping]
+    matrix = np.eye(4) if camera.orthoscopic else np.diag([-1.0, -1.0, -1.0, 1.0])
+    matrix[2, 3] = -camera.step
+    return matrix
+
+
+def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: ClipEnds) -> Matrix:
+    """Return the perspective projection of a camera that looks to -z.
+
+    w is the distance from the camera; clip depth over w is `ends.near` at its near plane and
+    `ends.far` at its far plane.
+    """
+    near, far = camera.near, camera.far
     slope = (ends.far * far - ends.near * near) / (far - near)
     matrix = np.zeros((4, 4))
-    matrix[0, 0] = 1 / window.half_width
-    matrix[1, 1] = 1 / window.half_height
+    matrix[0, 0] = 1 / (window.half_width * camera.scale)
+    matrix[1, 1] = 1 / (window.half_height * camera.scale)
     matrix[2, 2] = -slope
     matrix[2, 3] = near * (ends.near - slope)
     matrix[3, 2] = -1.0
     return matrix
-
-
-def orthoscopic(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> Matrix:
-    """Return clip-from-scene of C: n in front of the plate, looking away from the viewer."""
-    window = FilmWindow.of(frustum, aperture)
-    eye_from_sheared = np.eye(4)
-    eye_from_sheared[2, 3] = -settings.near
-    far = settings.near + frustum.reach[1]
-    projection = clip_from_eye(window, settings.near, far, settings.mapping)
-    return projection @ eye_from_sheared @ sheared_from_scene(window, aperture)
-
-
-def pseudoscopic(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> Matrix:
-    """Return clip-from-scene of C*: n behind the plate, looking back at the viewer.
-
-    Against C, the viewport is flipped left-to-right and up-to-down (paper, section 3): lines that
-    cross at the aperture come out on the other side of the axis. With the view turned around
-    that makes an odd number of mirrors, so that window winding is reversed: faces turned to C*
-    run clockwise.
-    """
-    window = FilmWindow.of(frustum, aperture)
-    eye_from_sheared = np.diag([-1.0, -1.0, -1.0, 1.0])
-    eye_from_sheared[2, 3] = -settings.near
-    far = settings.near + frustum.reach[0]
-    projection = clip_from_eye(window, settings.near, far, settings.mapping)
-    return projection @ eye_from_sheared @ sheared_from_scene(window, aperture)

@@ -21,18 +21,45 @@ INTERNAL_FORMAT: dict[DepthFormat, int] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthEnds:
-    """Stored depth at a camera's near and far plane."""
+class ClipEnds:
+    """Clip depth over w at a camera's near and far plane."""
 
     near: float
     far: float
 
 
-ENDS: dict[DepthMapping, DepthEnds] = {
-    DepthMapping.STANDARD: DepthEnds(near=0.0, far=1.0),
-    DepthMapping.REVERSED: DepthEnds(near=1.0, far=0.0),
+@dataclass(frozen=True, kw_only=True)
+class Mapping:
+    """How OpenGL is told about a depth mapping.
+
+    Attributes
+    ----------
+    ends
+        Of clip depth.
+    clip_control
+        The range of clip depth that OpenGL keeps.
+    fragment_depth
+        The shader's `FRAGMENT_DEPTH`: empty where the hardware's own interpolated depth is stored.
+    stored_near, stored_far
+        What the buffer holds at the near and at the far plane.
+    """
+
+    ends: ClipEnds
+    clip_control: int = GL.GL_ZERO_TO_ONE
+    fragment_depth: str = ""
+    stored_near: float = 0.0
+    stored_far: float = 1.0
+
+
+_HYPERBOLIC = ClipEnds(near=0.0, far=1.0)
+
+MAPPINGS: dict[DepthMapping, Mapping] = {
+    DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
+    DepthMapping.GL: Mapping(ends=ClipEnds(near=-1.0, far=1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
+    DepthMapping.REVERSED: Mapping(ends=ClipEnds(near=1.0, far=0.0), stored_near=1.0, stored_far=0.0),
+    DepthMapping.LOGARITHMIC: Mapping(ends=_HYPERBOLIC, fragment_depth="log(w / near) / log(far / near)"),
+    DepthMapping.LINEAR: Mapping(ends=_HYPERBOLIC, fragment_depth="(w - near) / (far - near)"),
 }
-"""Both mappings use clip control to hand 0..1 through; reversed swaps the ends."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,13 +70,15 @@ class DepthTest:
     function: str
 
 
-def nearest_wins(mapping: DepthMapping) -> DepthTest:
+def nearest_wins(mapping: Mapping) -> DepthTest:
     """Return C's test: an orthoscopic camera."""
-    ends = ENDS[mapping]
-    return DepthTest(clear=ends.far, function="<" if ends.near < ends.far else ">")
+    return DepthTest(
+        clear=mapping.stored_far, function="<" if mapping.stored_near < mapping.stored_far else ">"
+    )
 
 
-def farthest_wins(mapping: DepthMapping) -> DepthTest:
+def farthest_wins(mapping: Mapping) -> DepthTest:
     """Return C*'s test: a pseudoscopic camera."""
-    ends = ENDS[mapping]
-    return DepthTest(clear=ends.near, function=">" if ends.near < ends.far else "<")
+    return DepthTest(
+        clear=mapping.stored_near, function=">" if mapping.stored_near < mapping.stored_far else "<"
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 
 import moderngl
@@ -10,11 +12,19 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras import Matrix
-from xfrustum.raster.targets import CAMERA_BIT, Target
+from xfrustum.raster.targets import Target
 from xfrustum.scenes.scene import Scene
 
 GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnBy:
+    """What the pass must know of a camera: its matrix, and the lowest and highest z that it keeps."""
+
+    clip_from_scene: Matrix
+    heights: tuple[float, float]
 
 
 class Positions:
@@ -32,31 +42,35 @@ class Positions:
         self._context = context
         source = (files("xfrustum.raster") / "shaders" / "position.comp").read_text()
         self._program = context.compute_shader(source)
-        self._program["camera_bit"] = CAMERA_BIT
         self._program["nothing"] = float("nan")
         self._vertices = context.buffer(scene.vertices.tobytes())
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._points: dict[tuple[int, int], moderngl.Buffer] = {}
 
-    def read(self, target: Target, c: Matrix, c_star: Matrix) -> NDArray[np.float32]:
+    def read(self, target: Target, drawn: Sequence[DrawnBy]) -> NDArray[np.float32]:
         """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
 
         Parameters
         ----------
         target
             What was drawn.
-        c, c_star
-            Clip-from-scene of the two cameras that drew it.
+        drawn
+            The cameras by their numbers in it.
         """
         width, height = target.size
         if target.size not in self._points:
             self._points[target.size] = self._context.buffer(reserve=12 * width * height)
         points = self._points[target.size]
+        matrices = np.stack([camera.clip_from_scene.T for camera in drawn])
+        cameras = self._context.buffer(matrices.tobytes())
+        cuts = self._context.buffer(np.array([camera.heights for camera in drawn]).tobytes())
         target.bind_identity(0)
-        for binding, buffer in enumerate((self._vertices, self._faces, points), start=1):
+        buffers = (self._vertices, self._faces, points, cameras, cuts)
+        for binding, buffer in enumerate(buffers, start=1):
             buffer.bind_to_storage_buffer(binding)
-        self._program["clip_from_scene"] = tuple(c.T.ravel().tolist())
-        self._program["clip_from_scene_c_star"] = tuple(c_star.T.ravel().tolist())
         self._program.run(-(-width // GROUP), -(-height // GROUP), 1)
         GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
-        return np.frombuffer(points.read(), dtype=np.float32).reshape(height, width, 3)
+        found = np.frombuffer(points.read(), dtype=np.float32).reshape(height, width, 3)
+        cameras.release()
+        cuts.release()
+        return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib.resources import files
 from types import TracebackType
 
@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras import FilmWindow, Matrix, orthoscopic, pseudoscopic
+from xfrustum.raster.cameras import FilmWindow
 from xfrustum.raster.context import describe, open_context
-from xfrustum.raster.depth_formats import DepthTest, farthest_wins, nearest_wins
-from xfrustum.raster.positions import Positions
-from xfrustum.raster.targets import CAMERA_BIT, Target
-from xfrustum.scenes.double_frustum import Camera, DepthFormat, DoubleFrustum
+from xfrustum.raster.depth_formats import MAPPINGS, Mapping
+from xfrustum.raster.passes import Pass, drawing_order
+from xfrustum.raster.positions import DrawnBy, Positions
+from xfrustum.raster.targets import Target
+from xfrustum.scenes.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.light import DEFAULT_LIGHT
@@ -25,17 +26,6 @@ from xfrustum.scenes.scene import Scene
 
 MAX_TRIANGLES = (1 << 31) // 3
 """Shaders index three values a triangle with signed 32-bit integers."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Pass:
-    """One camera's share of an image."""
-
-    clip_from_scene: Matrix
-    test: DepthTest
-    front_face: str
-    camera_bit: int
-    light: tuple[float, float, float]
 
 
 class Rasterizer:
@@ -83,22 +73,31 @@ class Rasterizer:
         self._context.release()
 
     def _upload(self, scene: Scene) -> None:
-        shaders = files("xfrustum.raster") / "shaders"
-        self._program = self._context.program(
-            vertex_shader=(shaders / "hogel.vert").read_text(),
-            fragment_shader=(shaders / "hogel.frag").read_text(),
-        )
-        self._program["albedo"] = DEFAULT_LIGHT.albedo
-        self._program["ambient"] = DEFAULT_LIGHT.ambient
-        self._mesh: moderngl.VertexArray | None = None
+        self._programs: dict[str, tuple[moderngl.Program, moderngl.VertexArray]] = {}
         if len(scene.faces):
-            vertices = self._context.buffer(scene.vertices.astype(np.float32).tobytes())
-            indices = self._context.buffer(scene.faces.astype(np.uint32).tobytes())
+            self._vertices = self._context.buffer(scene.vertices.astype(np.float32).tobytes())
+            self._indices = self._context.buffer(scene.faces.astype(np.uint32).tobytes())
             self._normals = self._context.buffer(scene.normals.astype(np.float32).tobytes())
-            self._mesh = self._context.vertex_array(
-                self._program, [(vertices, "3f", "in_position")], index_buffer=indices
-            )
             self._positions = Positions(self._context, scene)
+
+    def _program(self, fragment_depth: str) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        """Return the program that stores a given expression as depth, and the mesh for it."""
+        if fragment_depth not in self._programs:
+            shaders = files("xfrustum.raster") / "shaders"
+            fragment = (shaders / "hogel.frag").read_text()
+            if fragment_depth:
+                version, rest = fragment.split("\n", 1)
+                fragment = f"{version}\n#define FRAGMENT_DEPTH ({fragment_depth})\n{rest}"
+            program = self._context.program(
+                vertex_shader=(shaders / "hogel.vert").read_text(), fragment_shader=fragment
+            )
+            program["albedo"] = DEFAULT_LIGHT.albedo
+            program["ambient"] = DEFAULT_LIGHT.ambient
+            mesh = self._context.vertex_array(
+                program, [(self._vertices, "3f", "in_position")], index_buffer=self._indices
+            )
+            self._programs[fragment_depth] = (program, mesh)
+        return self._programs[fragment_depth]
 
     def render(
         self, aperture: Aperture, settings: DoubleFrustum, *, normals: bool = True, color: bool = True
@@ -124,60 +123,40 @@ class Rasterizer:
         with self._context:
             target = self._target(settings.depth)
             target.begin()
-            c, c_star = self._passes(aperture, settings)
-            # C first: C* overlays it.
-            for drawn in {Camera.BOTH: (c, c_star), Camera.C: (c,), Camera.C_STAR: (c_star,)}[
-                settings.camera
-            ]:
-                target.clear_depth(drawn.test.clear)
-                self._draw(drawn)
+            passes = drawing_order(self.scene, aperture, settings)
+            mapping = MAPPINGS[settings.mapping]
+            for number, camera in enumerate(passes):
+                target.clear_depth(camera.test.clear)
+                self._draw(number, camera, mapping)
             triangle = target.read_triangle()
             return HogelImage(
                 camera=self._camera(aperture, settings),
                 triangle=triangle,
                 object=self._object_of_number[triangle],
-                position=self._read_position(target, c, c_star),
+                position=self._read_position(target, passes),
                 normal=self._normals_of(triangle) if normals else None,
                 color=target.read_color() if color else None,
             )
 
-    def _passes(self, aperture: Aperture, settings: DoubleFrustum) -> tuple[_Pass, _Pass]:
-        """Return C and C*."""
-        frustum = self.scene.frustum
-        x, y, z = DEFAULT_LIGHT.direction
-        c = _Pass(
-            clip_from_scene=orthoscopic(frustum, aperture, settings),
-            test=nearest_wins(settings.mapping),
-            front_face="ccw",
-            camera_bit=0,
-            light=(x, y, z),
-        )
-        c_star = _Pass(
-            clip_from_scene=pseudoscopic(frustum, aperture, settings),
-            test=farthest_wins(settings.mapping),
-            front_face="cw",
-            camera_bit=CAMERA_BIT,
-            light=(-x, -y, -z),
-        )
-        return c, c_star
-
-    def _read_position(self, target: Target, c: _Pass, c_star: _Pass) -> NDArray[np.float32]:
-        if self._mesh is None:
+    def _read_position(self, target: Target, passes: Sequence[Pass]) -> NDArray[np.float32]:
+        if not passes:
             return np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
-        return self._positions.read(target, c.clip_from_scene, c_star.clip_from_scene)
+        drawn = [DrawnBy(clip_from_scene=p.clip_from_scene, heights=p.heights) for p in passes]
+        return self._positions.read(target, drawn)
 
-    def _draw(self, camera: _Pass) -> None:
-        if self._mesh is None:
-            return
+    def _draw(self, number: int, camera: Pass, mapping: Mapping) -> None:
+        program, mesh = self._program(mapping.fragment_depth)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = camera.test.function
         self._context.front_face = camera.front_face
-        GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
-        self._program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
-        self._program["light"] = camera.light
-        self._program["camera_bit"] = camera.camera_bit
+        GL.glClipControl(GL.GL_LOWER_LEFT, mapping.clip_control)
+        program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
+        program["light"] = camera.light
+        program["camera"] = number
+        if mapping.fragment_depth:
+            program["near"], program["far"] = camera.planes
         self._normals.bind_to_storage_buffer(0)
-        self._mesh.render()
+        mesh.render()
 
     def _target(self, depth: DepthFormat) -> Target:
         size = self.scene.frustum.resolution

@@ -16,12 +16,9 @@ from xfrustum.raster.depth_formats import INTERNAL_FORMAT
 from xfrustum.scenes.double_frustum import DepthFormat
 
 IDENTITY, COLOR = 0, 1
-"""Color attachments: triangle number + 1 with `CAMERA_BIT` (uint), linear radiance (float32)."""
+"""Color attachments: triangle number + 1 and number of the camera (uint), linear radiance (float32)."""
 
-CAMERA_BIT = 1 << 31
-"""Set in the identity of what C* drew."""
-
-_FORMATS = {IDENTITY: GL.GL_R32UI, COLOR: GL.GL_RGBA32F}
+_FORMATS = {IDENTITY: GL.GL_RG32UI, COLOR: GL.GL_RGBA32F}
 
 
 class Target:
@@ -80,7 +77,7 @@ class Target:
         identity = self._read(
             IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32)
         )
-        return (identity & ~np.uint32(CAMERA_BIT)).view(np.int32) - 1
+        return identity.view(np.int32) - 1
 
     def read_color(self) -> NDArray[np.float32]:
         """Return linear RGB, (H, W, 3), row 0 at the top."""

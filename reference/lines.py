@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.double_frustum import Camera, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import read_only
@@ -91,26 +92,65 @@ def crossed_frustum(frustum: Frustum, aperture: Aperture) -> Pencil:
     )
 
 
-def offset_pinholes(frustum: Frustum, aperture: Aperture, near: float) -> tuple[Pencil, Pencil]:
-    """Return C and C* stepped back by `near`, as exact lines (paper, section 4).
+@dataclass(frozen=True, kw_only=True)
+class ModelCamera:
+    """One camera of the double frustum, as exact lines.
 
-    C stands at (ax - n kx, ay - n ky, +n) and sees what lies behind the plate; C* stands at
-    (ax + n kx, ay + n ky, -n) and sees what lies before it, from the viewer's end. What these
-    two show, C* over C, is what a rasterizer without any rounding would draw.
+    Attributes
+    ----------
+    orthoscopic
+        Whether it is a C, else a C*.
+    pencil
+        Its lines; s is the distance from its center along the axis, negative for a C*.
+    """
+
+    orthoscopic: bool
+    pencil: Pencil
+
+
+def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> tuple[ModelCamera, ...]:
+    """Return the cameras that settings ask for, in drawing order, as exact lines (paper, section 4).
+
+    From the back: the slabs of C from the outermost inward, then those of C* from the innermost
+    outward; what comes later is nearer to the viewer and overlays. What these show is what a
+    rasterizer without any rounding would draw.
+    """
+    viewer, back = frustum.reach
+    c = [_slab_camera(frustum, aperture, settings, section, 1) for section in settings.sections(back)]
+    c_star = [_slab_camera(frustum, aperture, settings, section, -1) for section in settings.sections(viewer)]
+    return {
+        Camera.BOTH: (*reversed(c), *c_star),
+        Camera.C: tuple(reversed(c)),
+        Camera.C_STAR: tuple(c_star),
+    }[settings.camera]
+
+
+def _slab_camera(
+    frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, section: tuple[float, float], side: int
+) -> ModelCamera:
+    """Return C (side 1) or C* (side -1) for the surfaces between two heights |z|.
+
+    The camera of the first slab stands n before the plate, on the axis of the sheared frustum
+    (pivot aperture: (ax -+ n kx, ay -+ n ky, +-n)) or straight before the aperture (pivot
+    camera). All others stand in the aperture itself.
     """
     shear, half_extent = film_window(frustum, aperture)
-    kx, ky = shear
-    viewer, back = frustum.reach
-    c = Pencil(
-        center=(aperture.x - near * kx, aperture.y - near * ky, near),
-        shear=shear,
-        half_extent=half_extent,
-        resolution=frustum.resolution,
-        s_range=(near, near + back),
+    low, high = section
+    first = low == 0
+    step = settings.near if first and settings.offset is Offset.PLATE else 0.0
+    aside = side * step if settings.pivot is Pivot.APERTURE else 0.0
+    fitted = settings.fitted_height(frustum)
+    if first and fitted is not None and step:
+        shrink = fitted / (fitted + step)
+        half_extent = (half_extent[0] * shrink, half_extent[1] * shrink)
+    begin, end = (settings.near if first else low), step + high
+    return ModelCamera(
+        orthoscopic=side == 1,
+        pencil=Pencil(
+            center=(aperture.x - aside * shear[0], aperture.y - aside * shear[1], side * step),
+            shear=shear,
+            half_extent=half_extent,
+            resolution=frustum.resolution,
+            s_range=(begin, end) if side == 1 else (-end, -begin),
+        ),
     )
-    c_star = replace(
-        c,
-        center=(aperture.x + near * kx, aperture.y + near * ky, -near),
-        s_range=(-near - viewer, -near),
-    )
-    return c, c_star

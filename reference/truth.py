@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.certify import Certifier, FirstSurfaces
 from xfrustum.reference.embree import EmbreeTracer
-from xfrustum.reference.lines import Pencil, crossed_frustum, offset_pinholes
+from xfrustum.reference.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.reference.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.proposals import proposed
 from xfrustum.reference.shading import shaded
 from xfrustum.reference.threads import worker_count
 from xfrustum.reference.tracer import Tracer
 from xfrustum.reference.visibility import SurfacePoints, hidden
-from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage, stacked
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
@@ -91,12 +91,11 @@ class Reference:
         yield from _in_parallel(Certifier(self.scene.triangles, pencil).decide, pencil.resolution)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
-        """Return what the offset cameras C and C* would draw without any rounding, C* over C."""
+        """Return what the cameras that settings ask for would draw without any rounding."""
         settings.check_against(self.scene.frustum)
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        c, c_star = offset_pinholes(self.scene.frustum, aperture, settings.near)
-        drawn = {Camera.BOTH: (c, c_star), Camera.C: (c,), Camera.C_STAR: (c_star,)}[settings.camera]
-        certifiers = [(camera, Certifier(self.scene.triangles, camera)) for camera in drawn]
+        cameras = model_cameras(self.scene.frustum, aperture, settings)
+        certifiers = [(camera.pencil, Certifier(self.scene.triangles, camera.pencil)) for camera in cameras]
 
         def band(rows: range) -> HogelImage:
             layers = [(camera, certifier.decide(rows)) for camera, certifier in certifiers]

@@ -6,6 +6,7 @@ cameras as an exact model of what the rasterizer should have drawn.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from enum import StrEnum
@@ -23,10 +24,43 @@ class DepthFormat(StrEnum):
 
 
 class DepthMapping(StrEnum):
-    """How depth along the camera's axis becomes the stored value."""
+    """How distance w from the camera, near n to far f, becomes the stored value.
+
+    `STANDARD` is hyperbolic, 0 at near to 1 at far, with clip depth 0..1; `GL` the same with
+    OpenGL's own clip depth -1..1; `REVERSED` 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and
+    `LINEAR` (w - n)/(f - n), both written by the fragment.
+    """
 
     STANDARD = "standard"
+    GL = "gl"
     REVERSED = "reversed"
+    LOGARITHMIC = "logarithmic"
+    LINEAR = "linear"
+
+
+class Pivot(StrEnum):
+    """Where the shear of a recentered frustum is centered.
+
+    `APERTURE` moves the two cameras apart so that their frusta cross in the aperture plane (paper,
+    section 5); `CAMERA` is the ordinary off-axis projection about each camera's own center.
+    """
+
+    APERTURE = "aperture"
+    CAMERA = "camera"
+
+
+class Offset(StrEnum):
+    """Whether the cameras step back so that near planes meet at the plate (paper), or stay and clip."""
+
+    PLATE = "plate"
+    NONE = "none"
+
+
+class Fit(StrEnum):
+    """Which angles the offset cameras keep: the frustum's own, or those that draw the screen exactly."""
+
+    ANGLE = "angle"
+    SCREEN = "screen"
 
 
 class Camera(StrEnum):
@@ -46,27 +80,73 @@ class DoubleFrustum:
     near
         Offset of both cameras from the plate, n > 0, in scene units.
     depth, mapping
-        Depth buffer format, and which end of it is near.
+        Depth buffer format, and what it stores.
     camera
         Both cameras, or one alone.
+    pivot, offset
+        Of the cameras.
+    fit
+        A `Fit`, or the height |z| whose two planes are drawn exactly; None for the usual: the first
+        slab's far end where there are slabs, else the angle.
+    slabs
+        Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
+        plane of its own and cameras exactly at the aperture; `fit` and `offset` are about the first.
     """
 
     near: float
     depth: DepthFormat = DepthFormat.D24
     mapping: DepthMapping = DepthMapping.STANDARD
     camera: Camera = Camera.BOTH
+    pivot: Pivot = Pivot.APERTURE
+    offset: Offset = Offset.PLATE
+    fit: Fit | float | None = None
+    slabs: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.near) and self.near > 0):
             raise InputError(f"near must be a positive length, not {self.near}")
+        if not isinstance(self.fit, Fit | None) and not (math.isfinite(self.fit) and self.fit > 0):
+            raise InputError(f"fit must be angle, screen, or a positive height, not {self.fit}")
+        ascending = all(low < high for low, high in itertools.pairwise((0.0, *self.slabs, math.inf)))
+        if not ascending:
+            raise InputError(f"slabs must be positive heights in ascending order, not {list(self.slabs)}")
 
     def check_against(self, frustum: Frustum) -> None:
-        """Raise InputError unless 0 < near < reach (the larger of the two sides)."""
+        """Raise InputError where these settings make no sense for a frustum.
+
+        That is unless 0 < near < reach (the larger of the two sides), where slabs lie beyond
+        the reach, where a fit to the screen has no screen, and where without an offset the near
+        plane would swallow the first slab.
+        """
         if not self.near < frustum.longest_reach:
             raise InputError(
                 f"near {self.near} must be smaller than the reach, {frustum.longest_reach}; "
                 "it is the distance that both cameras step back from the plate"
             )
+        if self.slabs and not self.slabs[-1] < frustum.longest_reach:
+            raise InputError(
+                f"slabs must lie within the reach, {frustum.longest_reach}, not at {self.slabs[-1]}"
+            )
+        if self.fit is Fit.SCREEN and frustum.screen is None:
+            raise InputError("fit screen needs a recentered frustum; give a height instead")
+        first = min((*self.slabs, *frustum.reach))
+        if self.offset is Offset.NONE and not self.near < first:
+            raise InputError(
+                f"near {self.near} without an offset must be smaller than {first}: it clips what is nearer"
+            )
+
+    def fitted_height(self, frustum: Frustum) -> float | None:
+        """Return the height |z| whose planes the first slab draws exactly; None to keep the angle."""
+        if self.fit is Fit.SCREEN and frustum.screen is not None:
+            return abs(frustum.screen.height)
+        if self.fit is None and self.slabs:
+            return self.slabs[0]
+        return None if self.fit is None or isinstance(self.fit, Fit) else self.fit
+
+    def sections(self, reach: float) -> tuple[tuple[float, float], ...]:
+        """Return the heights |z| from which to which each slab of one side extends, innermost first."""
+        cuts = (0.0, *(height for height in self.slabs if height < reach), reach)
+        return tuple(itertools.pairwise(cuts))
 
     @property
     def depth_label(self) -> str:

@@ -138,6 +138,12 @@ class Scene:
         return read_only(np.stack((self.vertices.min(axis=0), self.vertices.max(axis=0))))
 
     @cached_property
+    def height_ranges(self) -> NDArray[np.float64]:
+        """(2, F) lowest and highest z of each triangle."""
+        z = self.vertices[:, 2][self.faces]
+        return read_only(np.stack((z.min(axis=1, initial=np.inf), z.max(axis=1, initial=-np.inf))))
+
+    @cached_property
     def largest_coordinates(self) -> NDArray[np.float64]:
         """(F,) largest absolute coordinate of each triangle: what roundings of it are relative to."""
         of_vertex = np.abs(self.vertices).max(axis=1, initial=0.0)

@@ -1,13 +1,21 @@
 #version 450 core
 // What a pixel shows: which triangle, drawn by which camera, in which light.
+//
+// FRAGMENT_DEPTH, where it is defined, is an expression in w, near and far: a depth mapping that
+// the hardware does not interpolate.
 
-layout(location = 0) out uint identity;
+layout(location = 0) out uvec2 identity;
 layout(location = 1) out vec4 radiance;
 
 // Unit normals by the mesh's winding, three floats a triangle.
 layout(std430, binding = 0) readonly buffer Normals { float normals[]; };
 
-uniform uint camera_bit;  // set for C* alone
+uniform uint camera;  // its number in drawing order
+
+#ifdef FRAGMENT_DEPTH
+uniform float near;
+uniform float far;
+#endif
 
 // Toward the light for C. For C* the pseudoscopic light L*: the same light from the opposite
 // direction (paper, section 3, figure 3).
@@ -16,7 +24,11 @@ uniform float albedo;
 uniform float ambient;
 
 void main() {
-    identity = (uint(gl_PrimitiveID) + 1u) | camera_bit;
+    identity = uvec2(uint(gl_PrimitiveID) + 1u, camera);
+#ifdef FRAGMENT_DEPTH
+    float w = 1.0 / gl_FragCoord.w;
+    gl_FragDepth = FRAGMENT_DEPTH;
+#endif
 
     int first = 3 * gl_PrimitiveID;
     vec3 normal = vec3(normals[first], normals[first + 1], normals[first + 2]);

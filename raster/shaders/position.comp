@@ -13,11 +13,10 @@ layout(binding = 0) uniform usampler2D identities;
 layout(std430, binding = 1) readonly buffer Vertices { double vertices[]; };
 layout(std430, binding = 2) readonly buffer Faces { uint faces[]; };
 layout(std430, binding = 3) writeonly buffer Points { float points[]; };
+layout(std430, binding = 4) readonly buffer Cameras { dmat4 clip_from_scene[]; };
+layout(std430, binding = 5) readonly buffer Cuts { dvec2 heights[]; };  // lowest and highest z of each
 
-uniform dmat4 clip_from_scene;         // of C
-uniform dmat4 clip_from_scene_c_star;  // of C*
-uniform uint camera_bit;               // set in the identity of what C* drew
-uniform float nothing;                 // NaN
+uniform float nothing;  // NaN
 
 dvec3 corner(uint triangle, uint k) {
     uint first = 3u * faces[3u * triangle + k];
@@ -29,12 +28,11 @@ void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (pixel.x >= size.x || pixel.y >= size.y) return;
 
-    uint identity = texelFetch(identities, pixel, 0).r;
+    uvec2 identity = texelFetch(identities, pixel, 0).rg;
     vec3 point = vec3(nothing);
-    if (identity != 0u) {
-        bool by_c_star = (identity & camera_bit) != 0u;
-        dmat4 clip = by_c_star ? clip_from_scene_c_star : clip_from_scene;
-        uint triangle = (identity & ~camera_bit) - 1u;
+    if (identity.r != 0u) {
+        dmat4 clip = clip_from_scene[identity.g];
+        uint triangle = identity.r - 1u;
         dvec3 p0 = corner(triangle, 0u), p1 = corner(triangle, 1u), p2 = corner(triangle, 2u);
         dvec3 c0 = (clip * dvec4(p0, 1.0)).xyw;
         dvec3 c1 = (clip * dvec4(p1, 1.0)).xyw;
@@ -46,9 +44,10 @@ void main() {
         // Offsets from the first corner, so that small triangles far away keep all their digits.
         // A triangle seen exactly edge-on has no such point; its first corner stands for it.
         point = vec3(total != 0.0LF ? p0 + (weight.y * (p1 - p0) + weight.z * (p2 - p0)) / total : p0);
-        // Subpixel rounding draws up to a fraction of a pixel beyond the cut by the near plane:
-        // what is drawn there is the cut, in the plate.
-        point.z = by_c_star ? max(point.z, 0.0) : min(point.z, 0.0);
+        // Subpixel rounding draws up to a fraction of a pixel beyond the cuts by near and far plane:
+        // what is drawn there is the cut.
+        vec2 cuts = vec2(heights[identity.g]);
+        point.z = clamp(point.z, cuts.x, cuts.y);
     }
     int row_from_top = size.y - 1 - pixel.y;
     int at = 3 * (row_from_top * size.x + pixel.x);
