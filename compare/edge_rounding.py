@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.rounding import FLOAT32_ROUNDING
 from xfrustum.reference.lines import Pencil
+from xfrustum.scenes.double_frustum import DepthMapping
 
 Floats = NDArray[np.float64]
 PixelIndex = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -48,7 +49,28 @@ def film_points(pencil: Pencil, pixels: PixelIndex) -> Floats:
     return np.stack((u, v, np.ones(len(u))), axis=-1)
 
 
-def near_edge(corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits: int) -> NDArray[np.bool_]:
+FAR_ROUNDINGS = 4
+"""Roundings of 2^-24 w in w - z, whose sign is the far plane's test: two in z, one in w, one between."""
+
+
+def far_cut_rounding(w: Floats, pencil: Pencil, mapping: DepthMapping) -> Floats:
+    """Return by how much 1 / w of the far cut of triangles may be off, given their largest w.
+
+    Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is a
+    small difference of large numbers, and the cut is interpolated between corners where it has an
+    error relative to their w: for n below 2^-24 w it is nothing but rounding, and nothing is
+    cut. Reversed clip depth is zero at the far plane and has no such difference.
+    """
+    if mapping is DepthMapping.REVERSED:
+        return np.zeros_like(w)
+    n, f = sorted(abs(s) for s in pencil.s_range)
+    share = FAR_ROUNDINGS * FLOAT32_ROUNDING * np.maximum(w, f) / f * (f - n) / n
+    return np.asarray(np.minimum(1.0, share) / f)
+
+
+def near_edge(
+    corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits: int, mapping: DepthMapping
+) -> NDArray[np.bool_]:
     """Return which pixel centers rounding may have put on the wrong side of an edge.
 
     Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
@@ -65,10 +87,14 @@ def near_edge(corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits
         Columns and rows.
     subpixel_bits
         Of the device.
+    mapping
+        Of depth: it decides how exactly the far plane cuts.
     """
     width, height = pencil.resolution
+    far = max(pencil.s_range, key=abs)
     snap_px = math.sqrt(2) / 2 * 2.0**-subpixel_bits
     vertices, bound = film_vertices(corners, pencil)
+    far_rounding = far_cut_rounding(np.abs(vertices[..., 2]).max(axis=1, initial=0.0), pencil, mapping)
     points = film_points(pencil, pixels)
     near = np.zeros(len(corners), dtype=np.bool_)
 
@@ -88,7 +114,10 @@ def near_edge(corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits
     for cut in pencil.s_range:
         # The triangle's plane has 1/s = plane . (u, v, 1) / volume.
         value = np.einsum("ij,ij->i", plane, points) - volume / cut
-        near |= _within(plane, value, plane_bound + volume_bound / abs(cut), snap_px, (width, height))
+        value_bound = plane_bound + volume_bound / abs(cut)
+        if cut == far:
+            value_bound = value_bound + np.abs(volume) * far_rounding
+        near |= _within(plane, value, value_bound, snap_px, (width, height))
     return near
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.depth_rounding import Depths, depths
 from xfrustum.compare.edge_rounding import covers, near_edge
-from xfrustum.reference.lines import offset_pinholes
+from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.scene import Scene
 
@@ -64,29 +64,31 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     assert settings is not None
     wrong = (model.triangle != raster.triangle) & (model.certainty != Certainty.TIE)
     rows, columns = np.nonzero(wrong)
-    cameras = offset_pinholes(scene.frustum, raster.camera.aperture, settings.near)
+    cameras = model_cameras(scene.frustum, raster.camera.aperture, settings)
 
     edge = np.zeros(len(rows), dtype=np.bool_)
     # A depth test chooses only among triangles that cover the pixel: on the model's side they do.
     at_choice = raster.triangle[rows, columns] == NOTHING
-    sides: list[tuple[NDArray[np.bool_], Depths]] = []
+    shown_by: list[tuple[NDArray[np.int64], Depths]] = []
     for image in (model, raster):
         triangle = image.triangle[rows, columns]
         height = image.height[rows, columns]
-        shown = Depths.nothing(len(rows))
-        # What lies in the plate may have been drawn by either camera.
-        for pencil, drawn in zip(cameras, (height <= 0, height >= 0), strict=True):
-            some = np.flatnonzero(drawn & (triangle != NOTHING))
+        shown, camera_of = Depths.nothing(len(rows)), np.full(len(rows), -1)
+        # What lies in a cut may have been drawn by the cameras on either side of it.
+        for number, camera in enumerate(cameras):
+            low, high = camera.heights
+            some = np.flatnonzero((triangle != NOTHING) & (height >= low) & (height <= high))
             corners = scene.triangles[triangle[some]]
             pixels = (columns[some], rows[some])
-            edge[some] |= near_edge(corners, pencil, pixels, subpixel_bits)
+            edge[some] |= near_edge(corners, camera.pencil, pixels, subpixel_bits, settings.mapping)
             if image is raster:
-                at_choice[some] |= covers(corners, pencil, pixels)
-            shown.put(some, depths(corners, pencil, pixels, settings, subpixel_bits))
-        sides.append((height > 0, shown))
+                at_choice[some] |= covers(corners, camera.pencil, pixels)
+            shown.put(some, depths(corners, camera.pencil, pixels, settings, subpixel_bits))
+            camera_of[some] = number
+        shown_by.append((camera_of, shown))
 
-    (model_in_front, expected), (raster_in_front, drawn_depth) = sides
-    order = at_choice & (model_in_front == raster_in_front) & expected.indistinguishable_from(drawn_depth)
+    (expected_by, expected), (drawn_by, drawn) = shown_by
+    order = at_choice & (expected_by == drawn_by) & expected.indistinguishable_from(drawn)
     lost = at_choice & expected.lost()
     return Explanation(
         edge=_scatter(wrong, edge),

@@ -107,6 +107,12 @@ class ModelCamera:
     orthoscopic: bool
     pencil: Pencil
 
+    @property
+    def heights(self) -> tuple[float, float]:
+        """Lowest and highest z that it images."""
+        first, last = self.pencil.s_range
+        return self.pencil.center[2] - last, self.pencil.center[2] - first
+
 
 def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> tuple[ModelCamera, ...]:
     """Return the cameras that settings ask for, in drawing order, as exact lines (paper, section 4).

@@ -9,14 +9,24 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import at, lines_by_definition, view
-from xfrustum.raster.cameras import orthoscopic, pseudoscopic
+from xfrustum.raster.cameras import clip_from_scene, slab_cameras
+from xfrustum.raster.depth_formats import ClipEnds
 from xfrustum.reference import Reference
-from xfrustum.reference.lines import Pencil, crossed_frustum, offset_pinholes
+from xfrustum.reference.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
+from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
 
 SCREENS = [
     Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0)),
     Screen(height=-60.0, center=(-4.0, 8.0), size=(100.0, 80.0)),
+]
+SETTINGS = [
+    DoubleFrustum(near=3.0),
+    DoubleFrustum(near=3.0, pivot=Pivot.CAMERA),
+    DoubleFrustum(near=3.0, fit=40.0),
+    DoubleFrustum(near=3.0, fit=Fit.ANGLE, slabs=(10.0, 50.0)),
+    DoubleFrustum(near=3.0, slabs=(7.0,), pivot=Pivot.CAMERA),
+    DoubleFrustum(near=3.0, offset=Offset.NONE, slabs=(20.0,)),
 ]
 APERTURES = [at(0.0, 0.0), at(-39.5, 29.5), at(11.0, -23.0)]
 
@@ -86,7 +96,7 @@ def test_the_offset_cameras_near_planes_coincide_at_the_plate(
     lines run through it the other way.
     """
     frustum = recentered(screen)
-    c, c_star = offset_pinholes(frustum, aperture, near)
+    c, c_star = (camera.pencil for camera in model_cameras(frustum, aperture, DoubleFrustum(near=near)))
     window = near * np.array([screen.size[0], screen.size[1]]) / 2 / abs(screen.height)
     center = np.array([aperture.x, aperture.y])
     for u in (-1, 1):
@@ -105,21 +115,29 @@ def test_the_offset_cameras_near_planes_coincide_at_the_plate(
 
 @pytest.mark.parametrize("frustum", [*map(recentered, SCREENS), view("car", (64, 48)).frustum])
 @pytest.mark.parametrize("aperture", APERTURES)
-def test_both_answers_put_a_point_into_the_same_pixel(frustum: Frustum, aperture: Aperture) -> None:
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_both_answers_put_a_point_into_the_same_pixel(
+    frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
+) -> None:
     """The exact lines of C and C* against the matrices for OpenGL: two derivations of one geometry."""
-    near = 3.0
-    settings = DoubleFrustum(near=near)
-    c, c_star = offset_pinholes(frustum, aperture, near)
-    matrices = (orthoscopic(frustum, aperture, settings), pseudoscopic(frustum, aperture, settings))
+    pencils = [camera.pencil for camera in model_cameras(frustum, aperture, settings)]
+    c, c_star = (slab_cameras(frustum, settings, orthoscopic=side) for side in (True, False))
+    ends = ClipEnds(near=0.0, far=1.0)
+    matrices = [
+        clip_from_scene(frustum, aperture, camera, settings.pivot, ends) for camera in (*reversed(c), *c_star)
+    ]
     width, height = frustum.resolution
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height
-    for pencil, clip_from_scene in zip((c, c_star), matrices, strict=True):
+    for pencil, matrix in zip(pencils, matrices, strict=True):
         for s in np.linspace(*pencil.s_range, 5):
             points = np.array(pencil.center) + s * pencil.directions()
-            clip = np.append(points, np.ones((height, width, 1)), axis=2) @ clip_from_scene.T
+            clip = np.append(points, np.ones((height, width, 1)), axis=2) @ matrix.T
             assert (clip[..., 3] > 0).all()
             np.testing.assert_allclose(clip[..., 3], abs(s), rtol=1e-12)
+            depth = clip[..., 2] / clip[..., 3]
+            if abs(s) in (min(map(abs, pencil.s_range)), max(map(abs, pencil.s_range))):
+                np.testing.assert_allclose(depth, float(abs(s) == max(map(abs, pencil.s_range))), atol=1e-11)
             film = clip[..., :2] / clip[..., 3:]
             np.testing.assert_allclose(film[..., 0], np.broadcast_to(u, (height, width)), atol=1e-12)
             np.testing.assert_allclose(film[..., 1], np.broadcast_to(v[:, None], (height, width)), atol=1e-12)

@@ -80,26 +80,33 @@ def test_every_depth_format_draws_the_model(depth: DepthFormat, mapping: DepthMa
 
 
 def test_formats_and_mappings_differ_where_depth_is_scarce() -> None:
-    """Otherwise they would be one format by six names.
+    """Otherwise they would be one format by many names.
 
-    Of one and the same name could only be 24-bit and float depth, standard: most of a scene lies at
-    depths just below 1, where both have steps of 2^-24.
+    Of one and the same name could only be 24-bit and float depth, where most of a scene lies at depths
+    just below 1, with steps of 2^-24 in both. The logarithmic and the linear mapping have steps to
+    spare in every format: they show what the model shows.
     """
     scene = view("car", (256, 256))
+    near = 1.5e-4
     with Rasterizer(scene) as raster:
         images = {
             (depth, mapping): raster.render(
-                scene.plate.middle, DoubleFrustum(near=1.5e-4, depth=depth, mapping=mapping)
+                scene.plate.middle, DoubleFrustum(near=near, depth=depth, mapping=mapping)
             ).triangle
             for depth, mapping in DEPTHS
         }
+    hyperbolic = (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED)
     same = {
         frozenset((one, other))
-        for one, other in combinations(DEPTHS, 2)
+        for one, other in combinations([pair for pair in DEPTHS if pair[1] in hyperbolic], 2)
         if np.array_equal(images[one], images[other])
     }
-    standard = DepthMapping.STANDARD
-    assert same <= {frozenset(((DepthFormat.D24, standard), (DepthFormat.D32F, standard)))}
+    d24, d32f = DepthFormat.D24, DepthFormat.D32F
+    assert same <= {frozenset(((d24, m), (d32f, m))) for m in (DepthMapping.STANDARD, DepthMapping.GL)}
+    model = Reference(scene).trace_model(scene.plate.middle, DoubleFrustum(near=near)).triangle
+    for pair in DEPTHS:
+        if pair[1] not in hyperbolic:
+            assert (images[pair] != model).mean() < 1e-3
 
 
 def test_an_image_says_who_drew_it_and_with_what() -> None:

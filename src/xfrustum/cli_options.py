@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
-    from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+    from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
     from xfrustum.scenes.plate import Aperture
     from xfrustum.scenes.scene import Scene
 
@@ -100,6 +100,21 @@ class Sizes(click.ParamType[tuple[int, ...]]):
         return sizes
 
 
+class FitHeight(click.ParamType["Fit | float"]):
+    """`angle`, `screen`, or a height."""
+
+    name = "angle|screen|Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Fit | float:
+        """Return the name or the height."""
+        from xfrustum.scenes.double_frustum import Fit
+
+        try:
+            return Fit(str(value).lower()) if str(value).lower() in list(Fit) else float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither angle nor screen nor a height", param, ctx)
+
+
 class Indices(click.ParamType[tuple[tuple[int, int], ...]]):
     """Apertures as column,row separated by semicolons."""
 
@@ -156,6 +171,10 @@ _SETTINGS = (
     click.option("--near", type=float, required=True, help="Offset of both cameras, 0 < N < reach."),
     click.option("--depth", type=Name("DepthFormat"), help="Depth buffer format.  [default: d24]"),
     click.option("--mapping", type=Name("DepthMapping"), help="Depth mapping.  [default: standard]"),
+    click.option("--pivot", type=Name("Pivot"), help="Center of the shear.  [default: aperture]"),
+    click.option("--fit", type=FitHeight(), help="Height drawn exactly.  [default: first slab, else angle]"),
+    click.option("--offset", type=Name("Offset"), help="Whether cameras step back.  [default: plate]"),
+    click.option("--slabs", type=Numbers(), help="Heights |z| at which both frusta are cut."),
     click.option("--camera", type=Name("Camera"), help="Which cameras draw.  [default: both]"),
 )
 
