@@ -121,9 +121,7 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
         The images differ in size, aperture or scene.
     """
     _check_same_question(truth, raster)
-    judged = np.ones(truth.triangle.shape, dtype=np.bool_)
-    if truth.certainty is not None:
-        judged = truth.certainty != Certainty.TIE
+    judged = judged_pixels(truth)
     surface = wrong_surface(truth, raster, reference) & judged if reference else None
     triangle = (truth.triangle != raster.triangle) & judged
     shift = displacement(raster, truth.camera)
@@ -142,6 +140,13 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
         certainty=_certainty_counts(truth),
         maps=ErrorMaps(judged=judged, surface=surface, triangle=triangle, displacement=shift, height=height),
     )
+
+
+def judged_pixels(truth: HogelImage) -> NDArray[np.bool_]:
+    """Return the pixels whose truth is no tie, (H, W)."""
+    if truth.certainty is None:
+        return np.ones(truth.triangle.shape, dtype=np.bool_)
+    return np.not_equal(truth.certainty, Certainty.TIE)
 
 
 def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:

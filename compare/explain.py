@@ -19,10 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.depth_rounding import Depths, depths
 from xfrustum.compare.edge_rounding import covers, near_edge
 from xfrustum.reference.lines import model_cameras
-from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.scene import Scene
 
 
@@ -45,6 +46,14 @@ class Explanation:
         """Return the number of pixels under each heading."""
         return {name: int(getattr(self, name).sum()) for name in ("edge", "order", "lost", "unexplained")}
 
+    def within(self, pixels: NDArray[np.bool_]) -> Explanation:
+        """Return the explanation of some pixels."""
+        return Explanation(**{name: mask & pixels for name, mask in vars(self).items()})
+
+    def joined(self, other: Explanation) -> Explanation:
+        """Return the explanation of these pixels and of others."""
+        return Explanation(**{name: mask | getattr(other, name) for name, mask in vars(self).items()})
+
 
 def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: int) -> Explanation:
     """Explain every pixel where the raster shows another triangle than the traced model.
@@ -54,7 +63,8 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     scene
         What both show.
     model
-        Of `Reference.trace_model` with the raster's settings.
+        Of `Reference.trace_model` with the raster's settings; or a raster image with another depth
+        buffer, to explain what depth alone has changed.
     raster
         Its camera carries the settings it was drawn with.
     subpixel_bits
@@ -62,7 +72,7 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     """
     settings = raster.camera.settings
     assert settings is not None
-    wrong = (model.triangle != raster.triangle) & (model.certainty != Certainty.TIE)
+    wrong = judged_pixels(model) & (model.triangle != raster.triangle)
     rows, columns = np.nonzero(wrong)
     cameras = model_cameras(scene.frustum, raster.camera.aperture, settings)
 
