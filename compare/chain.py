@@ -62,9 +62,7 @@ def make_chain(
         reference.trace_model(aperture, link) for link in traced_settings(settings, reference.scene.frustum)
     ]
     exact_depth = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-    drawn = [
-        rasterizer.render(aperture, link, normals=False, color=False) for link in (exact_depth, settings)
-    ]
+    drawn = [rasterizer.render(aperture, link, normals=False) for link in (exact_depth, settings)]
     return Chain(
         images=(reference.trace(aperture), traced[0], traced[1], traced[2], drawn[0], drawn[1]),
         settings=settings,

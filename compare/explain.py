@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.depth_rounding import Depths, depths
 from xfrustum.compare.edge_rounding import covers, near_edge
 from xfrustum.reference.lines import model_cameras
@@ -72,7 +71,8 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     """
     settings = raster.camera.settings
     assert settings is not None
-    wrong = judged_pixels(model) & (model.triangle != raster.triangle)
+    # Ties of the model need no exception: they lie on an edge, or at one depth.
+    wrong = model.triangle != raster.triangle
     rows, columns = np.nonzero(wrong)
     cameras = model_cameras(scene.frustum, raster.camera.aperture, settings)
 

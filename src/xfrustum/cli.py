@@ -125,6 +125,29 @@ def raster(scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum
 
 
 @cli.command()
+@options.scene_argument
+@options.aperture_option
+@options.double_frustum_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for pictures of causes and links.")
+@options.json_option
+def budget(
+    scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, out: Path | None, as_json: bool
+) -> None:
+    """Charge every wrong pixel of one image to its cause."""
+    from xfrustum.reports.budgeting import budget_of, table, write_budget
+    from xfrustum.scenes import open_scene
+
+    opened = open_scene(scene)
+    charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
+    if out is not None:
+        write_budget(charged, chain, out)
+    if as_json:
+        _print_json(charged.summary())
+    else:
+        click.echo(table(charged))
+
+
+@cli.command()
 @click.argument("truth", type=click.Path(path_type=Path))
 @click.argument("raster", type=click.Path(path_type=Path))
 @options.json_option

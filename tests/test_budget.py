@@ -1,0 +1,139 @@
+"""The chain from truth to raster: every wrong pixel has one cause, and the links add up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.views import SHARED_SCENES, view
+from xfrustum.compare.budget import Budget, make_budget
+from xfrustum.compare.chain import LINKS, Chain, make_chain
+from xfrustum.compare.displacement import displacement
+from xfrustum.compare.film import shows_point_on_film
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.budgeting import IMAGES, write_budget
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, builtin
+from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
+
+NEARS = (1e-1, 1e-3, 1e-5, 1e-8)
+"""Fractions of the reach."""
+
+
+def options(reach: float) -> list[dict[str, object]]:
+    """Return one of each kind of setting beside the paper's own."""
+    return [
+        {},
+        {"pivot": Pivot.CAMERA},
+        {"fit": 0.3 * reach},
+        {"slabs": (0.12 * reach, 0.4 * reach)},
+        {"slabs": (0.12 * reach,), "pivot": Pivot.CAMERA, "fit": Fit.ANGLE},
+        {"offset": Offset.NONE},
+    ]
+
+
+def budgets(name: str, settings: list[DoubleFrustum]) -> list[tuple[DoubleFrustum, Chain, Budget]]:
+    scene = view(name, (192, 144))
+    reference, aperture = Reference(scene), scene.default_apertures()[-1]
+    with Rasterizer(scene) as rasterizer:
+        chains = [make_chain(reference, rasterizer, aperture, one) for one in settings]
+    return [(chain.settings, chain, make_budget(reference, chain)) for chain in chains]
+
+
+def every_kind(name: str) -> list[DoubleFrustum]:
+    """Return every kind of option at every near, each with another depth buffer."""
+    reach = min(view(name, (8, 8)).frustum.reach)
+    buffers = [*product(DepthFormat, DepthMapping)]
+    asked = list(product(NEARS, options(reach)))
+    return [
+        DoubleFrustum(near=near * reach, depth=depth, mapping=mapping, **option)  # type: ignore[arg-type]
+        for (near, option), (depth, mapping) in zip(asked, 2 * buffers, strict=False)
+    ]
+
+
+@pytest.mark.parametrize("name", [*builtin.names(), *SHARED_SCENES])
+def test_nothing_is_left_unexplained(name: str) -> None:
+    """24 settings on each scene: every option, every depth buffer, n from 1e-1 to 1e-8 of the reach."""
+    found = budgets(name, every_kind(name))
+    assert len(found) == 24
+    assert [(settings, b.summary()) for settings, _, b in found if b.explanation.unexplained.any()] == []
+    for _, _, budget in found:
+        charged = [int((budget.charge == link).sum()) for link in range(len(LINKS))]
+        assert sum(charged) == budget.wrong
+        assert sum(budget.explanation.counts().values()) == charged[-2] + charged[-1]
+
+
+def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
+    """Each difference is rounded once, to 2^-53 of itself; so is the total, and each partial sum."""
+    for _, chain, budget in budgets("asymmetric-recentered", every_kind("asymmetric-recentered")):
+        for part in (budget.displacement, budget.height):
+            defined = np.isfinite(part.total)
+            assert defined.any()
+            size = np.abs(part.steps).sum(axis=0) + np.abs(part.total)
+            off = np.abs(part.steps.sum(axis=0) - part.total)
+            assert (off[defined] <= 2.0**-53 * 2 * len(LINKS) * size[defined]).all()
+        direct = displacement(chain.images[-1], chain.images[0].camera)
+        shown = np.isfinite(budget.displacement.total).all(axis=-1)
+        first = displacement(chain.images[0], chain.images[0].camera)
+        np.testing.assert_array_equal(budget.displacement.total[shown], (direct - first)[shown])
+
+
+def test_a_large_near_is_charged_to_the_near_offset_and_a_starved_buffer_to_depth() -> None:
+    reach = 150.0
+    bent, starved = budgets(
+        "car",
+        [
+            DoubleFrustum(near=1e-2 * reach, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED),
+            DoubleFrustum(near=1e-8 * reach, depth=DepthFormat.D16),
+        ],
+    )
+    assert (bent[2].charge == 0).sum() > 0.99 * bent[2].wrong > 100
+    assert (starved[2].charge == 4).sum() > 0.99 * starved[2].wrong > 100
+
+
+def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
+    settings = DoubleFrustum(near=1.5, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+    [(_, _, budget)] = budgets("car-recentered", [replace(settings, pivot=Pivot.CAMERA)])
+    assert (budget.charge == 1).sum() > 100
+
+
+@pytest.mark.parametrize("name", ["car-recentered", "asymmetric"])
+def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
+    """Cameras exactly at the aperture: displacement is the rounding of 32-bit positions alone."""
+    reach = view(name, (8, 8)).frustum.longest_reach
+    cut = 0.05 * reach
+    settings = DoubleFrustum(
+        near=0.01 * reach, slabs=(cut, 6 * cut), depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED
+    )
+    [(_, chain, _)] = budgets(name, [settings])
+    drawn = chain.images[-1]
+    camera = chain.images[0].camera
+    outside = shows_point_on_film(drawn) & (np.abs(drawn.height) > cut)
+    assert outside.sum() > 1000
+    moved = np.abs(displacement(drawn, camera)[outside])
+    scene = view(name, (192, 144))
+    largest = scene.largest_coordinates[drawn.triangle[outside]]
+    # Rounding x and z once each: 1 + |x - a| / L roundings, 4 at the corners of these plates.
+    depth = np.abs(drawn.height[outside].astype(np.float64))
+    for axis in range(2):
+        bound = 4 * 2.0**-24 * largest * camera.resolution[axis] / (2 * depth * camera.half_extent[axis])
+        assert (moved[:, axis] <= bound).all()
+    inside = shows_point_on_film(drawn) & (np.abs(drawn.height) < cut)
+    if inside.any():
+        assert np.abs(displacement(drawn, camera)[inside]).max() > 1e-3
+
+
+def test_the_pictures_of_a_budget_are_all_there(tmp_path: Path) -> None:
+    [(_, chain, budget)] = budgets("asymmetric", [DoubleFrustum(near=0.5)])
+    written = write_budget(budget, chain, tmp_path / "budget")
+    names = {path.name for path in written}
+    assert names == {
+        "budget.json",
+        "causes-by-triangle.png",
+        "causes-by-surface.png",
+        *(f"{name}.webp" for name in IMAGES),
+    }
