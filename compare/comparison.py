@@ -13,7 +13,7 @@ from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.reference import Reference
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,8 @@ class Comparison:
         Number of pixels; of those whose truth is no tie; of those where the truth shows a
         surface; of raster pixels that show a surface in the plate, where displacement is undefined.
     surface_wrong, triangle_wrong
-        Judged pixels that show another surface, or another triangle number.
+        Judged pixels that show another surface, or another triangle number; None where the scene
+        was not at hand, or where the raster image names no triangles.
     displacement_px
         None where the raster shows no surface off the plate.
     height
@@ -75,7 +76,7 @@ class Comparison:
     covered: int
     at_plate: int
     surface_wrong: int | None
-    triangle_wrong: int
+    triangle_wrong: int | None
     displacement_px: Spread | None
     height: HeightError | None
     certainty: dict[str, int]
@@ -120,13 +121,19 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
     InputError
         The images differ in size, aperture or scene.
     """
+    if truth.camera.settings is not None:
+        raise InputError(
+            f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"
+        )
     _check_same_question(truth, raster)
     judged = judged_pixels(truth)
     surface = wrong_surface(truth, raster, reference) & judged if reference else None
-    triangle = (truth.triangle != raster.triangle) & judged
+    numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
+    triangle = (truth.triangle != raster.triangle) & judged & numbered
     shift = displacement(raster, truth.camera)
     height = np.full(judged.shape, np.nan)
     same = truth.covered & (truth.triangle == raster.triangle) & judged
+    same &= np.isfinite(raster.height)
     height[same] = raster.height[same].astype(np.float64) - truth.height[same]
     return Comparison(
         pixels=judged.size,
@@ -134,7 +141,7 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
         covered=int(truth.covered.sum()),
         at_plate=int((raster.covered & (raster.height == 0)).sum()),
         surface_wrong=None if surface is None else int(surface.sum()),
-        triangle_wrong=int(triangle.sum()),
+        triangle_wrong=int(triangle.sum()) if numbered else None,
         displacement_px=Spread.of(np.hypot(*np.moveaxis(shift[shows_point_on_film(raster)], -1, 0))),
         height=_height_error(height[same]),
         certainty=_certainty_counts(truth),

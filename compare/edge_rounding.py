@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,14 +69,31 @@ def far_cut_rounding(w: Floats, pencil: Pencil, mapping: DepthMapping) -> Floats
     return np.asarray(np.minimum(1.0, share) / f)
 
 
-def near_edge(
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """Where pixel centers lie on the triangles that a camera drew there, one for each.
+
+    Attributes
+    ----------
+    possible
+        (N,) inside the triangle, or outside by no more than rounding moves its edges.
+    near_edge
+        (N,) of these, where rounding may have put the center on the wrong side of an edge, or of
+        a cut by the near plane or the reach.
+    """
+
+    possible: NDArray[np.bool_]
+    near_edge: NDArray[np.bool_]
+
+
+def placement(
     corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits: int, mapping: DepthMapping
-) -> NDArray[np.bool_]:
-    """Return which pixel centers rounding may have put on the wrong side of an edge.
+) -> Placement:
+    """Place pixel centers on triangles as a rasterizer's roundings may see them.
 
     Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
     before that their clip coordinates are rounded in float32, which moves the homogeneous edge
-    function by up to a sum of products. Cuts by the near plane and the reach are edges as well.
+    function by up to a sum of products.
 
     Parameters
     ----------
@@ -90,35 +108,33 @@ def near_edge(
     mapping
         Of depth: it decides how exactly the far plane cuts.
     """
-    width, height = pencil.resolution
     far = max(pencil.s_range, key=abs)
     snap_px = math.sqrt(2) / 2 * 2.0**-subpixel_bits
     vertices, bound = film_vertices(corners, pencil)
     far_rounding = far_cut_rounding(np.abs(vertices[..., 2]).max(axis=1, initial=0.0), pencil, mapping)
     points = film_points(pencil, pixels)
-    near = np.zeros(len(corners), dtype=np.bool_)
 
+    sides, margins = np.empty((3, len(corners))), np.empty((3, len(corners)))
     plane, plane_bound = np.zeros((len(corners), 3)), np.zeros(len(corners))
-    for i, j in ((0, 1), (1, 2), (2, 0)):
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
         line = np.cross(vertices[:, i], vertices[:, j])
         shift = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j], points)
-        near |= _within(line, np.einsum("ij,ij->i", line, points), shift, snap_px, (width, height))
+        sides[k] = np.einsum("ij,ij->i", line, points)
+        margins[k] = snap_px * _per_pixel(line, pencil.resolution) + shift
         plane += line
         plane_bound += shift
-    volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
-    volume_bound = np.einsum(
-        "ij,ij->i",
-        np.abs(vertices[:, 0]),
-        _magnitude(vertices[:, 1], bound[:, 2]) + _magnitude(bound[:, 1], vertices[:, 2]),
-    ) + np.einsum("ij,ij->i", bound[:, 0], _magnitude(vertices[:, 1], vertices[:, 2]))
+    possible = (sides >= -margins).all(axis=0) | (sides <= margins).all(axis=0)
+    near = (np.abs(sides) <= margins).any(axis=0)
+
+    volume, volume_bound = _volume(vertices, bound)
     for cut in pencil.s_range:
         # The triangle's plane has 1/s = plane . (u, v, 1) / volume.
         value = np.einsum("ij,ij->i", plane, points) - volume / cut
-        value_bound = plane_bound + volume_bound / abs(cut)
+        margin = snap_px * _per_pixel(plane, pencil.resolution) + plane_bound + volume_bound / abs(cut)
         if cut == far:
-            value_bound = value_bound + np.abs(volume) * far_rounding
-        near |= _within(plane, value, value_bound, snap_px, (width, height))
-    return near
+            margin = margin + np.abs(volume) * far_rounding
+        near |= np.abs(value) <= margin
+    return Placement(possible=np.asarray(possible), near_edge=np.asarray(possible & near))
 
 
 def covers(corners: Floats, pencil: Pencil, pixels: PixelIndex) -> NDArray[np.bool_]:
@@ -131,12 +147,19 @@ def covers(corners: Floats, pencil: Pencil, pixels: PixelIndex) -> NDArray[np.bo
     return np.asarray((np.min(sides, axis=0) >= 0) | (np.max(sides, axis=0) <= 0))
 
 
-def _within(
-    line: Floats, value: Floats, value_bound: Floats, snap_px: float, resolution: tuple[int, int]
-) -> NDArray[np.bool_]:
-    """Return where a linear function of (u, v) is zero within a distance in pixels plus a bound."""
-    per_pixel = np.hypot(line[:, 0] * 2 / resolution[0], line[:, 1] * 2 / resolution[1])
-    return np.asarray(np.abs(value) <= snap_px * per_pixel + value_bound)
+def _per_pixel(line: Floats, resolution: tuple[int, int]) -> Floats:
+    """Return by how much a linear function of (u, v) changes per pixel."""
+    return np.hypot(line[:, 0] * 2 / resolution[0], line[:, 1] * 2 / resolution[1])
+
+
+def _volume(vertices: Floats, bound: Floats) -> tuple[Floats, Floats]:
+    """Return the determinants of the corners (N, 3, 3), and their bounds when corners move."""
+    volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
+    moved = _magnitude(vertices[:, 1], bound[:, 2]) + _magnitude(bound[:, 1], vertices[:, 2])
+    moved += _magnitude(bound[:, 1], bound[:, 2])
+    volume_bound = np.einsum("ij,ij->i", np.abs(vertices[:, 0]) + bound[:, 0], moved)
+    volume_bound += np.einsum("ij,ij->i", bound[:, 0], _magnitude(vertices[:, 1], vertices[:, 2]))
+    return volume, volume_bound
 
 
 def _magnitude(a: Floats, b: Floats) -> Floats:
@@ -154,5 +177,5 @@ def _magnitude(a: Floats, b: Floats) -> Floats:
 
 def _perturbation(a: Floats, b: Floats, a_bound: Floats, b_bound: Floats, points: Floats) -> Floats:
     """Return how far (a x b) . point moves when a and b move within their bounds."""
-    moved = _magnitude(a, b_bound) + _magnitude(a_bound, b)
+    moved = _magnitude(a, b_bound) + _magnitude(a_bound, b) + _magnitude(a_bound, b_bound)
     return np.asarray(np.einsum("ij,ij->i", np.abs(points), moved))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.depth_rounding import Depths, depths
-from xfrustum.compare.edge_rounding import covers, near_edge
+from xfrustum.compare.edge_rounding import covers, placement
 from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.scene import Scene
@@ -90,7 +90,8 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
             some = np.flatnonzero((triangle != NOTHING) & (height >= low) & (height <= high))
             corners = scene.triangles[triangle[some]]
             pixels = (columns[some], rows[some])
-            edge[some] |= near_edge(corners, camera.pencil, pixels, subpixel_bits, settings.mapping)
+            placed = placement(corners, camera.pencil, pixels, subpixel_bits, settings.mapping)
+            edge[some] |= placed.near_edge
             if image is raster:
                 at_choice[some] |= covers(corners, camera.pencil, pixels)
             shown.put(some, depths(corners, camera.pencil, pixels, settings, subpixel_bits))
@@ -106,6 +107,36 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
         lost=_scatter(wrong, lost & ~order & ~edge),
         unexplained=_scatter(wrong, ~(edge | order | lost)),
     )
+
+
+def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> NDArray[np.bool_]:
+    """Return the pixels whose centers the triangles drawn there do not reach, (H, W).
+
+    Surface points of the raster are computed on the drawn triangle, for the pixel's center
+    (docs/adr/0005): this is the other half of the measurement, that the triangle was drawn
+    where its camera puts it.
+
+    Parameters
+    ----------
+    scene, raster
+        What was drawn, by which settings.
+    subpixel_bits
+        Of the device that drew it.
+    """
+    settings = raster.camera.settings
+    assert settings is not None
+    rows, columns = np.nonzero(raster.triangle != NOTHING)
+    height = raster.height[rows, columns]
+    possible = np.zeros(len(rows), dtype=np.bool_)
+    for camera in model_cameras(scene.frustum, raster.camera.aperture, settings):
+        low, high = camera.heights
+        some = np.flatnonzero((height >= low) & (height <= high))
+        corners = scene.triangles[raster.triangle[rows[some], columns[some]]]
+        pixels = (columns[some], rows[some])
+        possible[some] |= placement(corners, camera.pencil, pixels, subpixel_bits, settings.mapping).possible
+    mask = np.zeros(raster.triangle.shape, dtype=np.bool_)
+    mask[rows, columns] = ~possible
+    return mask
 
 
 def _scatter(where: NDArray[np.bool_], values: NDArray[np.bool_]) -> NDArray[np.bool_]:

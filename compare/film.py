@@ -40,5 +40,6 @@ def pixel_centers(camera: HogelCamera) -> NDArray[np.float64]:
 
 
 def shows_point_on_film(image: HogelImage) -> NDArray[np.bool_]:
-    """Return the pixels that show a surface off the plate."""
-    return np.asarray(image.covered & (image.height != 0))
+    """Return the pixels that show a surface off the plate, and say where it is."""
+    known = np.isfinite(image.position).all(axis=-1)
+    return np.asarray(image.covered & known & (image.height != 0))

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.rounding import position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.scenes.hogel_image import HogelImage
+from xfrustum.scenes.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.scene import Scene
+
+
+def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> NDArray[np.int32]:
+    """Return the object that each raster pixel shows; where that is not said, the truth's."""
+    by_triangle = np.append(scene.object_of_triangle, np.int32(NOTHING))[raster.triangle]
+    named = np.where(raster.object != NOTHING, raster.object, by_triangle)
+    return np.where(named != NOTHING, named, truth.object)
 
 
 def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> NDArray[np.bool_]:
@@ -22,8 +30,9 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     see: something else is in front of it on its own true line. A point in the plate is seen by
     the true frustum only through the aperture, where every line meets it.
     """
+    objects = shown_objects(truth, raster, reference.scene)
     wrong: NDArray[np.bool_] = truth.covered != raster.covered
-    wrong |= truth.object != raster.object
+    wrong |= (truth.object != objects) & truth.covered
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import moderngl
-from OpenGL import GL
+from OpenGL import GL, platform
+from OpenGL.platform.egl import EGLPlatform
 
 from xfrustum.scenes.errors import InputError
 
@@ -26,6 +27,11 @@ def open_context() -> moderngl.Context:
     InputError
         There is no EGL driver, or its OpenGL is too old.
     """
+    if not isinstance(platform.PLATFORM, EGLPlatform):
+        raise InputError(
+            "PyOpenGL was imported for another platform before xfrustum.raster: import xfrustum.raster "
+            "first, or set the environment variable PYOPENGL_PLATFORM=egl"
+        )
     try:
         # moderngl's own annotation asks for a dictionary where its code takes a name.
         backend: dict[str, Any] = {"backend": "egl"}

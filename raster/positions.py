@@ -18,6 +18,9 @@ from xfrustum.scenes.scene import Scene
 GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
 
+BYTES_PER_POINT = 12
+"""Three float32; an image is read in as many bands as its points need storage blocks."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnBy:
@@ -43,6 +46,7 @@ class Positions:
         source = (files("xfrustum.raster") / "shaders" / "position.comp").read_text()
         self._program = context.compute_shader(source)
         self._program["nothing"] = float("nan")
+        self._largest_block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
         self._vertices = context.buffer(scene.vertices.tobytes())
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._points: dict[tuple[int, int], moderngl.Buffer] = {}
@@ -58,8 +62,9 @@ class Positions:
             The cameras by their numbers in it.
         """
         width, height = target.size
+        rows = max(1, min(height, self._largest_block // (BYTES_PER_POINT * width)))
         if target.size not in self._points:
-            self._points[target.size] = self._context.buffer(reserve=12 * width * height)
+            self._points[target.size] = self._context.buffer(reserve=BYTES_PER_POINT * width * rows)
         points = self._points[target.size]
         matrices = np.stack([camera.clip_from_scene.T for camera in drawn])
         cameras = self._context.buffer(matrices.tobytes())
@@ -68,9 +73,14 @@ class Positions:
         buffers = (self._vertices, self._faces, points, cameras, cuts)
         for binding, buffer in enumerate(buffers, start=1):
             buffer.bind_to_storage_buffer(binding)
-        self._program.run(-(-width // GROUP), -(-height // GROUP), 1)
-        GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
-        found = np.frombuffer(points.read(), dtype=np.float32).reshape(height, width, 3)
+        found = np.empty((height, width, 3), dtype=np.float32)
+        for start in range(0, height, rows):
+            band = found[start : start + rows]
+            self._program["first_row"], self._program["last_row"] = start, start + len(band) - 1
+            self._program.run(-(-width // GROUP), -(-len(band) // GROUP), 1)
+            GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
+            read = points.read(size=BYTES_PER_POINT * width * len(band))
+            band[:] = np.frombuffer(read, dtype=np.float32).reshape(band.shape)
         cameras.release()
         cuts.release()
         return found

@@ -53,6 +53,7 @@ class Rasterizer:
         self._context = open_context()
         self.device = describe(self._context)
         self._targets: dict[tuple[tuple[int, int], DepthFormat], Target] = {}
+        self._check_room(scene)
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
         self._upload(scene)
 
@@ -71,6 +72,19 @@ class Rasterizer:
                 target.release()
         self._targets.clear()
         self._context.release()
+
+    def _check_room(self, scene: Scene) -> None:
+        """Raise InputError where the scene needs a larger storage block than the device has."""
+        block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
+        # Vertices are three doubles, normals and indices three 32-bit numbers.
+        needed = max(24 * len(scene.vertices), 12 * len(scene.faces))
+        if needed > block:
+            device = self.device["renderer"]
+            self._context.release()
+            raise InputError(
+                f"{scene.name}: {len(scene.faces):,} triangles on {len(scene.vertices):,} vertices need "
+                f"{needed >> 20} MiB in one block, {device} has {block >> 20}; draw a smaller mesh"
+            )
 
     def _upload(self, scene: Scene) -> None:
         self._programs: dict[str, tuple[moderngl.Program, moderngl.VertexArray]] = {}

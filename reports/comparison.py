@@ -47,7 +47,8 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
         A file is missing or no hogel image, or the images do not belong together.
     """
     true_image = read_image(truth)
-    raster_image = read_image(raster)
+    # Where an image says nothing of its camera, it is taken to answer for the truth's.
+    raster_image = read_image(raster, true_image.camera)
     scene, note = _scene_again(true_image.camera, truth.parent)
     reference = None if scene is None else Reference(scene)
     return FileComparison(

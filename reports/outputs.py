@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -21,6 +22,8 @@ class Staging:
     out
         Folder to be filled. It may exist: files of the same name are replaced one by one,
         each atomically, and others stay.
+    names
+        The files that will be put there, where they are known beforehand.
 
     Raises
     ------
@@ -28,12 +31,16 @@ class Staging:
         On entering, when `out` is not a folder or cannot be written.
     """
 
-    def __init__(self, out: Path) -> None:
+    def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
         self.out = out
+        self.names = names
         self.folder = Path()
 
     def __enter__(self) -> Staging:
         # Beside its place and on the same file system, else the rename would be a copy.
+        blocked = [name for name in self.names if (self.out / name).is_dir()]
+        if blocked:
+            raise InputError(f"--out {self.out}: {blocked[0]} in it is a folder; choose another place")
         host = self.out if self.out.exists() else self._nearest_folder()
         if not host.is_dir():
             raise InputError(f"--out {self.out}: {host} is not a folder; choose another place")
@@ -47,12 +54,17 @@ class Staging:
 
     def commit(self) -> tuple[Path, ...]:
         """Move the staged files to `out` and return their paths, sorted by name."""
-        self.out.mkdir(parents=True, exist_ok=True)
         moved = []
-        for file in sorted(self.folder.iterdir()):
-            target = self.out / file.name
-            file.replace(target)
-            moved.append(target)
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+            for file in sorted(self.folder.iterdir()):
+                target = self.out / file.name
+                file.replace(target)
+                moved.append(target)
+        except OSError as error:
+            raise InputError(
+                f"--out {self.out}: cannot put files there ({error.strerror}); choose another place"
+            ) from error
         return tuple(moved)
 
     def __exit__(

@@ -91,7 +91,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     for setting in settings:
         setting.check_against(scene.frustum)
-    with Staging(default_folder(scene) if out is None else out) as staging:
+    names = ("index.html", "report.json", "measurements.parquet")
+    with Staging(default_folder(scene) if out is None else out, names) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, progress=progress)
         content = report_object(measured)
         (staging.folder / "index.html").write_text(render_page(measured), encoding="utf-8")

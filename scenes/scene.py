@@ -15,6 +15,13 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.plate import Aperture, Plate
 
+SHORTEST, LONGEST = 1e-30, 1e30
+"""Lengths of plate, reach and screen, and largest coordinate: products of two stay within float32's
+range in pictures, and products of three far within that of doubles, where bounds on rounding hold."""
+
+STEEPEST = 1e12
+"""Largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart."""
+
 TRIANGLES_AT_ONCE = 1 << 19
 """Bounds the memory of intermediate results, 300 bytes a triangle, in scenes of many millions."""
 
@@ -105,6 +112,26 @@ class Scene:
     objects: tuple[SceneObject, ...]
     units: str = "units"
     source: str = ""
+
+    def __post_init__(self) -> None:
+        lengths = [*self.plate.size, *self.frustum.reach]
+        corners = [float(np.abs(part.vertices).max()) for part in self.objects]
+        screen = self.frustum.screen
+        if screen is not None:
+            lengths += [abs(screen.height), *screen.size]
+            # How far the lines of some aperture run aside on their way to the screen.
+            extents = zip(screen.center, screen.size, self.plate.size, strict=True)
+            aside = max(abs(center) + size + plate for center, size, plate in extents)
+            if aside > STEEPEST * abs(screen.height):
+                raise InputError(
+                    f"frustum.screen.height {screen.height} is too small for a screen and a plate of this "
+                    f"size: lines may run aside at most {STEEPEST:.0e} times their depth"
+                )
+        if min(lengths) < SHORTEST or max((*lengths, *corners)) > LONGEST:
+            raise InputError(
+                f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} {self.units}, "
+                "which is what 32-bit images can hold; choose another unit of length"
+            )
 
     @cached_property
     def vertices(self) -> NDArray[np.float64]:

@@ -299,3 +299,31 @@ def test_images_of_different_questions_are_not_compared(asymmetric: Case) -> Non
     other = replace(asymmetric.drawn, camera=replace(asymmetric.drawn.camera, scene_hash="0" * 64))
     with pytest.raises(InputError, match="different scenes"):
         compare_images(truth, other, asymmetric.reference)
+
+
+class TestImagesOfOtherRenderers:
+    """What an image does not say is not known: it is neither right nor wrong."""
+
+    def test_without_objects_the_triangles_name_them(self, asymmetric: Case) -> None:
+        whole = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
+        nameless = replace(asymmetric.drawn, object=np.full_like(asymmetric.drawn.object, NOTHING))
+        compared = compare_images(asymmetric.truth, nameless, asymmetric.reference)
+        assert compared.summary() == whole.summary()
+
+    def test_without_triangles_only_they_are_unknown(self, asymmetric: Case) -> None:
+        whole = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference).summary()
+        numberless = replace(asymmetric.drawn, triangle=np.full_like(asymmetric.drawn.triangle, NOTHING))
+        compared = compare_images(asymmetric.truth, numberless, asymmetric.reference).summary()
+        assert compared["triangle"] is None and compared["height"] is None
+        assert compared["surface"] == whole["surface"]
+        assert compared["displacement_px"] == whole["displacement_px"]
+
+    def test_without_positions_displacement_is_unknown(self, asymmetric: Case) -> None:
+        placeless = replace(asymmetric.drawn, position=np.full_like(asymmetric.drawn.position, np.nan))
+        compared = compare_images(asymmetric.truth, placeless, asymmetric.reference).summary()
+        assert compared["displacement_px"] is None
+        assert compared["triangle"] is not None
+
+    def test_a_drawn_image_is_no_truth(self, asymmetric: Case) -> None:
+        with pytest.raises(InputError, match="traced image first"):
+            compare_images(asymmetric.drawn, asymmetric.truth, asymmetric.reference)

@@ -9,6 +9,7 @@ import pytest
 
 from tests.views import reversed_d32f, view
 from xfrustum.compare import compare_images, predict
+from xfrustum.compare.explain import misplaced
 from xfrustum.compare.rounding import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -68,6 +69,8 @@ def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, inde
             with np.errstate(divide="ignore", invalid="ignore"):
                 off = np.abs(measured - closed_form(drawn, float(near)))[shown]
             z = np.abs(drawn.height[shown]).astype(np.float64)[:, None]
+            # The points are computed on the drawn triangles: these must have been drawn there.
+            assert not misplaced(scene, drawn, int(raster.device["subpixel_bits"])).any()
             known = POSITION_ROUNDINGS * 2.0**-24 * largest_coordinate[drawn.triangle[shown]][:, None]
             bound = known * np.array([256, 192]) / (2 * z * half_extent)
             assert (off <= bound).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from tests.test_flips import pictured
 from tests.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.compare.explain import explain
+from xfrustum.compare.explain import explain, misplaced
 from xfrustum.raster import Rasterizer, passes
 from xfrustum.raster.cameras import clip_from_scene
 from xfrustum.reference import Reference
@@ -190,3 +191,32 @@ def swappable(scene: Scene, drawn: HogelImage, *, neighbors: bool) -> list[tuple
                 pairs.append((one, other))
                 used |= {one, other}
     return pairs[:40]
+
+
+@pytest.mark.parametrize("share", [0.002, 0.05])
+def test_a_picture_drawn_beside_its_camera_is_seen_as_misplaced(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Surface points alone would not show it: they are computed on the drawn triangle."""
+    scene = view("car", (256, 192))
+    aperture, settings = scene.plate.middle, reversed_d32f(0.15)
+    with Rasterizer(scene) as raster:
+        bits = int(raster.device["subpixel_bits"])
+        right = raster.render(aperture, settings)
+        assert not misplaced(scene, right, bits).any()
+        vertex = files("xfrustum.raster") / "shaders" / "hogel.vert"
+        source = vertex.read_text().replace(
+            "vec4(in_position, 1.0);", f"vec4(in_position, 1.0); gl_Position.x += {share} * gl_Position.w;"
+        )
+        with raster._context:
+            program = raster._context.program(
+                vertex_shader=source,
+                fragment_shader=(files("xfrustum.raster") / "shaders" / "hogel.frag").read_text(),
+            )
+            program["albedo"], program["ambient"] = 0.5, 0.1
+            mesh = raster._context.vertex_array(
+                program, [(raster._vertices, "3f", "in_position")], index_buffer=raster._indices
+            )
+        monkeypatch.setitem(raster._programs, "", (program, mesh))
+        wrong = raster.render(aperture, settings)
+    assert misplaced(scene, wrong, bits).sum() > 0.02 * wrong.covered.sum()

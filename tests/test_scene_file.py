@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,3 +151,16 @@ def test_unreadable_files_are_input_errors(tmp_path: Path) -> None:
 def test_an_unknown_name_names_the_nearest_scene() -> None:
     with pytest.raises(InputError, match="nearest built-in is asymmetric"):
         open_scene("asymetric")
+
+
+@pytest.mark.parametrize("size", [1e-33, 1e31])
+def test_lengths_that_32_bit_images_cannot_hold_are_refused(size: float) -> None:
+    with pytest.raises(InputError, match="choose another unit of length"):
+        replace(open_scene("asymmetric"), plate=Plate(size=(size, size), hogels=(1, 1)))
+
+
+def test_a_screen_almost_in_the_plate_is_refused() -> None:
+    scene = open_scene("asymmetric-recentered")
+    screen = Screen(height=1e-15, center=(0.0, 0.0), size=(100.0, 80.0))
+    with pytest.raises(InputError, match=r"frustum\.screen\.height"):
+        replace(scene, frustum=replace(scene.frustum, screen=screen))

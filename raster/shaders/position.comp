@@ -17,6 +17,8 @@ layout(std430, binding = 4) readonly buffer Cameras { dmat4 clip_from_scene[]; }
 layout(std430, binding = 5) readonly buffer Cuts { dvec2 heights[]; };  // lowest and highest z of each
 
 uniform float nothing;  // NaN
+uniform int first_row;  // of the band, from the top
+uniform int last_row;
 
 dvec3 corner(uint triangle, uint k) {
     uint first = 3u * faces[3u * triangle + k];
@@ -25,8 +27,11 @@ dvec3 corner(uint triangle, uint k) {
 
 void main() {
     ivec2 size = textureSize(identities, 0);
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (pixel.x >= size.x || pixel.y >= size.y) return;
+    int column = int(gl_GlobalInvocationID.x);
+    int row_in_band = int(gl_GlobalInvocationID.y);
+    if (column >= size.x || first_row + row_in_band > last_row) return;
+    // OpenGL counts rows from the bottom.
+    ivec2 pixel = ivec2(column, size.y - 1 - (first_row + row_in_band));
 
     uvec2 identity = texelFetch(identities, pixel, 0).rg;
     vec3 point = vec3(nothing);
@@ -49,8 +54,7 @@ void main() {
         vec2 cuts = vec2(heights[identity.g]);
         point.z = clamp(point.z, cuts.x, cuts.y);
     }
-    int row_from_top = size.y - 1 - pixel.y;
-    int at = 3 * (row_from_top * size.x + pixel.x);
+    int at = 3 * (row_in_band * size.x + column);
     points[at] = point.x;
     points[at + 1] = point.y;
     points[at + 2] = point.z;
