@@ -5,20 +5,18 @@ Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input (one line on sta
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from xfrustum import cli_checks
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 
-LIMIT_EXCEEDED = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
 """128 + SIGINT, what shells expect of a program that was stopped by Ctrl-C."""
@@ -78,7 +76,7 @@ def report(
         progress=not quiet,
     )
     if as_json:
-        _print_json(
+        options.print_json(
             {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
         )
     else:
@@ -125,29 +123,6 @@ def raster(scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum
 
 
 @cli.command()
-@options.scene_argument
-@options.aperture_option
-@options.double_frustum_options
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for pictures of causes and links.")
-@options.json_option
-def budget(
-    scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, out: Path | None, as_json: bool
-) -> None:
-    """Charge every wrong pixel of one image to its cause."""
-    from xfrustum.reports.budgeting import budget_of, table, write_budget
-    from xfrustum.scenes import open_scene
-
-    opened = open_scene(scene)
-    charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
-    if out is not None:
-        write_budget(charged, chain, out)
-    if as_json:
-        _print_json(charged.summary())
-    else:
-        click.echo(table(charged))
-
-
-@cli.command()
 @click.argument("truth", type=click.Path(path_type=Path))
 @click.argument("raster", type=click.Path(path_type=Path))
 @options.json_option
@@ -162,73 +137,30 @@ def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
     if out is not None:
         write_comparison(compared, out)
     if as_json:
-        _print_json(compared.comparison.summary())
+        options.print_json(compared.comparison.summary())
     else:
         click.echo(table(compared.comparison))
 
 
 @cli.command()
+@click.option("--hard", is_flag=True, help="The hard cases instead.")
 @options.json_option
-def scenes(as_json: bool) -> None:
+def scenes(hard: bool, as_json: bool) -> None:
     """List the built-in scenes, each with what it is for."""
-    from xfrustum.scenes import builtin
+    from xfrustum.scenes import builtin, hard_cases
 
-    listing = builtin.listing()
+    listing = hard_cases.listing() if hard else builtin.listing()
     if as_json:
         entries = [{"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in listing]
-        _print_json({"scenes": entries})
+        options.print_json({"scenes": entries})
         return
     width = max(len(entry.name) for entry in listing)
     for entry in listing:
         click.echo(f"{entry.name:<{width}}  {entry.triangles:>7,} triangles  {entry.purpose}")
 
 
-@cli.command()
-@click.argument("scenes", metavar="[SCENE]...", nargs=-1)
-@click.option("--quick", is_flag=True, help="A part of it, in less than a minute.")
-@options.quiet_option
-@options.json_option
-def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) -> int:
-    """Compare the truth with integer brute force; exit status 1 if anything disagrees.
-
-    Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
-    and edges, and the scene files in the folder of test data beside the checkout.
-    """
-    from xfrustum.compare.selfcheck import selfcheck as compare_with_integers
-    from xfrustum.compare.selfcheck import table
-
-    check = compare_with_integers(scenes, quick=quick, progress=not quiet)
-    if as_json:
-        _print_json(check.summary())
-    else:
-        click.echo(table(check))
-    return 0 if check.agrees else LIMIT_EXCEEDED
-
-
-@cli.group()
-def bench() -> None:
-    """Measure speed, here and now."""
-
-
-@bench.command("truth")
-@click.argument("scene", default="car")
-@click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 512,1024,2048]")
-@click.option("--repeat", type=click.IntRange(1), default=9, show_default=True, help="After a warm-up.")
-@options.quiet_option
-@options.json_option
-def bench_truth(
-    *, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool
-) -> None:
-    """Race the certified truth against bare tracers, in million pixels per second."""
-    from xfrustum.reports import bench as benchmarks
-    from xfrustum.scenes import open_scene
-
-    sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.bench_truth(open_scene(scene), sizes, repeat, progress=not quiet)
-    if as_json:
-        _print_json(measured.summary())
-    else:
-        click.echo(benchmarks.table(measured))
+for _command in (cli_checks.budget, cli_checks.selfcheck, cli_checks.bench):
+    cli.add_command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -259,10 +191,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _refuse(message: str) -> int:
     click.echo("xfrustum: error: " + " ".join(message.split()), err=True)
     return BAD_INPUT
-
-
-def _print_json(value: dict[str, Any]) -> None:
-    from xfrustum.reports.tables import json_ready
-
-    json.dump(json_ready(value), sys.stdout, allow_nan=False)
-    sys.stdout.write("\n")

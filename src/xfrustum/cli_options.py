@@ -8,6 +8,8 @@ Nothing heavy is imported before a command runs, so that `--help` answers at onc
 from __future__ import annotations
 
 import functools
+import json
+import sys
 from collections.abc import Callable
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -221,3 +223,11 @@ tracer_option = click.option(
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """Print one JSON object on standard output."""
+    from xfrustum.reports.tables import json_ready
+
+    json.dump(json_ready(value), sys.stdout, allow_nan=False)
+    sys.stdout.write("\n")

@@ -1,0 +1,88 @@
+"""Commands that examine: where an error comes from, whether the truth is true, and what it costs."""
+
+# ruff: noqa: PLC0415 - commands import what they need when they run
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from xfrustum import cli_options as options
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.double_frustum import DoubleFrustum
+
+LIMIT_EXCEEDED = 1
+
+
+@click.command()
+@options.scene_argument
+@options.aperture_option
+@options.double_frustum_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for pictures of causes and links.")
+@options.json_option
+def budget(
+    scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, out: Path | None, as_json: bool
+) -> None:
+    """Charge every wrong pixel of one image to its cause."""
+    from xfrustum.reports.budgeting import budget_of, table, write_budget
+    from xfrustum.scenes import open_scene
+
+    opened = open_scene(scene)
+    charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
+    if out is not None:
+        write_budget(charged, chain, out)
+    if as_json:
+        options.print_json(charged.summary())
+    else:
+        click.echo(table(charged))
+
+
+@click.command()
+@click.argument("scenes", metavar="[SCENE]...", nargs=-1)
+@click.option("--quick", is_flag=True, help="A part of it, in less than a minute.")
+@options.quiet_option
+@options.json_option
+def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) -> int:
+    """Compare the truth with integer brute force; exit status 1 if anything disagrees.
+
+    Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
+    and edges, and the scene files in the folder of test data beside the checkout.
+    """
+    from xfrustum.compare.selfcheck import selfcheck as compare_with_integers
+    from xfrustum.compare.selfcheck import table
+
+    check = compare_with_integers(scenes, quick=quick, progress=not quiet)
+    if as_json:
+        options.print_json(check.summary())
+    else:
+        click.echo(table(check))
+    return 0 if check.agrees else LIMIT_EXCEEDED
+
+
+@click.group()
+def bench() -> None:
+    """Measure speed, here and now."""
+
+
+@bench.command("truth")
+@click.argument("scene", default="car")
+@click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 512,1024,2048]")
+@click.option("--repeat", type=click.IntRange(1), default=9, show_default=True, help="After a warm-up.")
+@options.quiet_option
+@options.json_option
+def bench_truth(
+    *, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool
+) -> None:
+    """Race the certified truth against bare tracers, in million pixels per second."""
+    from xfrustum.reports import bench as benchmarks
+    from xfrustum.scenes import open_scene
+
+    sizes = resolution or benchmarks.RESOLUTIONS
+    measured = benchmarks.bench_truth(open_scene(scene), sizes, repeat, progress=not quiet)
+    if as_json:
+        options.print_json(measured.summary())
+    else:
+        click.echo(benchmarks.table(measured))
