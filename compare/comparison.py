@@ -126,6 +126,11 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
             f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"
         )
     _check_same_question(truth, raster)
+    if reference is not None and raster.triangle.max(initial=NOTHING) >= len(reference.scene.faces):
+        raise InputError(
+            f"the raster names triangle {raster.triangle.max()}, the scene has {len(reference.scene.faces)}: "
+            "number them from 0 (id.triangle is that number + 1)"
+        )
     judged = judged_pixels(truth)
     surface = wrong_surface(truth, raster, reference) & judged if reference else None
     numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()

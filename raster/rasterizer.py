@@ -74,7 +74,16 @@ class Rasterizer:
         self._context.release()
 
     def _check_room(self, scene: Scene) -> None:
-        """Raise InputError where the scene needs a larger storage block than the device has."""
+        """Raise InputError where the device draws no so large image, or has no so large block."""
+        limit = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
+        size = scene.frustum.resolution
+        if max(size) > limit:
+            device = self.device["renderer"]
+            self._context.release()
+            raise InputError(
+                f"{device} draws at most {limit} x {limit} pixels, not {size[0]} x {size[1]}; "
+                "choose a smaller frustum.resolution"
+            )
         block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
         # Vertices are three doubles, normals and indices three 32-bit numbers.
         needed = max(24 * len(scene.vertices), 12 * len(scene.faces))
@@ -175,12 +184,6 @@ class Rasterizer:
     def _target(self, depth: DepthFormat) -> Target:
         size = self.scene.frustum.resolution
         if (size, depth) not in self._targets:
-            limit = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
-            if max(size) > limit:
-                raise InputError(
-                    f"{self.device['renderer']} draws at most {limit} x {limit} pixels, "
-                    f"not {size[0]} x {size[1]}; choose a smaller frustum.resolution"
-                )
             self._targets[size, depth] = Target(self._context, size, depth)
         return self._targets[size, depth]
 

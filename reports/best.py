@@ -73,6 +73,12 @@ def best_setting(rows: Sequence[Measurement]) -> Verdict:
     return max(candidates, key=lambda c: c.settings.near)
 
 
+def can_be_judged(rows: Sequence[Measurement]) -> bool:
+    """Return whether there is a pixel that some setting could show wrongly."""
+    shown = any(row.comparison["covered"] or row.comparison["displacement_px"] for row in rows)
+    return shown and any(row.comparison["judged"] for row in rows)
+
+
 def best_per_depth(rows: Sequence[Measurement]) -> list[Verdict]:
     """Return the best setting of each depth format and mapping, in the order of the rows."""
     grouped: dict[tuple[DepthFormat, DepthMapping], list[Measurement]] = {}
@@ -93,7 +99,7 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
     """
     if not any(row.comparison["judged"] for row in rows):
         return "Nothing can be judged: every pixel of the truth is a tie."
-    if not any(row.comparison["covered"] or row.comparison["displacement_px"] for row in rows):
+    if not can_be_judged(rows):
         return "There is nothing to judge: neither the truth nor any raster image shows a surface."
     verdict = best_setting(rows)
     settings = len({row.settings for row in rows})

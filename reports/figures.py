@@ -136,6 +136,10 @@ def _log_axes(figure: go.Figure, title: str) -> None:
     powers: dict[str, Any] = {"type": "log", "exponentformat": "power", "dtick": 1}
     figure.update_xaxes(title={"text": "near plane / reach", "standoff": 8}, **powers)
     figure.update_yaxes(**powers)
+    heights = [y for trace in figure.data if trace.y is not None for y in trace.y if y is not None and y > 0]
+    if heights and max(heights) < 100 * min(heights):
+        # Within so few powers of ten, powers alone may label nothing.
+        figure.update_yaxes(dtick=None, nticks=6, exponentformat="none")
 
 
 def _style(figure: go.Figure) -> None:

@@ -71,6 +71,10 @@ class Staging:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise InputError(
+                f"--out {self.out}: cannot write ({error.strerror}); free some space or choose another place"
+            ) from error
 
     def _nearest_folder(self) -> Path:
         place = self.out.absolute().parent

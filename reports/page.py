@@ -44,6 +44,7 @@ def render_page(sweep: Sweep) -> str:
         frustum=_frustum_words(sweep),
         reach=reach,
         sentence=best.sentence(sweep.rows, sweep.scene.units, reach),
+        can_be_judged=best.can_be_judged(sweep.rows),
         verdict=best.best_setting(sweep.rows),
         per_depth=best.best_per_depth(sweep.rows),
         apertures=sweep.apertures,

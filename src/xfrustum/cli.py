@@ -36,13 +36,18 @@ def cli(context: click.Context) -> None:
 
 @cli.command()
 @options.scene_argument
-@click.option("--near", "nears", type=options.Numbers(), help="Offsets in scene units.  [default: 25]")
+@click.option(
+    "--near",
+    "nears",
+    type=options.Numbers(),
+    help="Offsets in scene units.  [default: 25 values from 1e-1 to 1e-8 of the reach]",
+)
 @click.option(
     "--apertures",
     type=options.Indices(),
     help="Column,row of each.  [default: the middle, recentered also two corners]",
 )
-@click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: all]")
+@click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: five]")
 @options.tracer_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
 @options.quiet_option
