@@ -134,6 +134,7 @@ class Reference:
         triangle = np.full(directions.shape[:2], NOTHING, dtype=np.int32)
         certainty = np.zeros(directions.shape[:2], dtype=np.uint8)
         position = np.full(directions.shape, np.nan)
+        companions = np.zeros((0, 3), dtype=np.int64)
         for layer, decided in layers:
             on_top = decided.triangle != NOTHING
             # Where a layer shows nothing, what is seen rests on both decisions.
@@ -141,6 +142,9 @@ class Reference:
             triangle = np.where(on_top, decided.triangle, triangle)
             points = np.asarray(layer.center) + decided.s[..., None] * layer.directions(some)
             position = np.where(on_top[..., None], points, position)
+            # Ties of what is now covered are nobody's companions any more.
+            covered_now = on_top[companions[:, 0] - rows.start, companions[:, 1]]
+            companions = np.concatenate((companions[~covered_now], decided.companions))
         normals = np.full(directions.shape, np.nan)
         covered = triangle != NOTHING
         normals[covered] = self.scene.normals[triangle[covered]]
@@ -152,7 +156,7 @@ class Reference:
             normal=normals,
             color=shaded(normals, directions),
             certainty=certainty,
-            companions=np.concatenate([decided.companions for _, decided in layers]),
+            companions=companions,
         )
 
 
