@@ -276,7 +276,8 @@ def test_the_unit_of_length_makes_no_difference(
     viewer, back = frustum.reach
     scaled = replace(frustum, reach=(viewer * scale, back * scale), screen=screen)
     one = Reference(soup(corners, frustum)).trace(aperture)
-    other = Reference(soup(corners * scale, scaled)).trace(at(aperture.x * scale, aperture.y * scale))
+    larger = soup(corners * scale, scaled, size=16 * scale)
+    other = Reference(larger).trace(at(aperture.x * scale, aperture.y * scale))
     np.testing.assert_array_equal(other.triangle, one.triangle)
     np.testing.assert_array_equal(other.certainty, one.certainty)
     np.testing.assert_array_equal(other.position, one.position * scale)

@@ -44,12 +44,14 @@ def reversed_d32f(near: float) -> DoubleFrustum:
     return DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
 
-def soup(triangles: NDArray[np.float64], frustum: Frustum) -> Scene:
-    """Return a scene of loose triangles (F, 3, 3), all one object, about a plate of size 16."""
+def soup(triangles: NDArray[np.float64], frustum: Frustum, size: float = 16.0) -> Scene:
+    """Return a scene of loose triangles (F, 3, 3), all one object, about a plate of some size."""
     part = SceneObject(
         name="soup", vertices=triangles.reshape(-1, 3), faces=np.arange(3 * len(triangles)).reshape(-1, 3)
     )
-    return Scene(name="soup", plate=Plate(size=(16, 16), hogels=(16, 16)), frustum=frustum, objects=(part,))
+    return Scene(
+        name="soup", plate=Plate(size=(size, size), hogels=(16, 16)), frustum=frustum, objects=(part,)
+    )
 
 
 def at(x: float, y: float) -> Aperture:
