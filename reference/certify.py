@@ -8,7 +8,7 @@ other is first, whatever any tracer says. Everything else is decided exactly.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from xfrustum.reference.footprints import footprints
 from xfrustum.reference.lines import Pencil
 from xfrustum.reference.pairs import Pairs
 from xfrustum.reference.processors import narrow_phase
-from xfrustum.reference.spans import spans
+from xfrustum.reference.rows import boxed_rows
 from xfrustum.scenes.hogel_image import Certainty
 
 
@@ -63,16 +63,26 @@ class Certifier:
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
-        width = self._pencil.resolution[0]
         phase = narrow_phase(self._pencil, rows)
-        for span in spans(self._triangles, self._pencil, self._footprints, rows):
-            phase.add(span)
+        for boxed in boxed_rows(self._triangles, self._pencil, self._footprints, rows):
+            phase.add(boxed)
         sifted = phase.finish()
-        triangle, s = sifted.triangle, sifted.s
-        certainty = np.full(len(triangle), Certainty.PROVEN, dtype=np.uint8)
+        shape = (len(rows), self._pencil.resolution[0])
+        found = FirstSurfaces(
+            triangle=sifted.triangle.reshape(shape),
+            s=sifted.s.reshape(shape),
+            certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
+            companions=np.zeros((0, 3), dtype=np.int64),
+        )
+        if not len(sifted.contested.pixel):
+            return found
+        return replace(found, companions=self._settle(found, sifted.contested, rows.start * shape[1]))
 
-        base = rows.start * width
-        contenders = _not_behind(sifted.contested, base, len(triangle))
+    def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> NDArray[np.int64]:
+        """Fill in the pixels that `narrow` left open; return the companions of ties."""
+        triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
+        width = self._pencil.resolution[0]
+        contenders = _not_behind(contested, base, len(triangle))
         rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[contenders.pixel - base]
         proven = (rivals == 1) & contenders.sure
         triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
@@ -94,14 +104,7 @@ class Certifier:
             certainty[pixel - base] = Certainty.TIE if len(winners) > 1 else Certainty.EXACT
             if len(winners) > 1:
                 companions.append(np.array([(*divmod(pixel, width), winner) for winner in winners]))
-
-        shape = (len(rows), width)
-        return FirstSurfaces(
-            triangle=triangle.reshape(shape),
-            s=s.reshape(shape),
-            certainty=certainty.reshape(shape),
-            companions=np.concatenate(companions),
-        )
+        return np.concatenate(companions)
 
 
 def first_surfaces(triangles: NDArray[np.float64], pencil: Pencil) -> FirstSurfaces:

@@ -32,28 +32,19 @@ EDGES = ((0, 1), (1, 2), (2, 0))
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """Return a x b over the last axis."""
-    return np.stack(
-        (
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ),
-        axis=-1,
-    )
+    """Return a x b of vectors (3, T)."""
+    return np.stack((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
 
 
 def cross_magnitude(a: Floats, b: Floats) -> Floats:
-    """Return the sums of absolute products in a x b: what its rounding errors are relative to."""
+    """Return the sums of absolute products in a x b (3, T): what its rounding errors are relative to."""
     a, b = np.abs(a), np.abs(b)
-    return np.stack(
-        (
-            a[..., 1] * b[..., 2] + a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] + a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] + a[..., 1] * b[..., 0],
-        ),
-        axis=-1,
-    )
+    return np.stack((a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]))
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    product = a * b
+    return np.asarray(product[0] + product[2] + product[1])
 
 
 def s_bounds(z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
@@ -74,12 +65,11 @@ class Cones:
     ----------
     number
         (T,) triangle numbers.
-    corners
-        (T, 3, 3) q_i, scene units.
     edge, edge_magnitude
-        (T, 3, 3) q_i x q_j of the edges 01, 12, 20, and the sums of absolute products in it.
+        (3, 3, T) q_i x q_j of the edges 01, 12, 20, by edge and coordinate, and the sums of
+        absolute products in it.
     normal, normal_magnitude
-        (T, 3) n, not normalized, likewise.
+        (3, T) n, not normalized, likewise.
     plane, plane_bound
         (T,) q_0 . n, and the bound of its rounding error.
     holds_center
@@ -89,7 +79,6 @@ class Cones:
     """
 
     number: NDArray[np.int64]
-    corners: Floats
     edge: Floats
     edge_magnitude: Floats
     normal: Floats
@@ -119,19 +108,17 @@ def cones(
     """
     if holds_center is None:
         holds_center = np.zeros(len(number), dtype=np.bool_)
-    points = triangles[number]
-    corners = points - np.asarray(pencil.center)
-    following = corners[:, [1, 2, 0]]
-    first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    points = np.ascontiguousarray(triangles[number].transpose(1, 2, 0))
+    corners = points - np.asarray(pencil.center)[:, None]
+    first, second = points[1] - points[0], points[2] - points[0]
     normal, normal_magnitude = cross(first, second), cross_magnitude(first, second)
-    low, high = s_bounds(corners[..., 2].T, pencil)
-    plane = np.einsum("ij,ij->i", corners[:, 0], normal)
-    plane_bound = ROUNDING * np.einsum("ij,ij->i", np.abs(corners[:, 0]), normal_magnitude)
+    low, high = s_bounds(corners[:, 2], pencil)
+    plane = _dot(corners[0], normal)
+    plane_bound = ROUNDING * _dot(np.abs(corners[0]), normal_magnitude)
     return Cones(
         number=number,
-        corners=corners,
-        edge=cross(corners, following),
-        edge_magnitude=cross_magnitude(corners, following),
+        edge=np.stack([cross(corners[i], corners[j]) for i, j in EDGES]),
+        edge_magnitude=np.stack([cross_magnitude(corners[i], corners[j]) for i, j in EDGES]),
         normal=normal,
         normal_magnitude=normal_magnitude,
         plane=np.where(holds_center, 0.0, plane),

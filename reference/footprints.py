@@ -12,8 +12,8 @@ from xfrustum.reference.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Floats, s_bo
 from xfrustum.reference.exact import ExactPencil
 from xfrustum.reference.lines import Pencil
 
-TRIANGLES_PER_CHUNK = 1 << 18
-"""Bounds the memory of intermediate results, about 1 kB per triangle."""
+TRIANGLES_PER_CHUNK = 1 << 14
+"""So few that intermediate results, about 1 kB per triangle, stay in the processor's caches."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,15 +45,18 @@ def footprints(triangles: Floats, pencil: Pencil, exact: ExactPencil) -> Footpri
     for start in range(0, len(triangles), TRIANGLES_PER_CHUNK):
         chunk = np.arange(start, min(start + TRIANGLES_PER_CHUNK, len(triangles)))
         # Coordinate first, corner second: minima over corners are then minima of whole arrays.
-        x, y, z = np.ascontiguousarray((triangles[chunk] - np.asarray(pencil.center)).transpose(2, 1, 0))
+        corners = triangles[start : start + TRIANGLES_PER_CHUNK].transpose(2, 1, 0)
+        x, y, z = np.subtract(corners, np.reshape(pencil.center, (3, 1, 1)), order="C")
         low, high = s_bounds(z, pencil)
         imaged = (low <= pencil.s_range[1]) & (high >= pencil.s_range[0])
         touching = imaged & _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
+        sided = imaged & ~touching
         for side in (1, -1):
             if side * pencil.s_range[side > 0] > 0:
-                box = _pixel_box(x, y, -z, pencil, side)
-                hit = (box[0] <= box[1]) & (box[2] <= box[3]) & imaged & ~touching
-                parts.append(_footprints(chunk[hit], side, box[:, hit]))
+                here = np.flatnonzero(sided & ((z.min(axis=0) < 0) if side > 0 else (z.max(axis=0) > 0)))
+                box = _pixel_box(_some(x, here), _some(y, here), -_some(z, here), pencil, side)
+                hit = (box[0] <= box[1]) & (box[2] <= box[3])
+                parts.append(_footprints(chunk[here[hit]], side, box[:, hit]))
         if touching.any():
             width, height = pencil.resolution
             # Without area a triangle is met by no line, and here it would occupy the whole image.
@@ -80,6 +83,11 @@ def _footprints(
         holds_center=np.zeros(len(number), dtype=np.bool_) if holds is None else holds,
         box=box.astype(np.int32),
     )
+
+
+def _some(x: Floats, chosen: NDArray[np.int64]) -> Floats:
+    # Not x[:, chosen], which would put the corners next to each other in memory.
+    return np.take(x, chosen, axis=1)
 
 
 def _spans_zero(x: Floats) -> NDArray[np.bool_]:
@@ -126,10 +134,11 @@ def _slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
     ahead = side * s > 0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = x / s
-    low = np.where(ahead, slope, np.inf).min(axis=0)
-    high = np.where(ahead, slope, -np.inf).max(axis=0)
-    mixed = np.flatnonzero(ahead.any(axis=0) & ~ahead.all(axis=0))
-    x, s, ahead = x[:, mixed], s[:, mixed], ahead[:, mixed]
+        low, high = slope.min(axis=0), slope.max(axis=0)
+    mixed = np.flatnonzero(~ahead.all(axis=0))
+    x, s, slope, ahead = _some(x, mixed), _some(s, mixed), _some(slope, mixed), ahead[:, mixed]
+    low[mixed] = np.where(ahead, slope, np.inf).min(axis=0)
+    high[mixed] = np.where(ahead, slope, -np.inf).max(axis=0)
     for i, j in EDGES:
         # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j).
         crosses = ahead[i] != ahead[j]

@@ -1,9 +1,10 @@
-"""The narrow phase compiled by Dr.Jit for all processors: one lane for each span.
+"""The narrow phase compiled by Dr.Jit for all processors: one lane for each row of a triangle.
 
-Each lane walks the columns of its span, in double precision and with the arithmetic of
-`narrow.plane_meeting`: first to lower, pixel by pixel, the largest s at which the first surface
-can lie; then to count who may lie before that and to write down who does; and a third time,
-only where that leaves more than one, to hand over the pairs.
+Each lane cuts its row by the triangle's edges (`spans.slopes_inside`) and walks the columns that
+are left, in double precision and with the arithmetic of `narrow.plane_meeting`: first to lower,
+pixel by pixel, the largest s at which the first surface can lie; then to count who may lie before
+that and to write down who does; and a third time, only where that leaves more than one, to hand
+over the pairs.
 """
 
 from __future__ import annotations
@@ -16,12 +17,15 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Bool, Float64, UInt32
+from drjit.llvm import Bool, Float64, Int32, UInt32
+from numpy.typing import NDArray
 
+from xfrustum.reference.cone import Cones
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow import Sifted, SpanPlanes, plane_meeting, settled
+from xfrustum.reference.narrow import RowPlanes, Sifted, counted_range, level_of, plane_meeting, settled
 from xfrustum.reference.pairs import NO_PAIRS, Pairs
-from xfrustum.reference.spans import Spans
+from xfrustum.reference.rows import Rows
+from xfrustum.reference.spans import Arithmetic, FilmRow, columns_between, slopes_inside
 from xfrustum.scenes.hogel_image import NOTHING
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -39,14 +43,17 @@ _DOUBTFUL = 2
 """What a pair counts whose coverage is in doubt: it leaves its pixel open even if it is alone."""
 
 
+_JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfinite=dr.isfinite)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lanes:
-    """Spans as Dr.Jit arrays."""
+    """Rows cut by edges, as Dr.Jit arrays; empty ones have first > last."""
 
-    spans: Spans
-    planes: SpanPlanes
-    columns: list[Any]
-    surely: tuple[Any, Any]
+    rows: Rows
+    planes: RowPlanes
+    surely_from: Any
+    surely_to: Any
     first: Any
     last: Any
     base: Any
@@ -61,7 +68,7 @@ class JitNarrowPhase:
     pencil
         The lines.
     rows
-        Rows of the image that all spans lie in.
+        Rows of the image that everything added lies in.
     """
 
     def __init__(self, pencil: Pencil, rows: range) -> None:
@@ -72,14 +79,15 @@ class JitNarrowPhase:
         with _strict_arithmetic():
             # Opaque: values that differ from image to image must not compile another kernel.
             self._limit = dr.opaque(Float64, np.inf, self._pixels)
-            self._dx = Float64(np.array(pencil.dx))
+            self._dx, self._dy = Float64(np.array(pencil.dx)), Float64(np.array(pencil.dy))
+            self._film = FilmRow(**{k: dr.opaque(Float64, v) for k, v in vars(FilmRow.of(pencil)).items()})
+            self._ends = tuple(dr.opaque(Float64, s) for s in pencil.s_range)
+            self._width, self._start = (dr.opaque(UInt32, n) for n in (pencil.resolution[0], self._base))
 
-    def add(self, spans: Spans) -> None:
-        """Take more spans into account."""
-        if not len(spans.row):
-            return
+    def add(self, rows: Rows) -> None:
+        """Take more triangles into account."""
         with _strict_arithmetic():
-            lanes = self._uploaded(spans)
+            lanes = self._cut(rows)
             self._lanes.append(lanes)
 
             def lower(column: Any) -> None:
@@ -109,39 +117,72 @@ class JitNarrowPhase:
                 contested=contested,
             )
 
-    def _uploaded(self, spans: Spans) -> _Lanes:
+    def _cut(self, rows: Rows) -> _Lanes:
         # Dr.Jit reads NumPy's memory in place, and compiles anew for every mix of alignments of
-        # what lanes load directly. Gathers do not care: all goes through two tables.
-        planes = SpanPlanes.of(spans, self._pencil)
-        base = spans.row * self._pencil.resolution[0] - self._base
-        numbers = (*vars(planes).values(), spans.surely_from, spans.surely_to)
-        integers = (spans.first, spans.last, base, spans.cones.number[spans.cone])
-        table = Float64(np.concatenate(numbers))
-        walk = UInt32(np.concatenate(integers).astype(np.uint32))
-        lane, stride = dr.arange(UInt32, len(base)), dr.opaque(UInt32, len(base))
-        columns = [dr.gather(Float64, table, lane + k * stride) for k in range(len(numbers))]
-        first, last, start, number = (
-            dr.gather(UInt32, walk, lane + k * stride) for k in range(len(integers))
+        # what lanes load directly. Gathers do not care.
+        c, size = rows.cones, len(rows.row)
+        walk = UInt32(np.concatenate((rows.cone, rows.row, rows.orientation + 1)).astype(np.uint32))
+        lane, stride = dr.arange(UInt32, size), dr.opaque(UInt32, size)
+        triangles = dr.opaque(UInt32, len(c.number))
+        cone, row, sign = (dr.gather(UInt32, walk, lane + k * stride) for k in range(3))
+
+        def columns(table: NDArray[Any], kind: Any = Float64) -> list[Any]:
+            """Return each component of a table (.., T) in every lane."""
+            flat, components = kind(np.ascontiguousarray(table).ravel()), table.size // len(c.number)
+            return [dr.gather(kind, flat, cone + k * triangles) for k in range(components)]
+
+        edge, magnitude = columns(c.edge), columns(c.edge_magnitude)
+        dy = dr.gather(Float64, self._dy, row)
+        low, high, surely_from, surely_to = slopes_inside(
+            [(edge[k : k + 3], magnitude[k : k + 3]) for k in (0, 3, 6)],
+            Float64(sign) - 1.0,
+            dy,
+            self._film,
+            _JIT,
         )
-        return _Lanes(
-            spans=spans,
-            planes=planes,
-            columns=columns[:-2],
-            surely=(columns[-2], columns[-1]),
+        low, high = columns_between(low, high, self._film, _JIT)
+        box = columns(rows.columns, Int32)
+        first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
+        empty = first > last
+        (holds,) = columns(c.holds_center, Bool)
+        lanes = _Lanes(
+            rows=rows,
+            planes=self._planes(columns, c, dy),
+            surely_from=dr.select(holds, -np.inf, surely_from),
+            surely_to=dr.select(holds, np.inf, surely_to),
+            first=UInt32(dr.select(empty, 1, first)),
+            last=UInt32(dr.select(empty, 0, last)),
+            base=row * self._width - self._start,
+            number=columns(c.number.astype(np.uint32), UInt32)[0],
+        )
+        dr.schedule(*vars(lanes.planes).values())
+        dr.eval(*(value for name, value in vars(lanes).items() if name not in ("rows", "planes")))
+        return lanes
+
+    def _planes(self, columns: Callable[..., list[Any]], c: Cones, dy: Any) -> RowPlanes:
+        normal, magnitude = columns(c.normal), columns(c.normal_magnitude)
+        level, level_magnitude = level_of(normal, magnitude, dy)
+        (within,) = columns(c.within, Bool)
+        first, last = counted_range(within, self._ends, dr.select)
+        return RowPlanes(
+            plane=columns(c.plane)[0],
+            plane_bound=columns(c.plane_bound)[0],
+            normal_x=normal[0],
+            magnitude_x=magnitude[0],
+            level=level,
+            level_magnitude=level_magnitude,
             first=first,
             last=last,
-            base=start,
-            number=number,
         )
 
     def _evaluated(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
         """Return s, its error, whether the line surely meets, and whether it may at all."""
-        dx = dr.gather(Float64, self._dx, column)
-        *plane, first, last = lanes.columns
-        s, error = plane_meeting(dx, plane, dr.select)
+        dx, row = dr.gather(Float64, self._dx, column), lanes.planes
+        s, error = plane_meeting(dx, row, dr.select)
         nearest, farthest = s - error, s + error
-        sure = (dx >= lanes.surely[0]) & (dx <= lanes.surely[1]) & (nearest >= first) & (farthest <= last)
-        return s, error, sure, (farthest >= first) & (nearest <= last)
+        sure = (dx >= lanes.surely_from) & (dx <= lanes.surely_to)
+        sure &= (nearest >= row.first) & (farthest <= row.last)
+        return s, error, sure, (farthest >= row.first) & (nearest <= row.last)
 
     def _may_be_first(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
         s, error, sure, possible = self._evaluated(lanes, column)
@@ -183,16 +224,16 @@ class JitNarrowPhase:
 
         _walk(lanes, write)
         dr.eval(written, *out)
-        span, column, s, error, sure = (values.numpy()[: int(written[0])].copy() for values in out)
-        spans, span = lanes.spans, span.astype(np.int64)
+        at, column, s, error, sure = (values.numpy()[: int(written[0])].copy() for values in out)
+        rows, cone = lanes.rows, lanes.rows.cone[at]
         found = Pairs(
-            pixel=spans.row[span] * self._pencil.resolution[0] + column,
-            triangle=spans.cones.number[spans.cone[span]],
+            pixel=rows.row[at] * self._pencil.resolution[0] + column,
+            triangle=rows.cones.number[cone],
             s=s,
             error=error,
             sure=sure,
         )
-        return settled(spans, lanes.planes, span, found, self._pencil)
+        return settled(rows.cones, cone, found, self._pencil)
 
 
 def _walk(lanes: _Lanes, visit: Callable[[Any], None]) -> None:

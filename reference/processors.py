@@ -7,7 +7,8 @@ from importlib import import_module
 
 from xfrustum.reference.dr_jit import OLDEST_LLVM, loaded_llvm, prepare_llvm
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow import NarrowPhase, NumpyNarrowPhase
+from xfrustum.reference.narrow import NarrowPhase
+from xfrustum.reference.narrow_numpy import NumpyNarrowPhase
 
 
 @cache

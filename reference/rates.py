@@ -16,6 +16,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from xfrustum.reference.dr_jit import backend
 from xfrustum.reference.embree import EmbreeTracer
+from xfrustum.reference.entry import ray_origins
 from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.mitsuba_tracer import triangle_mesh
 from xfrustum.reference.tracer import unit_scale
@@ -58,7 +59,7 @@ def answers(scene: Scene, aperture: Aperture) -> dict[str, Answer]:
     """
     pencil = crossed_frustum(scene.frustum, aperture)
     directions = pencil.directions().reshape(-1, 3)
-    origins = np.asarray(pencil.center) + pencil.s_range[0] * directions
+    origins = ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
     embree, reference = EmbreeTracer(scene), Reference(scene)
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
     found: dict[str, Answer] = {

@@ -13,6 +13,7 @@ from xfrustum.reference.rates import (
     MITSUBA,
     TRIMESH,
     TRUTH,
+    Answer,
     answers,
     versions,
 )
@@ -125,8 +126,7 @@ def bench_truth(
     resolutions
         W = H in pixels of each race.
     repeat
-        How often each contestant runs after it has warmed up. All take turns, so that a machine
-        that slows down slows them all.
+        How often each contestant runs after it has warmed up.
     progress
         Whether to draw a bar on standard error.
 
@@ -139,7 +139,7 @@ def bench_truth(
         raise InputError(f"scene {scene.name}: has no triangles to trace; choose one that has")
     if not resolutions or min(*resolutions, repeat) < 1:
         raise InputError("bench: resolutions and repetitions must be positive; give such as 512,1024")
-    with progress_bar(len(resolutions) * (repeat + 1), "bench", "round", shown=progress) as bar:
+    with progress_bar(len(resolutions) * len(MEANINGS), "bench", "contestant", shown=progress) as bar:
         races = tuple(_race(scene, resolution, repeat, bar) for resolution in resolutions)
     return TruthBenchmark(
         scene=scene,
@@ -153,11 +153,14 @@ def bench_truth(
 def table(benchmark: TruthBenchmark) -> str:
     """Return the rates and ratios as text, one column for each resolution."""
     heads = [f"{race.resolution} x {race.resolution}" for race in benchmark.races]
-    lines = [("million pixels per second", *heads)]
-    for name in MEANINGS:
-        lines.append((name, *(_spread(race.rates.get(name)) for race in benchmark.races)))
-    for pair in benchmark.races[0].ratios:
-        lines.append((pair, *(_number(race.ratios[pair]) for race in benchmark.races)))
+    lines = [
+        ("million pixels per second", *heads),
+        *((name, *(_spread(race.rates.get(name)) for race in benchmark.races)) for name in MEANINGS),
+        *(
+            (pair, *(_number(race.ratios[pair]) for race in benchmark.races))
+            for pair in benchmark.races[0].ratios
+        ),
+    ]
     widths = [max(len(line[column]) for line in lines) for column in range(len(heads) + 1)]
     rows = ("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
     machine, scene = benchmark.machine, benchmark.scene
@@ -178,17 +181,13 @@ def table(benchmark: TruthBenchmark) -> str:
 def _race(scene: Scene, resolution: int, repeat: int, bar: Any) -> Race:
     sized = replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
     running = answers(sized, sized.plate.middle)
-    seconds: dict[str, list[float]] = {name: [] for name in running}
-    for round_number in range(repeat + 1):
-        watch = Stopwatch()
-        for name, answer in running.items():
-            with watch.stage(name):
-                answer()
+    seconds: dict[str, list[float]] = {}
+    for name, answer in running.items():
+        # One at a time: what another leaves behind in caches and heap is not this one's to pay.
+        taken = [_timed(answer) for _ in range(repeat + 1)]
+        # The first builds structures and compiles kernels.
+        seconds[name] = taken[1:]
         bar.update()
-        # The first round builds structures and compiles kernels.
-        if round_number:
-            for name, taken in watch.seconds.items():
-                seconds[name].append(taken)
     mpixels = resolution**2 / 1e6
     return Race(
         resolution=resolution,
@@ -201,6 +200,13 @@ def _race(scene: Scene, resolution: int, repeat: int, bar: Any) -> Race:
             for name, taken in seconds.items()
         },
     )
+
+
+def _timed(answer: Answer) -> float:
+    watch = Stopwatch()
+    with watch.stage("answer"):
+        answer()
+    return watch.seconds["answer"]
 
 
 def _spread(rate: Rate | None) -> str:
