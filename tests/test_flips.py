@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tests.views import reversed_d32f, view
 from xfrustum.compare import compare_images
-from xfrustum.raster import Rasterizer, rasterizer
+from xfrustum.raster import Rasterizer, passes
 from xfrustum.raster.depth_formats import nearest_wins
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Camera, DoubleFrustum, HogelImage, Scene
@@ -123,7 +123,7 @@ def test_a_flipped_c_is_wrong(answers: Answers, axes: str) -> None:
 
 def test_a_c_star_where_the_nearest_wins_is_wrong(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
     """C* looks back: what is nearest to it is what the viewer sees last."""
-    monkeypatch.setattr(rasterizer, "farthest_wins", nearest_wins)
+    monkeypatch.setattr(passes, "farthest_wins", nearest_wins)
     with Rasterizer(answers.scene) as raster:
         assert answers.surface(raster.render(answers.aperture, SETTINGS)) > SEEN
 
