@@ -107,6 +107,15 @@ def plane_meeting(dx: Any, row: RowPlanes, select: Callable[[Any, Any, Any], Any
     return s, error
 
 
+def surely_counts(s: Any, error: Any, first: Any, last: Any) -> Any:
+    """Return whether s surely lies in a range, and on a side of the center that is known.
+
+    An s of which not even the sign is known may well be first, but says nothing about where: such a
+    pixel is left to the integers. An infinite error never counts. Written once for NumPy and Dr.Jit.
+    """
+    return (s - error >= first) & (s + error <= last) & (error <= abs(s))
+
+
 def settled(cones: Cones, cone: NDArray[np.int64], found: Pairs, pencil: Pencil) -> Pairs:
     """Decide coverage of the pairs that are not sure yet by their edge functions, with bounds.
 
@@ -139,7 +148,6 @@ def settled(cones: Cones, cone: NDArray[np.int64], found: Pairs, pencil: Pencil)
     inside[doubtful] = ~((surely_high > 0) & (surely_low < 0))
     sure = found.sure.copy()
     first, last = counted_range(c.within[cone], pencil.s_range, np.where)
-    # An infinite error never is in range.
-    counts = (found.nearest[doubtful] >= first) & (found.farthest[doubtful] <= last)
+    counts = surely_counts(found.s[doubtful], found.error[doubtful], first, last)
     sure[doubtful] = ((low > 0) | (high < 0)) & counts
     return Pairs(pixel=found.pixel, triangle=found.triangle, s=found.s, error=found.error, sure=sure)[inside]

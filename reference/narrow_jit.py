@@ -22,7 +22,15 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.cone import Cones
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow import RowPlanes, Sifted, counted_range, level_of, plane_meeting, settled
+from xfrustum.reference.narrow import (
+    RowPlanes,
+    Sifted,
+    counted_range,
+    level_of,
+    plane_meeting,
+    settled,
+    surely_counts,
+)
 from xfrustum.reference.pairs import NO_PAIRS, Pairs
 from xfrustum.reference.rows import Rows
 from xfrustum.reference.spans import Arithmetic, FilmRow, columns_between, slopes_inside
@@ -181,7 +189,7 @@ class JitNarrowPhase:
         s, error = plane_meeting(dx, row, dr.select)
         nearest, farthest = s - error, s + error
         sure = (dx >= lanes.surely_from) & (dx <= lanes.surely_to)
-        sure &= (nearest >= row.first) & (farthest <= row.last)
+        sure &= surely_counts(s, error, row.first, row.last)
         return s, error, sure, (farthest >= row.first) & (nearest <= row.last)
 
     def _may_be_first(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.cone import Cones, Floats
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow import RowPlanes, Sifted, counted_range, level_of, plane_meeting, settled
+from xfrustum.reference.narrow import (
+    RowPlanes,
+    Sifted,
+    counted_range,
+    level_of,
+    plane_meeting,
+    settled,
+    surely_counts,
+)
 from xfrustum.reference.pairs import NO_PAIRS, Pairs
 from xfrustum.reference.rows import Rows
 from xfrustum.reference.spans import NUMPY, FilmRow, columns_between, slopes_inside
@@ -153,7 +161,7 @@ class NumpyNarrowPhase:
             triangle=spans.cones.number[spans.cone[span]],
             s=s,
             error=error,
-            sure=sure & (s - error >= row.first) & (s + error <= row.last),
+            sure=sure & surely_counts(s, error, row.first, row.last),
         )
         possible = (found.farthest >= row.first) & (found.nearest <= row.last)
         return settled(spans.cones, spans.cone[span[possible]], found[possible], self._pencil)

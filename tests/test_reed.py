@@ -51,7 +51,7 @@ def world_points() -> Singles:
 
 
 def view_from_world() -> NDArray[np.float64]:
-    return np.linalg.inv(world_from_view())
+    return np.asarray(np.linalg.inv(world_from_view()), dtype=np.float64)
 
 
 def projection(mapping: DepthMapping, far: float) -> NDArray[np.float64]:
