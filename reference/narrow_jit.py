@@ -9,9 +9,7 @@ over the pairs.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,18 +32,8 @@ from xfrustum.reference.narrow import (
 from xfrustum.reference.pairs import NO_PAIRS, Pairs
 from xfrustum.reference.rows import Rows
 from xfrustum.reference.spans import Arithmetic, FilmRow, columns_between, slopes_inside
+from xfrustum.reference.strict_jit import strict_arithmetic
 from xfrustum.scenes.hogel_image import NOTHING
-
-_ONE_AT_A_TIME = threading.Lock()
-"""Dr.Jit records per process; its kernels themselves use all processors."""
-
-
-@contextmanager
-def _strict_arithmetic() -> Iterator[None]:
-    """Hold Dr.Jit to IEEE arithmetic: a proof must not rest on a compiler's liberties."""
-    with _ONE_AT_A_TIME, dr.scoped_set_flag(dr.JitFlag.FastMath, False):
-        yield
-
 
 _DOUBTFUL = 2
 """What a pair counts whose coverage is in doubt: it leaves its pixel open even if it is alone."""
@@ -84,7 +72,7 @@ class JitNarrowPhase:
         self._pixels = len(rows) * pencil.resolution[0]
         self._base = rows.start * pencil.resolution[0]
         self._lanes: list[_Lanes] = []
-        with _strict_arithmetic():
+        with strict_arithmetic():
             # Opaque: values that differ from image to image must not compile another kernel.
             self._limit = dr.opaque(Float64, np.inf, self._pixels)
             self._dx, self._dy = Float64(np.array(pencil.dx)), Float64(np.array(pencil.dy))
@@ -94,7 +82,7 @@ class JitNarrowPhase:
 
     def add(self, rows: Rows) -> None:
         """Take more triangles into account."""
-        with _strict_arithmetic():
+        with strict_arithmetic():
             lanes = self._cut(rows)
             self._lanes.append(lanes)
 
@@ -111,7 +99,7 @@ class JitNarrowPhase:
 
     def finish(self) -> Sifted:
         """Return who is first where only one can be, and the pairs of all other pixels."""
-        with _strict_arithmetic():
+        with strict_arithmetic():
             rivals = dr.opaque(UInt32, 0, self._pixels)
             number = dr.opaque(UInt32, 0, self._pixels)
             distance = dr.opaque(Float64, 0.0, self._pixels)
