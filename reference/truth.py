@@ -33,6 +33,9 @@ Band = TypeVar("Band")
 BAND_PIXELS = 1 << 19
 """Pixels decided at once: bounds the memory, about 400 bytes a pixel, whatever the image's size."""
 
+UNDIVIDED_PIXELS = 1 << 18
+"""Deciding alone runs compiled on all processors anyway: smaller bands only add launches."""
+
 
 class Reference:
     """The ground truth of a scene: what its crossed frusta really show.
@@ -88,7 +91,8 @@ class Reference:
     def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
         """Yield who is first along each line, and nothing else, in bands of rows from the top."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        yield from _in_parallel(Certifier(self.scene.triangles, pencil).decide, pencil.resolution)
+        certifier = Certifier(self.scene.triangles, pencil)
+        yield from _in_parallel(certifier.decide, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
         """Return what the cameras that settings ask for would draw without any rounding."""
@@ -160,11 +164,13 @@ class Reference:
         )
 
 
-def _in_parallel(band: Callable[[range], Band], resolution: tuple[int, int]) -> Iterator[Band]:
-    """Yield an image's bands in order, made on all processors."""
+def _in_parallel(
+    band: Callable[[range], Band], resolution: tuple[int, int], *, least_pixels: int = 1
+) -> Iterator[Band]:
+    """Yield an image's bands in order, made on all processors; none but the last is smaller than asked."""
     width, height = resolution
     workers = worker_count()
-    rows = max(1, min(BAND_PIXELS // width, -(-height // workers)))
+    rows = max(1, min(BAND_PIXELS // width, max(-(-height // workers), -(-least_pixels // width))))
     bands = [range(start, min(start + rows, height)) for start in range(0, height, rows)]
     with ThreadPoolExecutor(workers) as pool:
         # No more bands under way than workers, so that a slow reader bounds the memory.

@@ -160,7 +160,7 @@ CASES = (
         plate=PLATE,
         frustum=replace(ASYMMETRIC_FRUSTUM, resolution=(8192, 8192)),
         giant=True,
-        triangles=41_012,
+        triangles=41_896,
     ),
     HardCase(
         name="hard/giant-mesh",
