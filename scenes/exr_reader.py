@@ -33,7 +33,7 @@ _NUMPY_TYPES = {
 }
 
 
-def read_image(path: str | Path, camera: HogelCamera | None = None) -> HogelImage:
+def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: bool = False) -> HogelImage:
     """Read an image by this or any other renderer.
 
     Channels that the file lacks are absent, NaN, or `NOTHING` in the image; it must have
@@ -45,6 +45,8 @@ def read_image(path: str | Path, camera: HogelCamera | None = None) -> HogelImag
         The file.
     camera
         Whose image it is if the file does not say, such as the truth's camera.
+    partial
+        Take any channels of the contract, and the camera given whatever the file says.
 
     Raises
     ------
@@ -53,11 +55,12 @@ def read_image(path: str | Path, camera: HogelCamera | None = None) -> HogelImag
     """
     path = Path(path)
     planes, attribute = _read_planes(path)
-    found = camera if attribute is None else _read_camera(path, attribute)
+    found = camera if attribute is None or partial else _read_camera(path, attribute)
     if found is None:
         raise InputError(f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for")
     if not planes:
-        raise InputError(f"{path}: has neither id.triangle nor P.X P.Y P.Z; write one of them")
+        wanted = " ".join(CHANNELS) if partial else "id.triangle nor P.X P.Y P.Z"
+        raise InputError(f"{path}: has {'none of' if partial else 'neither'} {wanted}; write one of them")
     height, width = next(iter(planes.values())).shape
     if (width, height) != tuple(found.resolution):
         raise InputError(
@@ -65,7 +68,7 @@ def read_image(path: str | Path, camera: HogelCamera | None = None) -> HogelImag
             f"{found.resolution[0]} x {found.resolution[1]}; render it again at that size"
         )
     position = _vectors(path, planes, POSITION)
-    if position is None and TRIANGLE not in planes:
+    if position is None and TRIANGLE not in planes and not partial:
         raise InputError(f"{path}: has neither id.triangle nor P.X P.Y P.Z; write one of them")
     if position is None:
         position = np.full((height, width, 3), np.nan, dtype=np.float32)

@@ -8,6 +8,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
+    verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
     from xfrustum.reports.report import ReportFiles, make_report
+    from xfrustum.reports.verdict import Verification
+    from xfrustum.reports.verification import verify
     from xfrustum.scenes import (
         Aperture,
         Camera,
@@ -50,11 +53,13 @@ __all__ = [
     "Reference",
     "ReportFiles",
     "Scene",
+    "Verification",
     "__version__",
     "compare_images",
     "make_report",
     "open_scene",
     "read_image",
+    "verify",
     "write_image",
 ]
 
@@ -65,6 +70,8 @@ _MODULES = {
     "Reference": "reference",
     "ReportFiles": "reports.report",
     "make_report": "reports.report",
+    "Verification": "reports.verdict",
+    "verify": "reports.verification",
     "read_image": "scenes.exr",
     "write_image": "scenes.exr",
 }

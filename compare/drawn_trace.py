@@ -1,0 +1,94 @@
+"""What a guess about a renderer makes of a scene, traced and decided like the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.drawn_model import DrawnModel, Front
+from xfrustum.reference import Reference
+from xfrustum.reference.certify import Certifier
+from xfrustum.reference.lines import Pencil
+from xfrustum.scenes.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layer:
+    """What one camera shows.
+
+    Attributes
+    ----------
+    triangle
+        (H, W) int32, `NOTHING` where it shows none.
+    position
+        (H, W, 3) scene units, NaN likewise.
+    certainty
+        (H, W) uint8 `Certainty`.
+    """
+
+    triangle: NDArray[np.int32]
+    position: Floats
+    certainty: NDArray[np.uint8]
+
+
+def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
+    """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
+    layers = drawn_layers(reference.scene, model, aperture)
+    return as_image(reference, aperture, overlaid(layers))
+
+
+def drawn_layers(scene: Scene, model: DrawnModel, aperture: Aperture) -> list[Layer]:
+    """Return what the cameras of a guess show, in drawing order: what comes later covers."""
+    if model.plain and not model.near:
+        return [layer(scene, model.pencil(scene, aperture, 0))]
+    back = layer(scene, model.pencil(scene, aperture, 1))
+    if model.front is Front.MISSING:
+        return [back]
+    front = layer(scene, model.pencil(scene, aperture, -1), nearest=model.front is Front.NEAREST)
+    return [back, front] if model.overlaid else [front, back]
+
+
+def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False) -> Layer:
+    """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
+    rows = range(pencil.resolution[1])
+    if nearest:
+        # Seen through a point mirror in its center, what was last along a line is first.
+        low, high = pencil.s_range
+        mirrored = 2 * np.asarray(pencil.center) - scene.triangles
+        decided = Certifier(mirrored, replace(pencil, s_range=(-high, -low))).decide(rows)
+        s = -decided.s
+    else:
+        decided = Certifier(scene.triangles, pencil).decide(rows)
+        s = decided.s
+    position = np.asarray(pencil.center) + s[..., None] * pencil.directions()
+    return Layer(triangle=decided.triangle, position=position, certainty=decided.certainty)
+
+
+def overlaid(layers: Sequence[Layer]) -> Layer:
+    """Return layers on top of each other, the last on top."""
+    triangle, position, certainty = layers[0].triangle, layers[0].position, layers[0].certainty
+    for upper in layers[1:]:
+        covers = upper.triangle != NOTHING
+        triangle = np.where(covers, upper.triangle, triangle)
+        position = np.where(covers[..., None], upper.position, position)
+        certainty = np.where(covers, upper.certainty, np.maximum(certainty, upper.certainty))
+    return Layer(triangle=triangle, position=position, certainty=certainty)
+
+
+def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:
+    """Return a layer as the image of an aperture."""
+    objects = np.append(reference.scene.object_of_triangle, np.int32(NOTHING))
+    return HogelImage(
+        camera=reference.camera(aperture),
+        triangle=shown.triangle,
+        object=objects[shown.triangle],
+        position=shown.position,
+        certainty=shown.certainty,
+    )

@@ -1,0 +1,219 @@
+"""`xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong with it?"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from xfrustum.compare.diagnosis import declared, diagnose
+from xfrustum.compare.drawn_model import DrawnModel
+from xfrustum.compare.faults import CONVENTIONS
+from xfrustum.compare.judged import judge
+from xfrustum.compare.shown_points import shown_points
+from xfrustum.reference import Reference
+from xfrustum.reports.commands import Command
+from xfrustum.reports.progress import progress_bar
+from xfrustum.reports.sources import Files, Function, Problem, Renderer, Source
+from xfrustum.reports.verdict import Hogel, Limits, Verification
+from xfrustum.reports.worst_hogels import WorstHogels
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.foreign_images import Encoding
+from xfrustum.scenes.hogel_image import HogelImage
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import Scene
+
+Item = TypeVar("Item")
+
+SAMPLE_SIDE = 5
+"""Columns and rows of hogels that are diagnosed: 25 tell apart all orders of apertures, many times over."""
+
+SAMPLE_PIXELS, FEWEST = 1 << 22, 4
+"""Of all of them together, which bounds the memory; and how many hogels there are at any size."""
+
+
+def verify(  # noqa: PLR0913 - one keyword for each option of the command
+    scene: Scene | str,
+    source: str | Renderer | None = None,
+    *,
+    command: str | None = None,
+    encoding: Encoding | str | None = None,
+    apertures: Sequence[tuple[int, int]] | None = None,
+    near: float | None = None,
+    accept: Sequence[str] = (),
+    max_wrong: float = 0.01,
+    max_displacement_px: float = 0.5,
+    timeout_s: float = 60.0,
+    progress: bool = False,
+) -> Verification:
+    """Judge the hogel images of any renderer, and say what is wrong with it.
+
+    Parameters
+    ----------
+    scene
+        What was to be drawn.
+    source
+        A pattern of files with {i} and {j}; or a function that takes the scene and an aperture and
+        returns a hogel image.
+    command
+        Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
+    encoding
+        What pictures mean; `rgb` where nobody says.
+    apertures
+        Column and row of each; the whole plate where None.
+    near
+        The near offset that the renderer's author states; it is then part of the question.
+    accept
+        Conventions that are the renderer's own business, out of `CONVENTIONS`: images are judged by
+        what was found of them.
+    max_wrong, max_displacement_px
+        The limits.
+    timeout_s
+        For each run of the command.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The scene, the source or an option is not usable.
+    """
+    opened = open_scene(scene) if isinstance(scene, str) else scene
+    limits = Limits(wrong=max_wrong, displacement_px=max_displacement_px)
+    nominal = _nominal(opened, near, accept)
+    asked = _apertures(opened, apertures)
+    reference = Reference(opened)
+    with _source(reference, source, command, encoding, timeout_s) as opened_source:
+        opened_source.check(asked)
+        run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
+        return run.verified(nominal, tuple(accept), progress=progress)
+
+
+def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
+    """Return what the renderer's author says of it, if that can be."""
+    strange = [name for name in accept if name not in CONVENTIONS]
+    if strange:
+        raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(CONVENTIONS)}")
+    reach = scene.frustum.longest_reach
+    if near is not None and not 0 <= near < reach:
+        raise InputError(f"near {near} must be at least 0 and smaller than the reach, {reach}")
+    return DrawnModel(near=near or 0.0)
+
+
+def _apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> list[Aperture]:
+    """Return the apertures of some indices, each once; all of the plate, row by row, where None."""
+    columns, rows = scene.plate.hogels
+    chosen = indices or [(i, j) for j in range(rows) for i in range(columns)]
+    return [scene.plate.aperture(*index) for index in dict.fromkeys(chosen)]
+
+
+@contextmanager
+def _source(
+    reference: Reference,
+    source: str | Renderer | None,
+    command: str | None,
+    encoding: Encoding | str | None,
+    timeout_s: float,
+) -> Iterator[Source]:
+    """Open a source, with a folder of its own for what a command writes."""
+    if (source is None) == (command is None):
+        raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
+    meant = Encoding.RGB if encoding is None else Encoding(encoding)
+    if command is not None:
+        if not timeout_s > 0:
+            raise InputError(f"timeout must be positive, not {timeout_s}")
+        suffix = ".exr" if encoding is None else ".png"
+        with tempfile.TemporaryDirectory(prefix="xfrustum-") as folder:
+            yield Command(
+                template=command,
+                reference=reference,
+                encoding=meant,
+                folder=Path(folder),
+                timeout_s=timeout_s,
+                suffix=suffix,
+            )
+    elif isinstance(source, str):
+        yield Files(pattern=source, reference=reference, encoding=meant)
+    else:
+        assert source is not None
+        yield Function(function=source, reference=reference)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Run:
+    """One verification under way."""
+
+    reference: Reference
+    source: Source
+    asked: list[Aperture]
+    limits: Limits
+    kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
+
+    def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
+        sample = sampled(self.asked, self.reference.scene)
+        with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
+            for aperture in sample:
+                self.kept[aperture] = self._had(aperture)
+                bar.update()
+            images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
+            diagnosis = diagnose(self.reference, images, nominal)
+            question = declared(nominal, diagnosis.model, accept)
+            worst, hogels = WorstHogels(), []
+            for aperture in self.asked:
+                hogels.append(self._hogel(aperture, question, diagnosis.model, worst))
+                bar.update()
+        return Verification(
+            scene=self.reference.scene,
+            source=self.source.name,
+            limits=self.limits,
+            diagnosis=diagnosis,
+            hogels=tuple(hogels),
+            worst=worst,
+        )
+
+    def _had(self, aperture: Aperture) -> HogelImage | Problem:
+        try:
+            return self.source.image(aperture)
+        except Problem as problem:
+            return problem
+
+    def _hogel(
+        self, aperture: Aperture, question: DrawnModel, found: DrawnModel, worst: WorstHogels
+    ) -> Hogel:
+        image = self.kept.pop(aperture, None) or self._had(aperture)
+        if isinstance(image, Problem):
+            return Hogel(aperture=aperture, passed=False, problem=str(image))
+        points = shown_points(self.reference.scene, found, image)
+        as_found = judge(self.reference, question, image, points, explained=question == found)
+        corrected = as_found
+        if question != found:
+            corrected = judge(self.reference, found, image, points, explained=True)
+        passed = self.limits.hold(as_found)
+        worst.add(aperture, as_found, corrected)
+        return Hogel(
+            aperture=aperture, passed=passed, as_found=as_found.summary(), corrected=corrected.summary()
+        )
+
+
+def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
+    """Return the apertures to be diagnosed: spread over the plate, few enough for the memory."""
+    width, height = scene.frustum.resolution
+    count = int(np.clip(SAMPLE_PIXELS // (width * height), FEWEST, SAMPLE_SIDE**2))
+    side = max(2, int(np.sqrt(count)))
+    columns = _spread(sorted({aperture.column for aperture in apertures}), side)
+    rows = _spread(sorted({aperture.row for aperture in apertures}), side)
+    chosen = [a for a in apertures if a.column in columns and a.row in rows]
+    if len(chosen) < min(side, len(apertures)):
+        chosen = _spread(list(apertures), count)
+    return chosen
+
+
+def _spread(items: Sequence[Item], count: int) -> list[Item]:
+    """Return at most so many items, evenly spread."""
+    return [items[index] for index in np.unique(np.linspace(0, len(items) - 1, count).astype(int))]

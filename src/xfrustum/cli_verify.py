@@ -1,0 +1,110 @@
+"""The command that judges renderers of other people."""
+
+# ruff: noqa: PLC0415 - commands import what they need when they run; options are parameters
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from xfrustum import cli_options as options
+from xfrustum.cli_checks import LIMIT_EXCEEDED
+
+
+class Share(click.ParamType[float]):
+    """A share such as 1% or 0.01."""
+
+    name = "SHARE"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the share as a number from 0 to 1."""
+        text = str(value).strip()
+        try:
+            share = float(text[:-1]) / 100 if text.endswith("%") else float(text)
+        except ValueError:
+            share = -1.0
+        if not 0 <= share <= 1:
+            self.fail(f"{value!r} is not a share such as 1% or 0.01", param, ctx)
+        return share
+
+
+class Conventions(click.ParamType[tuple[str, ...]]):
+    """Names of conventions separated by commas."""
+
+    name = "NAME,NAME,.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the names."""
+        from xfrustum.compare.faults import CONVENTIONS
+
+        names = tuple(part.strip() for part in str(value).split(","))
+        if names == ("all",):
+            return CONVENTIONS
+        for name in names:
+            if name not in CONVENTIONS:
+                self.fail(f"{name!r} is not one of {', '.join(CONVENTIONS)}, all", param, ctx)
+        return names
+
+
+@click.command()
+@options.scene_argument
+@click.argument("source", required=False)
+@click.option(
+    "--command", help="Instead of SOURCE; run per aperture: 'my-renderer --x {x} --y {y} --out {out}'."
+)
+@click.option(
+    "--encoding",
+    type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
+    help="What pictures mean; OpenEXR files say it themselves.  [default: rgb; of a command, OpenEXR]",
+)
+@click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the whole plate]")
+@click.option("--near", type=float, help="The offset that the renderer is known to have.  [default: 0]")
+@click.option(
+    "--accept",
+    type=Conventions(),
+    help="Conventions that are no fault: orientation, order, shift, fov, pitch, near; or all.",
+)
+@click.option("--max-wrong", type=Share(), default="1%", show_default=True, help="Of the pixels of a hogel.")
+@click.option(
+    "--max-displacement-px", type=float, default=0.5, show_default=True, help="Of 99 of 100 surface points."
+)
+@click.option("--timeout", "timeout_s", type=float, default=60.0, show_default=True, help="Seconds, per run.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
+@click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
+@options.quiet_option
+@options.json_option
+def verify(
+    *,
+    scene: str,
+    accept: tuple[str, ...] | None,
+    out: Path | None,
+    junit: Path | None,
+    quiet: bool,
+    as_json: bool,
+    **asked: Any,
+) -> int:
+    """Judge the hogel images of any renderer, and say what is wrong with it.
+
+    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'. Exit status 1 if
+    any hogel is missing or exceeds a limit.
+    """
+    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.reports.verification import verify as verified
+    from xfrustum.reports.verification_files import table, write_junit, write_verification
+
+    if junit is not None:
+        check_writable_file(junit)
+    found = verified(scene, accept=accept or (), progress=not quiet, **asked)
+    if out is not None:
+        write_verification(found, out)
+    if junit is not None:
+        write_junit(found, junit)
+    if as_json:
+        options.print_json(found.summary())
+    else:
+        click.echo(table(found))
+    return 0 if found.passed else LIMIT_EXCEEDED
