@@ -6,7 +6,7 @@ Light transport and band limiting change it: they are settings of the scene (`Sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -14,7 +14,9 @@ import numpy as np
 
 from xfrustum.scenes.double_frustum import Camera
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.material import Material
 from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.slabs import slab
 
 
 class Effect(StrEnum):
@@ -54,8 +56,8 @@ def decide(scene: Scene, camera: Camera = Camera.BOTH) -> tuple[Decision, ...]:
     facts = (
         _camera(scene, Effect.C, camera),
         _camera(scene, Effect.C_STAR, camera),
-        _attribute(Effect.SMOOTH_NORMALS, _smooth(scene), "normals of its own"),
-        _attribute(Effect.VERTEX_COLORS, scene.surface.vertex_colors is not None, "vertex colors"),
+        _attribute(Effect.SMOOTH_NORMALS, _has_smooth_triangles(scene), "normals of its own"),
+        _attribute(Effect.VERTEX_COLORS, _has_colors(scene), "colors at its vertices"),
         _attribute(Effect.TEXTURES, scene.surface.texture_of_triangle is not None, "a texture"),
         *(_term(scene, term) for term in (Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR)),
         _reflection(scene),
@@ -92,52 +94,60 @@ def _named(name: str) -> Effect:
 
 def _camera(scene: Scene, effect: Effect, camera: Camera) -> Decision:
     """C draws what is behind the plate, C* what is before it."""
-    behind = effect is Effect.C
+    if camera is not Camera.BOTH and camera.value != effect.value:
+        return Decision(effect=effect, used=False, reason=f"camera {camera} alone is asked for")
     reach_viewer, reach_back = scene.frustum.reach
-    low, high = (-reach_back, 0.0) if behind else (0.0, reach_viewer)
-    lowest, highest = scene.height_ranges
-    count = int(np.count_nonzero((highest >= low) & (lowest <= high)))
-    asked = camera is Camera.BOTH or camera.value == effect.value
-    side = "behind" if behind else "before"
-    reason = f"{count:,} triangles lie {side} the plate within the reach" if count else (
-        f"nothing lies {side} the plate within the reach"
-    )
-    return Decision(
-        effect=effect, used=asked and count > 0, reason=reason if asked else f"camera {camera} is asked for"
-    )
+    behind = effect is Effect.C
+    side = Camera.C if behind else Camera.C_STAR
+    count = slab(scene, side, (0.0, reach_back if behind else reach_viewer)).triangles
+    subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
+    where = f"{'behind' if behind else 'before'} the plate within the reach"
+    return Decision(effect=effect, used=count > 0, reason=f"{subject} {where}")
 
 
-def _smooth(scene: Scene) -> bool:
+def _has_smooth_triangles(scene: Scene) -> bool:
     normals = scene.surface.vertex_normals
-    return normals is not None and bool(np.isfinite(normals).any())
+    if normals is None:
+        return False
+    has_normal = np.asarray(np.isfinite(normals).all(axis=1))
+    return bool(has_normal[scene.faces].all(axis=1).any())
+
+
+def _has_colors(scene: Scene) -> bool:
+    colors = scene.surface.vertex_colors
+    return colors is not None and bool((colors != 1).any())
 
 
 def _attribute(effect: Effect, present: bool, what: str) -> Decision:
-    reason = f"a mesh has {what}" if present else f"no mesh has {what}"
-    return Decision(effect=effect, used=present, reason=reason)
+    return Decision(effect=effect, used=present, reason=f"{'a' if present else 'no'} mesh has {what}")
 
 
 def _term(scene: Scene, term: Effect) -> Decision:
-    """A term of the Phong model is used where a material has a coefficient, and something to light it."""
-    shows = _objects(index for index, m in enumerate(scene.materials) if max(getattr(m, term.value)) > 0)
-    if not shows:
-        return Decision(effect=term, used=False, reason=f"no object's material has a {term} coefficient")
-    lit = term is Effect.AMBIENT or any(max(light.color) > 0 for light in scene.appearance.lights)
-    reason = f"{shows} a {term} coefficient" if lit else "there is no light"
-    return Decision(effect=term, used=lit, reason=reason)
+    """Decide on one term of the Phong model: it needs a coefficient, and but for ambient a light."""
+    owners = _owners(scene, lambda material: max(getattr(material, term.value)) > 0)
+    if not owners:
+        return Decision(effect=term, used=False, reason=f"no object's material has {_A[term]} coefficient")
+    if term is not Effect.AMBIENT and not any(max(light.color) > 0 for light in scene.appearance.lights):
+        return Decision(effect=term, used=False, reason="there is no light")
+    return Decision(effect=term, used=True, reason=f"{owners} {_A[term]} coefficient")
+
+
+_A = {Effect.AMBIENT: "an ambient", Effect.DIFFUSE: "a diffuse", Effect.SPECULAR: "a specular"}
 
 
 def _reflection(scene: Scene) -> Decision:
     environment = scene.appearance.environment
-    mirrors = _objects(index for index, m in enumerate(scene.materials) if max(m.reflectivity) > 0)
-    if environment is None or environment.strength == 0 or not environment.radiance.any():
+    if environment is None:
         return Decision(effect=Effect.REFLECTION, used=False, reason="there is no environment to reflect")
-    if not mirrors:
+    if environment.strength == 0 or not environment.radiance.any():
+        return Decision(effect=Effect.REFLECTION, used=False, reason="the environment is black")
+    owners = _owners(scene, lambda material: max(material.reflectivity) > 0)
+    if not owners:
         return Decision(effect=Effect.REFLECTION, used=False, reason="no object's material is reflective")
-    return Decision(effect=Effect.REFLECTION, used=True, reason=f"{mirrors} a reflectivity")
+    return Decision(effect=Effect.REFLECTION, used=True, reason=f"{owners} a reflectivity")
 
 
-def _objects(indices: Iterable[int]) -> str:
-    """Say how many objects: `one object's material has`, or nothing."""
-    count = sum(1 for _ in indices)
-    return "" if not count else "one object's material has" if count == 1 else f"{count} objects' materials have"
+def _owners(scene: Scene, shows: Callable[[Material], bool]) -> str:
+    """Say how many objects' materials show something, as the start of a sentence; nothing if none does."""
+    count = sum(1 for material in scene.materials if shows(material))
+    return {0: "", 1: "one object's material has"}.get(count, f"{count} objects' materials have")

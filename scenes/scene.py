@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -59,8 +59,9 @@ class SceneObject:
     texture_of_triangle
         (F,) int32 index into `textures`, -1 where a triangle has none; None if the mesh has none.
     vertex_normals
-        (V, 3) float64 unit normals to shade with, on the side that the winding faces; NaN at vertices
-        without, whose triangles are flat; None if the mesh has none.
+        (V, 3) float64 normals to shade with, on the side that the winding faces. Not all of one length:
+        what is interpolated linearly over a triangle, and then made a unit vector, is these. NaN at
+        vertices without, whose triangles are flat; None if the mesh has none.
     vertex_colors
         (V, 3) float64 linear RGB; None if the mesh has none.
 
@@ -98,8 +99,11 @@ class SceneObject:
             )
         for name in ("vertex_normals", "vertex_colors"):
             values = getattr(self, name)
-            if values is not None and np.shape(values) != vertices.shape:
+            if values is None:
+                continue
+            if np.shape(values) != vertices.shape:
                 raise InputError(f"{self.name}: {name} must be one triple per vertex")
+            object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
         object.__setattr__(self, "vertices", read_only(vertices))
         object.__setattr__(self, "faces", read_only(faces))
 
@@ -131,9 +135,9 @@ class Scene:
     objects: tuple[SceneObject, ...]
     units: str = "units"
     source: str = ""
-    appearance: Appearance = Appearance()
-    sampling: Sampling = Sampling()
-    transport: Transport = Transport()
+    appearance: Appearance = field(default_factory=Appearance)
+    sampling: Sampling = field(default_factory=Sampling)
+    transport: Transport = field(default_factory=Transport)
 
     def __post_init__(self) -> None:
         lengths = [*self.plate.size, *self.frustum.reach]

@@ -23,7 +23,7 @@ class SurfaceAttributes:
     Attributes
     ----------
     vertex_normals
-        (V, 3) unit normals, NaN where a vertex has none.
+        (V, 3) normals, not all of one length, NaN where a vertex has none.
     vertex_colors
         (V, 3) linear RGB, one where an object has none.
     uv

@@ -8,6 +8,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
+    explain(scene)                           what a scene calls for, and its cost  -> Plan
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
+    from xfrustum.reports.effects_plan import Plan, explain
     from xfrustum.reports.report import ReportFiles, make_report
     from xfrustum.scenes import (
         Aperture,
@@ -46,12 +48,14 @@ __all__ = [
     "DoubleFrustum",
     "HogelImage",
     "InputError",
+    "Plan",
     "Rasterizer",
     "Reference",
     "ReportFiles",
     "Scene",
     "__version__",
     "compare_images",
+    "explain",
     "make_report",
     "open_scene",
     "read_image",
@@ -61,6 +65,8 @@ __all__ = [
 _MODULES = {
     "Comparison": "compare",
     "compare_images": "compare",
+    "Plan": "reports.effects_plan",
+    "explain": "reports.effects_plan",
     "Rasterizer": "raster",
     "Reference": "reference",
     "ReportFiles": "reports.report",
