@@ -56,6 +56,39 @@ def stage_times(sweep: Sweep) -> go.Figure:
     return figure
 
 
+def number_figure(
+    rows: Sequence[tuple[int, Measurement]], reach: float, number: Number, title: str
+) -> go.Figure:
+    """Draw any number of a row against near, one line for each depth buffer; zeros are left out."""
+    figure = go.Figure()
+    _add_depth_lines(figure, rows, reach, number)
+    figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
+    _log_axes(figure, title)
+    return figure
+
+
+def pair_figure(
+    nears: Sequence[float], measured: Sequence[float], predicted: Sequence[float], title: str
+) -> go.Figure:
+    """Draw a measured number against near, in fractions of the reach, and its closed form, dashed."""
+    figure = go.Figure()
+    for name, values, line in (
+        ("measured", measured, {"color": _COLORS[1], "width": 2}),
+        ("closed form", predicted, {"color": _INK, "width": 2, "dash": "dash"}),
+    ):
+        mode = "lines+markers" if name == "measured" else "lines"
+        figure.add_scatter(
+            x=nears,
+            y=[value or None for value in values],
+            name=name,
+            mode=mode,
+            line=line,
+            hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}",
+        )
+    _log_axes(figure, title)
+    return figure
+
+
 def _fraction_figure(
     rows: Sequence[tuple[int, Measurement]], reach: float, key: str, title: str
 ) -> go.Figure:

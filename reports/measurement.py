@@ -60,6 +60,7 @@ class SettingPictures:
     surface: bytes
     triangle: bytes
     height: bytes
+    radiance: bytes | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,8 +14,10 @@ from xfrustum.reference import Reference
 from xfrustum.reports import images, provenance
 from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
 from xfrustum.reports.progress import progress_bar
+from xfrustum.reports.shading import is_shaded
 from xfrustum.reports.timing import Stopwatch
 from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.effects import chosen
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.hogel_image import HogelImage
 from xfrustum.scenes.plate import Aperture
@@ -62,6 +64,7 @@ def sweep(
     settings: Sequence[DoubleFrustum],
     *,
     tracer: str = "embree",
+    effects: str = "auto",
     progress: bool = False,
 ) -> Sweep:
     """Measure every setting at every aperture.
@@ -74,6 +77,8 @@ def sweep(
         At least one each.
     tracer
         Which reference traces the truth.
+    effects
+        What is simulated, as `--effects` takes it.
     progress
         Show a progress bar on standard error.
 
@@ -84,8 +89,8 @@ def sweep(
     """
     watch = Stopwatch()
     with watch.stage("prepare"):
-        reference = Reference(scene, tracer=tracer)
-        rasterizer = Rasterizer(scene)
+        reference = Reference(scene, tracer=tracer, effects=chosen(scene, effects))
+        rasterizer = Rasterizer(scene, effects=chosen(scene, effects))
     bench = _Bench(scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings)))
     steps = len(apertures) * (1 + len(settings))
     with rasterizer, progress_bar(steps, "report", "image", shown=progress) as bar:
@@ -125,6 +130,7 @@ class _Bench:
 
     def __init__(self, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:
         self._reach = scene.frustum.longest_reach
+        self._shaded = is_shaded(scene)
         self._reference = reference
         self._rasterizer = rasterizer
         self.reduction = reduction
@@ -148,7 +154,10 @@ class _Bench:
         with lap.stage("raster"):
             drawn = self._rasterizer.render(aperture, settings, normals=False, color=True)
         with lap.stage("compare"):
-            comparison = compare_images(self._truth, drawn, self._reference)
+            # Colors that a scene says nothing of say nothing of the raster, and take their time.
+            comparison = compare_images(
+                self._truth, drawn, self._reference, radiance=self._shaded, perceptual=self._shaded
+            )
         with lap.stage("predict"):
             if settings.near not in self._predictions:
                 self._predictions[settings.near] = predict.displacement(self._truth, settings.near)

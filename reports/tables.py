@@ -103,7 +103,9 @@ def _flat_row(row: Measurement, reach: float) -> dict[str, Any]:
 
 def _flatten(key: str, value: Any, group: Sequence[str]) -> dict[str, Any]:
     if isinstance(value, Mapping):
-        return {f"{key}_{name}": item for name, item in value.items()}
+        # What is nested in a group fills columns of its own.
+        parts = [_flatten(f"{key}_{name}", item, ()) for name, item in value.items()]
+        return {name: item for part in parts for name, item in part.items()}
     if group:
         return {f"{key}_{name}": None for name in group}
     return {key: value}

@@ -59,6 +59,7 @@ function numbers(row) {
     <tr><td>wrong surface</td><td colspan="5">${share(c.surface)} of ${c.judged.toLocaleString()} judged pixels</td></tr>
     <tr><td>another triangle</td><td colspan="5">${share(c.triangle)}</td></tr>
     <tr><td>truth shows a surface at</td><td colspan="5">${c.covered.toLocaleString()} pixels; ${c.at_plate.toLocaleString()} drawn in the plate itself</td></tr>
+    ${light(c.radiance)}
     <tr><td>wall time</td><td colspan="5">${time}</td></tr>`;
 }
 
