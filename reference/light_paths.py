@@ -40,6 +40,9 @@ spare. A shadow that begins nearer to its caster than this is lost: some 4e-6 of
 ROULETTE_AFTER, LIKELIEST = 3, 0.95
 """Bounces that every path may make, and the largest chance to go on after them."""
 
+SMALLEST_LOGARITHM = -700.0
+"""Powers below its exponential, 1e-304, are zero: float64 ends at 1e-308."""
+
 LONGEST_PATH = 128
 """Bounces. Light that is scattered more often is left out: of albedo 0.9, 1e-6 of what there is."""
 
@@ -139,7 +142,7 @@ class LightPaths:
                 mi.Vector3d(*light.direction),
                 dr.dot(point.normal, mi.Vector3d(*light.direction)),
             )
-            highlight = dr.power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
+            highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
             lit = active & (cosine > 0.0)
             if transport.shadows:
                 lit = self._sees(point, toward, lit)
@@ -179,3 +182,13 @@ class LightPaths:
     def _ray(self, origin: Any, direction: Any) -> Any:
         mi = backend().mitsuba
         return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+
+
+def power(base: Any, exponent: Any) -> Any:
+    """Return a power of a number between 0 and 1: zero where it falls below what doubles hold.
+
+    There Dr.Jit's own power returns minus infinity or NaN.
+    """
+    dr = backend().drjit
+    within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > SMALLEST_LOGARITHM)
+    return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)

@@ -26,7 +26,7 @@ from tests.lit import (
 )
 from xfrustum.reference import Reference, transport
 from xfrustum.reference.dr_jit import backend
-from xfrustum.reference.light_paths import CLEARANCE, SINGLE
+from xfrustum.reference.light_paths import CLEARANCE, SINGLE, power
 from xfrustum.reference.transport import PathTracer, RadianceEstimate
 from xfrustum.scenes import Scene, SceneObject
 from xfrustum.scenes.light import DirectionalLight
@@ -404,3 +404,12 @@ class TestInterreflection:
         part = some(estimate, seen)
         assert farthest(part, np.broadcast_to(expected, part.mean.shape)) > FALSE_ALARM
         assert np.sqrt(part.variance_of_mean.mean()) < 0.04 * expected.mean()
+
+
+def test_a_highlight_that_dies_out_below_what_doubles_hold_is_dark() -> None:
+    """Powers that underflow are zero, and no infinity."""
+    mi = backend().mitsuba
+    base = np.concatenate(([0.0, 1e-300, 1.0], np.linspace(0.02, 0.04, 4001)))
+    highlight = np.array(power(mi.Float64(base), mi.Float64(200.0)))
+    assert np.isfinite(highlight).all()
+    np.testing.assert_allclose(highlight, np.float_power(base, 200.0), rtol=1e-12, atol=1e-304)
