@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -101,16 +102,43 @@ def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: NDArray[np.
 
 
 def table(budget: Budget) -> str:
-    """Return the budget as aligned lines."""
+    """Return the budget as aligned lines, and below it what was predicted, with the ratios."""
     numbers = budget.summary()
     width = max(map(len, LINKS))
     lines = [f"{numbers['wrong']:,} of {numbers['judged']:,} judged pixels show another triangle"]
     lines.append(f"{'charged to':<{width}}  {'pixels':>9}  {'surface':>9}  {'moves by, px rms':>17}")
     for link in numbers["links"]:
-        moved = link["displacement_rms_px"]
-        text = "-" if moved is None else f"{moved:.3g}"
-        lines.append(f"{link['name']:<{width}}  {link['pixels']:>9,}  {link['surface']:>9,}  {text:>17}")
+        moved = _three_digits(link["displacement_rms_px"])
+        lines.append(f"{link['name']:<{width}}  {link['pixels']:>9,}  {link['surface']:>9,}  {moved:>17}")
     reasons = ", ".join(f"{name} {count:,}" for name, count in numbers["explained"].items())
     lines.append(f"explained: {reasons}; unexplained {numbers['unexplained']:,}")
     lines.append(f"right in the end although some link differed: {numbers['cancelled']:,}")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", *_prediction_lines(numbers["links"], width)])
+
+
+def _prediction_lines(links: Sequence[Mapping[str, Any]], width: int) -> list[str]:
+    """Return predicted, measured and their ratio of each link, for surfaces and for displacement."""
+    three = f"{'predicted':>10} {'measured':>10} {'ratio':>7}"
+    lines = [f"{'':<{width}}  {'wrong surface, pixels':>29}  {'moves by, px rms':>29}"]
+    lines.append(f"{'predicted for':<{width}}  {three}  {three}")
+    for link in links:
+        surface = (link["predicted_surface"], link["surface"])
+        moved = (link["predicted_displacement_rms_px"], link["displacement_rms_px"])
+        columns = [
+            f"{_three_digits(predicted):>10} {_three_digits(measured):>10} {_ratio(predicted, measured):>7}"
+            for predicted, measured in (surface, moved)
+        ]
+        lines.append("  ".join([f"{link['name']:<{width}}", *columns]))
+    return lines
+
+
+def _ratio(predicted: float | None, measured: float | None) -> str:
+    """Write measured over predicted, where there are both."""
+    return _three_digits(measured / predicted) if predicted and measured is not None else "-"
+
+
+def _three_digits(value: float | None) -> str:
+    """Write a number with three digits, without an exponent where it is a count of pixels."""
+    if value is None:
+        return "-"
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"

@@ -102,6 +102,8 @@ def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) 
         "near": row.settings.near,
         "comparison": row.comparison,
         "predicted": row.predicted,
+        "predicted_surface": row.predicted.surface_fraction,
+        "ratio": row.measured_over_predicted,
         "times_s": row.times_s,
         "pictures": {
             f.name: _keep(encoded, pictures)
