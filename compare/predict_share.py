@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.depth_rounding import STEP
-from xfrustum.compare.predict_depth import _spacing, _stored, _variance
+from xfrustum.compare.predict_depth import depth_variance, float32_spacing, stored_depth
 from xfrustum.scenes.double_frustum import Camera, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.hogel_image import HogelImage
@@ -195,9 +195,9 @@ class _Table:
         first, last = _bins(np.array([slab.near, slab.far])).tolist()
         edges = (np.arange(first, last + 2, dtype=np.uint32) << _SHIFT).view(np.float32)
         w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
-        stored, _ = _stored(w, slab.near, slab.far, settings.mapping)
-        error = np.sqrt(2 * _variance(w, stored, slab.near, slab.far, settings.mapping))
-        step = np.maximum(STEP[settings.depth] or _spacing(stored), SMALLEST_STEP * error)
+        stored, _ = stored_depth(w, slab.near, slab.far, settings.mapping)
+        error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, settings.mapping))
+        step = np.maximum(STEP[settings.depth] or float32_spacing(stored), SMALLEST_STEP * error)
         return cls(first=first, step=step, error=error, doubtful=step + CERTAIN * error)
 
     def rows(self, w: Floats) -> NDArray[np.int64]:

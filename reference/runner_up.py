@@ -18,7 +18,7 @@ from xfrustum.reference.cone import Floats
 from xfrustum.reference.exact import ExactPencil
 from xfrustum.reference.footprints import Footprints, footprints
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.narrow_numpy import PAIRS_PER_CHUNK, NumpyNarrowPhase, _Spans
+from xfrustum.reference.narrow_numpy import PAIRS_PER_CHUNK, NumpyNarrowPhase, Spans
 from xfrustum.reference.pairs import Pairs
 from xfrustum.reference.processors import compiled
 from xfrustum.reference.rows import Rows, boxed_rows
@@ -105,7 +105,7 @@ class NumpyRunnersUp(NumpyNarrowPhase):
 
     def add(self, rows: Rows) -> None:
         """Take more triangles into account."""
-        spans = _Spans.of(rows, self._pencil)
+        spans = Spans.of(rows, self._pencil)
         planes = spans.planes(self._pencil)
         lengths = spans.last - spans.first + 1
         ends, start = np.cumsum(lengths), 0

@@ -9,7 +9,7 @@ import numpy as np
 from drjit.llvm import Float64
 
 from xfrustum.reference.cone import Floats
-from xfrustum.reference.narrow_jit import JitNarrowPhase, _Lanes, _walk
+from xfrustum.reference.narrow_jit import JitNarrowPhase, Lanes, walk
 from xfrustum.reference.strict_jit import strict_arithmetic
 
 
@@ -30,7 +30,7 @@ class JitRunnersUp(JitNarrowPhase):
                 dr.eval(second)
             return np.asarray(second.numpy())
 
-    def _lower(self, lanes: _Lanes, before: Any, second: Any) -> None:
+    def _lower(self, lanes: Lanes, before: Any, second: Any) -> None:
         def lower(column: Any) -> None:
             s, error, sure, _ = self._evaluated(lanes, column)
             pixel = lanes.base + column
@@ -39,4 +39,4 @@ class JitRunnersUp(JitNarrowPhase):
             # Direct, as in `add`.
             dr.scatter_reduce(dr.ReduceOp.Min, second, s, pixel, chosen, mode=dr.ReduceMode.Direct)
 
-        _walk(lanes, lower)
+        walk(lanes, lower)

@@ -45,7 +45,7 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class EffectsPlan:
     """What will be simulated of one image, decided before anything runs, and what was measured of it.
 
     Attributes
@@ -92,7 +92,7 @@ def explain(
     tracer: str = "embree",
     repeat: int = REPEAT,
     progress: bool = False,
-) -> Plan:
+) -> EffectsPlan:
     """Say what an image of a scene calls for, and measure what each effect costs here and now.
 
     Parameters
@@ -127,7 +127,7 @@ def explain(
         with progress_bar(steps, "explain", "measurement", shown=progress) as bar:
             rows = [replace(row, costs=_measured(row, used, watches, bar)) for row in rows]
             left_out = watches.of_effects(ALL_EFFECTS, used, bar)
-    return Plan(
+    return EffectsPlan(
         scene=scene,
         aperture=aperture,
         settings=settings,

@@ -7,12 +7,12 @@ from typing import Any
 
 from xfrustum.reports.best import digits
 from xfrustum.reports.effects_cost import PROCEDURE, RENDERERS, Cost
-from xfrustum.reports.effects_plan import Plan
+from xfrustum.reports.effects_plan import EffectsPlan
 from xfrustum.reports.tables import json_ready
 from xfrustum.scenes.double_frustum import Camera
 
 
-def summary(plan: Plan) -> dict[str, Any]:
+def summary(plan: EffectsPlan) -> dict[str, Any]:
     """Return the plan as one JSON object."""
     sampling, transport = plan.scene.sampling, plan.scene.transport
     ready: dict[str, Any] = json_ready(
@@ -54,7 +54,7 @@ def summary(plan: Plan) -> dict[str, Any]:
     return ready
 
 
-def table(plan: Plan) -> str:
+def table(plan: EffectsPlan) -> str:
     """Return the plan as text: the effects, then what is drawn, sampled and traced."""
     lines = [("effect", "", *(f"{name}" for name in RENDERERS), "because")]
     lines += [
@@ -71,7 +71,7 @@ def table(plan: Plan) -> str:
     return "\n".join((*(row.rstrip() for row in rows), "", *_sentences(plan)))
 
 
-def _sentences(plan: Plan) -> Iterator[str]:
+def _sentences(plan: EffectsPlan) -> Iterator[str]:
     units, sampling, transport = plan.scene.units, plan.scene.sampling, plan.scene.transport
     for slab in plan.slabs:
         low, high = (digits(height) for height in slab.heights)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum import cli_checks, cli_explain, cli_light
+from xfrustum import cli_checks, cli_explain, cli_light, cli_plan, cli_study
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
@@ -189,6 +189,8 @@ for _command in (
     cli_checks.bench,
     cli_explain.explain,
     cli_light.figure7,
+    cli_plan.plan,
+    cli_study.study,
 ):
     cli.add_command(_command)
 
