@@ -240,7 +240,12 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
     assert Silhouettes(truth, scene.frustum).wrong_pixels(settings) == pytest.approx(measured, rel=STAIRS)
 
 
-@pytest.mark.parametrize("name", [*builtin.names(), *SHARED_SCENES])
+ALONG_THE_GRID = {"grating"}
+"""Scenes all of whose outlines run along the pixels' rows and columns: there the mean over all places of a
+contour on the grid, which is predicted, says nothing of the one place that is measured."""
+
+
+@pytest.mark.parametrize("name", [n for n in (*builtin.names(), *SHARED_SCENES) if n not in ALONG_THE_GRID])
 def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
     scene = view(name, (256, 192))
     reference = Reference(scene)
