@@ -45,6 +45,8 @@ class LeftOut:
         change, differs = self.difference.mean, self.noise.differs
         brightness = float(np.mean(self.without))
         mean = float(np.mean(change))
+        # Noise adds its variance to the mean square, whether or not anything changes.
+        noise = float(np.mean(self.difference.variance_of_mean))
         return {
             "shadows": self.transport.shadows,
             "interreflection": self.transport.interreflection,
@@ -54,8 +56,8 @@ class LeftOut:
             "brighter": int((differs & (change.mean(axis=-1) > 0)).sum()),
             "mean": mean,
             "mean_of_image": mean / brightness if brightness else None,
-            "rms": float(np.sqrt(np.mean(change**2))),
-            "rms_noise": float(np.sqrt(np.mean(self.difference.variance_of_mean))),
+            "rms": float(np.sqrt(max(float(np.mean(change**2)) - noise, 0.0))),
+            "rms_noise": float(np.sqrt(noise)),
             "alpha": self.noise.summary()["alpha"],
         }
 

@@ -8,7 +8,7 @@ from itertools import product
 from typing import Any
 
 from xfrustum.compare.plan_measure import measured, meets
-from xfrustum.compare.plan_reason import Outcome, why, why_not
+from xfrustum.compare.plan_reason import Outcome, disproved, why, why_not
 from xfrustum.compare.plan_search import MOST_CUTS, SEPARATION_MARGIN, Attempt, DepthBuffer, Search
 from xfrustum.compare.plan_views import Quality, Requirement, Views
 from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
@@ -122,6 +122,8 @@ def plan(
             reason=why_not(found, views, requirement),
         )
     result = measured(views, best.settings, requirement, done)
+    reason = why(found, views, requirement)
+    within = meets(result, requirement)
     return Plan(
         near=best.settings.near,
         slabs=best.settings.slabs,
@@ -129,8 +131,8 @@ def plan(
         mapping=best.settings.mapping,
         predicted=best.predicted,
         measured=result,
-        within=meets(result, requirement),
-        reason=why(found, views, requirement),
+        within=within,
+        reason=reason if within else f"{reason} {disproved(result, requirement)}",
     )
 
 

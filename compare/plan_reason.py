@@ -16,7 +16,8 @@ from xfrustum.compare.plan_search import (
     Attempt,
     DepthBuffer,
 )
-from xfrustum.compare.plan_views import Requirement, Views
+from xfrustum.compare.plan_views import Quality, Requirement, Views
+from xfrustum.compare.predict_depth import MISORDERED
 from xfrustum.scenes.double_frustum import DoubleFrustum
 
 MOST_SPELLED = 4
@@ -76,6 +77,21 @@ def why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
         f"No plan with up to {MOST_CUTS} cuts: even {_spelled(nearest.settings)} "
         f"would {_shortfall(nearest, requirement, separation, units)}."
     )
+
+
+def disproved(measured: Quality, requirement: Requirement) -> str:
+    """Say which requirement a plan that was predicted to hold does not meet when it is measured."""
+    parts = []
+    if measured.displacement_p99_px > requirement.tolerance_px:
+        parts.append(
+            f"one pixel in a hundred is displaced by {measured.displacement_p99_px:.2g} px "
+            "(the rounding of 32-bit positions is in it)"
+        )
+    if measured.depth_wrong > requirement.max_wrong:
+        parts.append(f"{measured.depth_wrong:.2g} of all pixels are wrong by depth")
+    if measured.misordered > MISORDERED:
+        parts.append(f"{measured.misordered:.2g} of the sheets' pixels are out of order")
+    return f"But measured it does not hold: {' and '.join(parts)}."
 
 
 def _at_plate(views: Views) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.plan_displacement import displacement_bound, traced_displacement
 from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
-from xfrustum.compare.predict_share import DRAW_ORDER, Slab, depth_wrong_share, slabs
+from xfrustum.compare.predict_share import Slab, depth_wrong_share, slabs
 from xfrustum.reference import Reference
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.errors import InputError
@@ -178,8 +178,10 @@ class Views:
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
         frustum = self.scene.frustum
-        shares = (depth_wrong_share(view.truth, view.gaps, frustum, settings) for view in self.views)
-        return DRAW_ORDER * max(shares, default=0.0)
+        shares = (
+            depth_wrong_share(view.truth, view.gaps, frustum, settings, unlucky=True) for view in self.views
+        )
+        return max(shares, default=0.0)
 
     def separation(self, settings: DoubleFrustum) -> float:
         """Return the predicted smallest separation at the farthest surface of the worst camera and slab."""

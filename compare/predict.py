@@ -149,7 +149,8 @@ class Predictor:
             if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:
                 w = np.array([farthest[slab.camera] + slab.step])
                 there = smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping)
-                found.setdefault(slab.camera, float(there[0]))
+                # A surface at a cut is drawn by both slabs, by one of them as its nearest.
+                found[slab.camera] = min(found.get(slab.camera, np.inf), float(there[0]))
         return Separations(c=found.get(Camera.C), c_star=found.get(Camera.C_STAR))
 
 

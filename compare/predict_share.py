@@ -9,8 +9,8 @@ A pixel's surface is at stake in two ways (design, section 4):
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from scipy.special import ndtr
 from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.depth_rounding import STEP
 from xfrustum.compare.predict_depth import depth_variance, float32_spacing, stored_depth
-from xfrustum.scenes.double_frustum import Camera, DepthMapping, DoubleFrustum, Offset
+from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.hogel_image import HogelImage
 
@@ -85,8 +85,12 @@ def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
                 yield Slab(camera=camera, low=nearest, high=high, step=step, near=near, far=high + step)
 
 
-def depth_wrong_share(truth: HogelImage, gaps: Floats, frustum: Frustum, settings: DoubleFrustum) -> float:
+def depth_wrong_share(
+    truth: HogelImage, gaps: Floats, frustum: Frustum, settings: DoubleFrustum, *, unlucky: bool = False
+) -> float:
     """Return the expected share of judged pixels that the depth buffer alone shows wrongly.
+
+    That is wrongly with these settings, and rightly with linear D32F depth (design, section 4).
 
     Parameters
     ----------
@@ -98,11 +102,13 @@ def depth_wrong_share(truth: HogelImage, gaps: Floats, frustum: Frustum, setting
         The scene's.
     settings
         How the two cameras draw.
+    unlucky
+        Whether all equal depths count, as if what must not show were always drawn first. Else they
+        count half: the draw order is not known.
 
     Returns
     -------
-    Between 0 and 1; 0 where no pixel is judged. Equal depths count half: the draw order is not known;
-    the share is never more than `DRAW_ORDER` times as large.
+    Between 0 and 1; 0 where no pixel is judged.
 
     Notes
     -----
@@ -114,23 +120,53 @@ def depth_wrong_share(truth: HogelImage, gaps: Floats, frustum: Frustum, setting
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
     A surface is lost where its depth is rounded to the clear value, within half a step of it. Errors of
-    that depth have variance e^2 / 2.
+    that depth have variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it.
+
+    What linear depth gets wrong too is taken off as if it were the same pixels: those that come too close
+    to the far plane, or to each other, for any format.
     """
     judged = judged_pixels(truth)
     count = int(judged.sum())
     height = truth.height.astype(np.float64)
+    control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+    order = DRAW_ORDER if unlucky else 1.0
     expected = 0.0
     for camera, here in ((Camera.C, judged & (height <= 0)), (Camera.C_STAR, judged & (height > 0))):
+        own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
         distance, gap = np.abs(height[here]), gaps[here]
-        for slab in slabs(frustum, settings):
-            if slab.camera is camera:
-                inside = (distance <= slab.high) & (distance >= slab.low)
-                expected += _expected(slab, distance[inside], gap[inside], settings)
+        wrong = chances(own, distance, gap, settings, order)
+        at = np.flatnonzero(wrong)
+        anyway = chances(own, distance[at], gap[at], control, order)
+        expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
     return expected / count if count else 0.0
 
 
-def _expected(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum) -> float:
-    """Return how many of some surfaces of one slab are expected to be shown wrongly."""
+def chances(
+    own: Sequence[Slab], distance: Floats, gap: Floats, settings: DoubleFrustum, order: float
+) -> Floats:
+    """Return the chance of each surface to be shown wrongly by the slabs of its camera, (N,).
+
+    Parameters
+    ----------
+    own
+        Of one camera.
+    distance, gap
+        (N,) |z| of the surfaces, and how far behind them the camera sees the next.
+    settings
+        How it draws.
+    order
+        How many times as often as in unknown draw order equal depths are wrong, 1 to `DRAW_ORDER`.
+    """
+    least = np.full(len(distance), np.inf)
+    for slab in own:
+        inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
+        chance = _chance(slab, distance[inside], gap[inside], settings, order)
+        least[inside] = np.minimum(least[inside], chance)
+    return np.where(np.isfinite(least), least, 0.0)
+
+
+def _chance(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum, order: float) -> Floats:
+    """Return the chance of each surface of one slab to be shown wrongly."""
     w = distance + slab.step
     known = _Table.of(slab, settings)
     row = known.rows(w)
@@ -147,8 +183,9 @@ def _expected(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum
     close = apart < known.doubtful[row[paired]]
     at = paired[close]
     # Of what is not lost.
-    wrong[at] += (1 - wrong[at]) * _misordered(apart[close], known.step[row[at]], known.error[row[at]])
-    return float(wrong.sum())
+    misordered = order * _misordered(apart[close], known.step[row[at]], known.error[row[at]])
+    wrong[at] += (1 - wrong[at]) * np.minimum(misordered, 1.0)
+    return wrong
 
 
 def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mapping: DepthMapping) -> Floats:

@@ -45,7 +45,8 @@ class Target:
         Format of the depth buffer.
     samples
         Coverage samples, 1 for none; color is their mean. Identities and positions of such a target
-        cannot be read: a pixel has several.
+        cannot be read: a pixel has several. A device may store more than are asked for: `samples` is what
+        it stores.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
@@ -65,6 +66,7 @@ class Target:
         GL.glBindTexture(self._kind, texture)
         if self.samples > 1:
             GL.glTexStorage2DMultisample(self._kind, self.samples, internal, *self.size, True)
+            self.samples = int(GL.glGetTexLevelParameteriv(self._kind, 0, GL.GL_TEXTURE_SAMPLES))
             return
         GL.glTexStorage2D(self._kind, 1, internal, *self.size)
         # Integer textures are complete, and can be sampled, only without filtering.

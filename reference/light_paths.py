@@ -76,7 +76,10 @@ class LightPaths:
         )
         self._surfaces = Surfaces(scene, self.scale)
         names = ("ambient", "diffuse", "specular", "reflectivity", "exponent")
-        tables = {name: Table(np.array([getattr(m, name) for m in scene.materials])) for name in names}
+        tables = {
+            name: Table(np.array([getattr(m, name) for m in scene.materials], dtype=np.float64))
+            for name in names
+        }
         self._material = _Coefficients(**tables)
         self._lights = scene.appearance.lights
         environment = scene.appearance.environment
@@ -145,7 +148,9 @@ class LightPaths:
             highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
             lit = active & (cosine > 0.0)
             if transport.shadows:
-                lit = self._sees(point, toward, lit)
+                # Light under its own triangle, by a smooth normal, is not hidden by that triangle.
+                under = dr.dot(point.side, toward) <= 0.0
+                lit = lit & (under | self._sees(point, toward, lit))
             shown = mi.Vector3d(*light.color) * (diffuse * cosine + specular * highlight)
             radiance = radiance + dr.select(lit, shown, 0.0)
         if self._surroundings is not None:
@@ -185,10 +190,11 @@ class LightPaths:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """Return a power of a number between 0 and 1: zero where it falls below what doubles hold.
+    """Return a power of a cosine, at most one: zero where it falls below what doubles hold.
 
-    There Dr.Jit's own power returns minus infinity or NaN.
+    There Dr.Jit's own power returns minus infinity or NaN; and rounding takes cosines beyond one.
     """
     dr = backend().drjit
+    base = dr.minimum(base, 1.0)
     within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > SMALLEST_LOGARITHM)
     return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)

@@ -154,7 +154,8 @@ class Shader:
             color += diffuse * np.maximum(cosine, 0.0)[:, None]
         if Effect.SPECULAR in self._effects:
             toward_eye = -surface.shrink * (surface.direction @ toward)
-            along = 2.0 * facing * cosine - toward_eye
+            # Rounding takes cosines beyond one, and large exponents what is beyond to infinity.
+            along = np.minimum(2.0 * facing * cosine - toward_eye, 1.0)
             highlight = np.zeros(len(along))
             exponent = self._exponents[0 if surface.material is None else surface.material]
             np.power(along, exponent, out=highlight, where=(cosine > 0) & (along > 0))

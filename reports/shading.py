@@ -113,7 +113,8 @@ class ShadingReport:
             yield (
                 f"Aperture {part.aperture.column},{part.aperture.row}: light transport changes "
                 f"{numbers['pixels']:,} pixels ({percent(numbers['pixels'] / pixels)}), "
-                f"{numbers['darker']:,} of them to darker; rms {digits(numbers['rms'])} in radiance."
+                f"{numbers['darker']:,} of them to darker; rms {digits(numbers['rms'])} in radiance, "
+                f"after noise of {digits(numbers['rms_noise'])} is taken off."
             )
 
 

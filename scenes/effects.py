@@ -82,14 +82,19 @@ def chosen(scene: Scene, names: str, camera: Camera = Camera.BOTH) -> frozenset[
         return needed(scene, camera)
     if names == "all":
         return ALL_EFFECTS
-    return frozenset(_named(name.strip()) for name in names.split(","))
+    asked = [name.strip() for name in names.split(",")]
+    if {"auto", "all"} & set(asked):
+        raise InputError(f"effects are auto, or all, or names between commas, and no mixture: not {names!r}")
+    return frozenset(_named(name) for name in asked)
 
 
 def _named(name: str) -> Effect:
     try:
         return Effect(name)
     except ValueError as error:
-        raise InputError(f"no effect is called {name!r}; there are auto, all, {', '.join(Effect)}") from error
+        raise InputError(
+            f"no effect is called {name!r}; use auto, or all, or names out of {', '.join(Effect)}"
+        ) from error
 
 
 def _camera(scene: Scene, effect: Effect, camera: Camera) -> Decision:

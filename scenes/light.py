@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.material import Color
 
+BRIGHTEST = 1e30
+"""Radiance: sums and products with coefficients stay within float32's range in pictures, 3e38."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DirectionalLight:
@@ -64,7 +67,7 @@ class Environment:
     Raises
     ------
     InputError
-        Another shape, or radiance that is negative or not finite.
+        Another shape, or radiance that is negative, not finite, or beyond `BRIGHTEST`.
     """
 
     radiance: NDArray[np.float32]
@@ -79,6 +82,11 @@ class Environment:
             raise InputError(f"{self.name}: radiance must be finite and not negative; repair the map")
         if not (math.isfinite(self.strength) and self.strength >= 0):
             raise InputError(f"strength must be a number of at least 0, not {self.strength}")
+        if self.strength * float(radiance.max()) > BRIGHTEST:
+            raise InputError(
+                f"{self.name}: strength {self.strength} makes the map brighter than 32-bit images can hold; "
+                f"at most {BRIGHTEST:.0e} in all"
+            )
         radiance.flags.writeable = False
         object.__setattr__(self, "radiance", radiance)
 

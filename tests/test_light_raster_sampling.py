@@ -139,11 +139,13 @@ def interior(image: HogelImage) -> NDArray[np.bool_]:
     return np.asarray(same & image.covered)
 
 
-def test_multisampling_shades_and_reflects_as_one_sample_does_away_from_edges() -> None:
+@pytest.mark.parametrize("samples", [2, 3, FOUR])
+def test_multisampling_shades_and_reflects_as_one_sample_does_away_from_edges(samples: int) -> None:
+    """However many more samples the device stores than are asked for."""
     scene = dressed_scene("asymmetric", (192, 144))
     with Rasterizer(scene) as raster:
         plain = raster.render(scene.plate.middle, SETTINGS)
-        several = color(raster, multisample=FOUR)
+        several = color(raster, multisample=samples)
     # A triangle that the plate cuts is drawn in parts, which meet within it.
     lowest, highest = scene.height_ranges[:, plain.triangle]
     inside = interior(plain) & (lowest * highest > 0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tests.views import at, soup, view
 from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
-from xfrustum.compare.predict_share import DRAW_ORDER, depth_wrong_share, slabs
+from xfrustum.compare.predict_share import DRAW_ORDER, chances, depth_wrong_share, slabs
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -46,6 +46,13 @@ def share(height: float, gap: float, settings: DoubleFrustum) -> float:
     return depth_wrong_share(truth, np.full(truth.covered.shape, gap), FRUSTUM, settings)
 
 
+def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
+    """Return the chance of one surface to be shown wrongly, be it by linear depth as well."""
+    camera = Camera.C if height < 0 else Camera.C_STAR
+    own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
+    return float(chances(own, np.array([abs(height)]), np.array([gap]), settings, 1.0)[0])
+
+
 @pytest.mark.parametrize(("depth", "mapping"), EVERY)
 @pytest.mark.parametrize("height", [-70.0, 90.0])
 def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
@@ -53,9 +60,9 @@ def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
 ) -> None:
     """Near of a tenth of the reach: nothing is lost, and half of all is `DRAW_ORDER` times less than all."""
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
-    assert share(height, 0.0, settings) == pytest.approx(1 / DRAW_ORDER, abs=1e-3)
-    assert share(height, 5.0, settings) < 1e-9
-    assert share(height, math.inf, settings) < 1e-9
+    assert chance(height, 0.0, settings) == pytest.approx(1 / DRAW_ORDER, abs=1e-3)
+    assert chance(height, 5.0, settings) < 1e-9
+    assert chance(height, math.inf, settings) < 1e-9
 
 
 @pytest.mark.parametrize(("depth", "mapping"), EVERY)
@@ -69,8 +76,8 @@ def test_at_the_smallest_separation_about_a_percent_is_wrong(
     reach = FRUSTUM.reach[0] if height > 0 else FRUSTUM.reach[1]
     w = np.array([abs(height) + 10.0])
     smallest = float(smallest_separation(w, 10.0, 10.0 + reach, depth, mapping)[0])
-    assert DRAW_ORDER * share(height, smallest, settings) < 5 * MISORDERED
-    assert DRAW_ORDER * share(height, smallest / 2, settings) > MISORDERED
+    assert DRAW_ORDER * chance(height, smallest, settings) < 5 * MISORDERED
+    assert DRAW_ORDER * chance(height, smallest / 2, settings) > MISORDERED
 
 
 def test_surfaces_in_different_slabs_are_never_misordered() -> None:
@@ -81,6 +88,31 @@ def test_surfaces_in_different_slabs_are_never_misordered() -> None:
     for inside, across in ((-49.99, -49.9996), (50.01, 50.0004)):
         assert share(inside, 0.0005, settings) > share(inside, math.inf, settings) + 0.1
         assert share(across, 0.0005, settings) == share(across, math.inf, settings) < 0.6
+
+
+@pytest.mark.parametrize(("depth", "mapping"), EVERY)
+def test_what_linear_depth_cannot_tell_apart_either_is_not_charged(
+    depth: DepthFormat, mapping: DepthMapping
+) -> None:
+    settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
+    assert share(-70.0, 0.0, settings) == pytest.approx(0.0, abs=1e-3)
+    control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+    assert share(-70.0, 1e-6, control) == 0.0
+
+
+def test_no_more_than_all_pixels_are_wrong_however_unlucky_the_draw_order() -> None:
+    truth = level(-70.0)
+    close, starved = np.full(truth.covered.shape, 1e-3), DoubleFrustum(near=1e-5, depth=DepthFormat.D16)
+    assert depth_wrong_share(truth, close, FRUSTUM, starved, unlucky=True) == pytest.approx(1.0, abs=1e-6)
+    settings = replace(starved, near=1.0, mapping=DepthMapping.LINEAR)
+    likely, worst = (depth_wrong_share(truth, close, FRUSTUM, settings, unlucky=u) for u in (False, True))
+    assert likely > 0.05 and worst == pytest.approx(DRAW_ORDER * likely, rel=0.01)
+
+
+@pytest.mark.parametrize("height", [-50.0, 50.0])
+def test_a_sheet_at_a_cut_is_drawn_by_the_slab_that_does_not_lose_it(height: float) -> None:
+    settings = DoubleFrustum(near=1.0, depth=DepthFormat.D16, slabs=(50.0,))
+    assert share(height, math.inf, settings) < 1e-6
 
 
 def test_what_is_lost_is_near_the_clear_value_of_its_camera() -> None:

@@ -268,6 +268,7 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
             continue
         ratios.append(predicted / measured)
     LOG.info(f"{name}: predicted over measured {', '.join(f'{ratio:.2f}' for ratio in ratios)}")
+    assert ratios or name in {"empty", "truck"}  # nothing to see; under forty pixels at this size
     assert all(1 / FACTOR <= ratio <= FACTOR for ratio in ratios)
 
 

@@ -242,9 +242,12 @@ class TestShadows:
         np.testing.assert_allclose(both[covered], (one + other)[covered] - 0.1, rtol=1e-9)
 
     @pytest.mark.parametrize("center", [(-3.0, 5.0, -55.0), (9.0, 0.0, 45.0), (0.0, 0.0, -1000.0)])
-    def test_what_is_convex_throws_none_on_itself(self, center: tuple[float, float, float]) -> None:
-        """Flat facets: those that face the light are lit whole, however its ray starts."""
-        part = ball(center, 0.3 * abs(center[2]), "paint", 4, smooth=False)
+    @pytest.mark.parametrize("smooth", [False, True])
+    def test_what_is_convex_throws_none_on_itself(
+        self, center: tuple[float, float, float], smooth: bool
+    ) -> None:
+        """What faces the light is lit whole, however its ray starts, and whichever way its facet looks."""
+        part = ball(center, 0.3 * abs(center[2]), "paint", 4, smooth=smooth)
         frustum = replace(CENTERED, resolution=(64, 48), reach=(100.0, 2000.0))
         scene = lit(part, frustum=frustum, paint=PAINT)
         plain, shadowed = (

@@ -23,10 +23,12 @@ float angle_of(float x, float y) {
     return y < 0.0 ? -angle : angle;
 }
 
-// A cosine to a power above 0; 0 where the cosine is not positive. The logarithm is that of
-// 2 atanh((m - 1) / (m + 1)), which keeps its digits near one, where highlights are.
+// A cosine to a power above 0; 0 where the cosine is not positive, and no more than 1: rounding takes
+// cosines beyond one. The logarithm is that of 2 atanh((m - 1) / (m + 1)), which keeps its digits near
+// one, where highlights are.
 float power(float cosine, float exponent) {
     if (!(cosine > 0.0)) return 0.0;
+    if (cosine >= 1.0) return 1.0;
     int scale;
     precise float m = frexp(cosine, scale);
     if (m < 0.70710678) {

@@ -75,7 +75,7 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
     return 0 if check.agrees else LIMIT_EXCEEDED
 
 
-@click.group()
+@click.group(no_args_is_help=False)
 def bench() -> None:
     """Measure speed, here and now."""
 

@@ -100,9 +100,11 @@ class Light:
         Raises
         ------
         click.UsageError
-            The command line asks for it, but for another tracer.
+            The command line asks for it, but for another tracer, or not for all effects.
         """
         asked = scene.transport.shadows or scene.transport.interreflection
+        if asked and tracer == "mitsuba" and self.effects != "auto":
+            raise click.UsageError("light paths take every effect: leave out --effects, or light transport")
         if not asked or tracer == "mitsuba":
             return asked
         if self.shadows or self.interreflection:

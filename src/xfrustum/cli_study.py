@@ -11,7 +11,7 @@ import click
 from xfrustum import cli_options as options
 
 
-@click.group()
+@click.group(no_args_is_help=False)
 def study() -> None:
     """Measure maps over many scenes and settings."""
 
