@@ -9,7 +9,7 @@ import numpy as np
 from xfrustum.raster.cameras import Matrix, SlabCamera, clip_from_scene, slab_cameras
 from xfrustum.raster.depth_formats import MAPPINGS, DepthTest, farthest_wins, nearest_wins
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
-from xfrustum.scenes.light import DEFAULT_LIGHT
+from xfrustum.scenes.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
@@ -30,8 +30,8 @@ class Pass:
         Which of two surfaces wins.
     front_face
         Which window winding faces the camera.
-    light
-        Toward the light: L for C, the pseudoscopic L* for C* (paper, section 3, figure 3).
+    orthoscopic
+        C, else C*: for it lights are pseudoscopic (paper, section 3, figure 3).
     """
 
     clip_from_scene: Matrix
@@ -39,26 +39,40 @@ class Pass:
     heights: tuple[float, float]
     test: DepthTest
     front_face: str
-    light: tuple[float, float, float]
+    orthoscopic: bool
+
+    @property
+    def line_of_pixel(self) -> Matrix:
+        """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward.
+
+        The camera's position is the point without x, y and w in clip coordinates, and what lies at
+        depth w along a direction d from it has w (u, v, 1): d is what the matrix makes (u, v, 1) of.
+        """
+        return np.asarray(np.linalg.inv(self.clip_from_scene[np.ix_((0, 1, 3), (0, 1, 2))]), np.float64)
 
 
-def drawing_order(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> list[Pass]:
+def drawing_order(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[Pass]:
     """Return the passes of an image, from the back.
 
     C from its outermost slab inward, then C* from its innermost outward: what comes later is nearer
-    to the viewer and overlays. Slabs in which the scene has nothing are left out.
+    to the viewer and overlays. Slabs in which the scene has nothing are left out, and so are cameras
+    that are not among the effects.
     """
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
     chosen = {Camera.BOTH: [*reversed(c), *c_star], Camera.C: [*reversed(c)], Camera.C_STAR: c_star}
-    passes = [_pass(scene, aperture, settings, camera) for camera in chosen[settings.camera]]
+    cameras = [
+        x for x in chosen[settings.camera] if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
+    ]
+    passes = [_pass(scene, aperture, settings, camera) for camera in cameras]
     return [camera for camera in passes if _occupied(scene, camera.heights)]
 
 
 def _pass(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
     mapping = MAPPINGS[settings.mapping]
-    x, y, z = DEFAULT_LIGHT.direction
     low, high = camera.heights
     return Pass(
         clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
@@ -66,7 +80,7 @@ def _pass(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: Sla
         heights=(-high, -low) if camera.orthoscopic else (low, high),
         test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
         front_face="ccw" if camera.orthoscopic else "cw",
-        light=(x, y, z) if camera.orthoscopic else (-x, -y, -z),
+        orthoscopic=camera.orthoscopic,
     )
 
 

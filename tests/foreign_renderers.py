@@ -27,6 +27,7 @@ from xfrustum.scenes.double_frustum import Fit, Pivot
 from xfrustum.scenes.frustum import Screen
 from xfrustum.scenes.hogel_image import NOTHING
 from xfrustum.scenes.light import DEFAULT_LIGHT
+from xfrustum.scenes.material import DEFAULT_MATERIAL
 
 INVISIBLE = 1e-5
 """Near offset as a part of the reach that moves no pixel of these scenes by what has a name."""
@@ -175,10 +176,17 @@ def unconjugated(front: HogelImage) -> NDArray[np.float32]:
     camera, light = front.camera, np.asarray(DEFAULT_LIGHT.direction)
     normal = np.nan_to_num(front.normal).astype(np.float64)
     toward = front.position.astype(np.float64) - (camera.aperture.x, camera.aperture.y, 0.0)
+    with np.errstate(invalid="ignore"):
+        eye = -np.nan_to_num(toward / np.linalg.norm(toward, axis=-1, keepdims=True))
     # The normal is turned to C*, at the plate.
-    turned = np.where(np.einsum("...i,...i->...", normal, np.nan_to_num(toward)) > 0, -1.0, 1.0)
-    lambert = np.maximum(turned * (normal @ light), 0.0)
-    gray = DEFAULT_LIGHT.albedo * (DEFAULT_LIGHT.ambient + (1 - DEFAULT_LIGHT.ambient) * lambert)
+    normal *= np.where(np.einsum("...i,...i->...", normal, eye) < 0, -1.0, 1.0)[..., None]
+    cosine = normal @ light
+    mirrored = 2 * np.einsum("...i,...i->...", normal, eye)[..., None] * normal - eye
+    highlight = np.where(cosine > 0, np.maximum(mirrored @ light, 0.0) ** DEFAULT_MATERIAL.exponent, 0.0)
+    ambient, diffuse, specular = (
+        getattr(DEFAULT_MATERIAL, term)[0] for term in ("ambient", "diffuse", "specular")
+    )
+    gray = ambient + diffuse * np.maximum(cosine, 0.0) + specular * highlight
     gray = np.where(front.triangle == NOTHING, 0.0, gray)
     return np.repeat(gray[..., None], 3, axis=-1).astype(np.float32)
 
