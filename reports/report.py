@@ -38,6 +38,8 @@ class ReportFiles:
         The object in report.json.
     notes
         Further sentences: of a shaded scene, the time that effects take, and what is left out.
+    cost
+        What the sweep took, in words.
     """
 
     html: Path
@@ -47,6 +49,7 @@ class ReportFiles:
     sentence: str
     content: dict[str, Any]
     notes: tuple[str, ...]
+    cost: str
 
 
 def default_folder(scene: Scene) -> Path:
@@ -114,6 +117,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
         content=content,
         notes=tuple(shading.sentences()) if shading else (),
+        cost=measured.cost_sentence,
     )
 
 
