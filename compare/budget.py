@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.chain import DEPTH, LINKS, RASTERIZATION, Chain
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.displacement import displacement
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.explain import Explanation, explain
 from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.predict import LinkPrediction, Predictor

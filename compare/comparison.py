@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.displacement import Spread, displacement
-from xfrustum.compare.film import shows_point_on_film
+from xfrustum.compare.displacement import Spread
+from xfrustum.compare.error_maps import ErrorMaps, error_maps
 from xfrustum.compare.radiance import RadianceError, compare_radiance
-from xfrustum.compare.surface import wrong_surface
 from xfrustum.reference import Reference
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
@@ -23,34 +22,6 @@ class HeightError:
 
     rms: float
     max: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ErrorMaps:
-    """Each error as an image.
-
-    Attributes
-    ----------
-    judged
-        (H, W) pixels whose truth is no tie.
-    surface
-        (H, W) pixels that show the wrong surface; None where the scene was not at hand.
-    triangle
-        (H, W) pixels that show another triangle number.
-    displacement
-        (H, W, 2) columns and rows in pixels, NaN where undefined.
-    height
-        (H, W) raster minus truth, NaN where they do not show the same triangle.
-    radiance
-        (H, W, 3) raster minus truth, NaN where it is not judged; None where it was not compared.
-    """
-
-    judged: NDArray[np.bool_]
-    surface: NDArray[np.bool_] | None
-    triangle: NDArray[np.bool_]
-    displacement: NDArray[np.float64]
-    height: NDArray[np.float64]
-    radiance: NDArray[np.float64] | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,40 +114,24 @@ def compare_images(
         )
     _check_same_question(truth, raster)
     _check_numbers(raster, reference)
-    judged = judged_pixels(truth)
-    surface = wrong_surface(truth, raster, reference) & judged if reference else None
     numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
-    triangle = (truth.triangle != raster.triangle) & judged & numbered
-    shift = displacement(raster, truth.camera)
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
-    height = _height_map(truth, raster, judged)
+    maps, lengths = error_maps(truth, raster, reference, numbered=numbered)
+    if colors:
+        maps = replace(maps, radiance=colors.error)
     return Comparison(
-        pixels=judged.size,
-        judged=int(judged.sum()),
+        pixels=maps.judged.size,
+        judged=int(maps.judged.sum()),
         covered=int(truth.covered.sum()),
         at_plate=int((raster.covered & (raster.height == 0)).sum()),
-        surface_wrong=None if surface is None else int(surface.sum()),
-        triangle_wrong=int(triangle.sum()) if numbered else None,
-        displacement_px=Spread.of(np.hypot(*np.moveaxis(shift[shows_point_on_film(raster)], -1, 0))),
-        height=_height_error(height[np.isfinite(height)]),
+        surface_wrong=None if maps.surface is None else int(maps.surface.sum()),
+        triangle_wrong=int(maps.triangle.sum()) if numbered else None,
+        displacement_px=Spread.of(lengths),
+        height=_height_error(maps.height[np.isfinite(maps.height)]),
         radiance=colors,
         certainty=_certainty_counts(truth),
-        maps=ErrorMaps(
-            judged=judged,
-            surface=surface,
-            triangle=triangle,
-            displacement=shift,
-            height=height,
-            radiance=colors.error if colors else None,
-        ),
+        maps=maps,
     )
-
-
-def judged_pixels(truth: HogelImage) -> NDArray[np.bool_]:
-    """Return the pixels whose truth is no tie, (H, W)."""
-    if truth.certainty is None:
-        return np.ones(truth.triangle.shape, dtype=np.bool_)
-    return np.not_equal(truth.certainty, Certainty.TIE)
 
 
 def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:
@@ -203,14 +158,6 @@ def _check_numbers(raster: HogelImage, reference: Reference | None) -> None:
             f"the raster names triangle {raster.triangle.max()}, the scene has {len(reference.scene.faces)}: "
             "number them from 0 (id.triangle is that number + 1)"
         )
-
-
-def _height_map(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NDArray[np.float64]:
-    same = truth.covered & (truth.triangle == raster.triangle) & judged
-    same &= np.isfinite(raster.height)
-    height = np.full(judged.shape, np.nan)
-    height[same] = raster.height[same].astype(np.float64) - truth.height[same]
-    return height
 
 
 def _height_error(error: NDArray[np.float64]) -> HeightError | None:

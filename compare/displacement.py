@@ -33,7 +33,7 @@ class Spread:
         return cls(rms=rms, p50=float(p50), p95=float(p95), p99=float(p99), max=largest)
 
 
-def displacement(raster: HogelImage, camera: HogelCamera) -> NDArray[np.float64]:
+def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(None)) -> NDArray[np.float64]:
     """Return where each pixel's surface point belongs, minus where it was drawn.
 
     No optical flow is needed: the image says which surface point it shows, and the true frustum
@@ -45,12 +45,14 @@ def displacement(raster: HogelImage, camera: HogelCamera) -> NDArray[np.float64]
         The image to be judged.
     camera
         The true frustum.
+    rows
+        Which of its rows the image has.
 
     Returns
     -------
     (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
     where it lies in the plate.
     """
-    shift = true_pixel(raster.position, camera) - pixel_centers(camera)
+    shift = true_pixel(raster.position, camera) - pixel_centers(camera, rows)
     shift[~shows_point_on_film(raster)] = np.nan
     return shift

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.causes import causes
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.displacement import Spread
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.drawn_trace import trace_drawn
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.pictures import colors_differ, reference_colors, shows_something
 from xfrustum.compare.rounding import position_tolerance
 from xfrustum.reference import Reference, SurfacePoints

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.displacement import displacement
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.plan_displacement import displacement_percentile
 from xfrustum.compare.plan_sheets import misordered
 from xfrustum.compare.plan_views import Quality, Requirement, View, Views

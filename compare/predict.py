@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.chain import traced_settings
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.displacement import Spread
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.predict_depth import smallest_separation
 from xfrustum.compare.predict_displacement import TruePoints, displacements
 from xfrustum.compare.predict_share import depth_wrong_share, slabs

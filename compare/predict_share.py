@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.depth_rounding import STEP
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.predict_depth import depth_variance, float32_spacing, stored_depth
 from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.frustum import Frustum

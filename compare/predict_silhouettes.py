@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.contours import SIGMA_PX, Contours, Kind, contours
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.predict_displacement import TruePoints, displacements, in_first_slab, is_drawn
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.frustum import Frustum

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.budget import VectorBudget
 from xfrustum.compare.chain import LINKS, Chain, make_chain
-from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.display import through_8_bits
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.eye_vector import drawn_lines, radiance_along, true_lines
 from xfrustum.compare.left_out import measure_left_out
 from xfrustum.raster import Rasterizer

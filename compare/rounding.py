@@ -39,7 +39,9 @@ def position_tolerance(
     position
         (N, 3) the points.
     """
-    largest: NDArray[np.float64] = np.abs(position).max(axis=1, initial=0.0)
     known = triangle != NOTHING
+    if known.all():
+        return POSITION_ROUNDINGS * FLOAT32_ROUNDING * scene.largest_coordinates[triangle]
+    largest: NDArray[np.float64] = np.abs(position).max(axis=1, initial=0.0)
     largest[known] = scene.largest_coordinates[triangle[known]]
     return POSITION_ROUNDINGS * FLOAT32_ROUNDING * largest

@@ -7,6 +7,7 @@ from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
+from OpenGL import GL
 
 from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
 from xfrustum.raster.cameras import FilmWindow
@@ -16,6 +17,7 @@ from xfrustum.raster.mesh import check_room
 from xfrustum.raster.passes import Pass, drawing_order
 from xfrustum.raster.positions import DrawnBy, Positions
 from xfrustum.raster.targets import Target
+from xfrustum.raster.timer import GpuTimer, StageTime
 from xfrustum.scenes.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.effects import Effect, needed
 from xfrustum.scenes.errors import InputError
@@ -43,6 +45,11 @@ class Rasterizer:
     effects
         What is simulated; None for what the scene calls for. The picture is the same with more.
 
+    Attributes
+    ----------
+    times
+        Of the last image: `draw` and `read`, which is read-back with the positions that it computes.
+
     Raises
     ------
     InputError
@@ -58,6 +65,7 @@ class Rasterizer:
         self.effects = needed(scene) if effects is None else effects
         self._context = open_context()
         self.device = describe(self._context)
+        self.times: dict[str, StageTime] = {}
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
         try:
@@ -120,15 +128,24 @@ class Rasterizer:
             check_sampling(sampling, self.device["renderer"])
             target = self._target(self.scene.frustum.resolution, settings.depth)
             passes = drawing_order(self.scene, aperture, settings, self.effects)
-            self._draw(target, passes, settings, color=color and sampling == ONCE)
-            triangle = target.read_triangle()
+            timer = GpuTimer()
+            with timer.stage("draw"):
+                # A software renderer takes its time once per tile, when it gets there: what begins a stage
+                # must not wait in one batch with what ends it.
+                GL.glFlush()
+                self._draw(target, passes, settings, color=color and sampling == ONCE)
+            with timer.stage("read"):
+                triangle = target.read_triangle()
+                position = self._read_position(target, passes)
+                seen = self._color(target, aperture, settings, sampling) if color else None
+            self.times = timer.collect()
             return HogelImage(
                 camera=self._camera(aperture, settings),
                 triangle=triangle,
                 object=self._object_of_number[triangle],
-                position=self._read_position(target, passes),
+                position=position,
                 normal=self._normals_of(triangle) if normals else None,
-                color=self._color(target, aperture, settings, sampling) if color else None,
+                color=seen,
             )
 
     def _color(

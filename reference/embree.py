@@ -67,6 +67,9 @@ class EmbreeTracer:
                 (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32)
             )
 
+        if len(origins) <= RAYS_PER_CALL:
+            trace(0)
+            return hits
         with ThreadPoolExecutor(worker_count()) as pool:
             list(pool.map(trace, range(0, len(origins), RAYS_PER_CALL)))
         return hits

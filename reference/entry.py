@@ -32,9 +32,13 @@ def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) 
         return center + first * directions
     low, high = scene.bounds
     clearance = CLEARANCE * float(np.linalg.norm(high - low))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        to_low, to_high = (low - clearance - center) / directions, (high + clearance - center) / directions
-    enters = np.fmin(to_low, to_high)
-    s = np.fmax(np.fmax(enters[:, 0], enters[:, 1]), enters[:, 2])
+    s = np.full(len(directions), -np.inf)
+    # Axis by axis: numpy is several times slower along rows of three.
+    for axis in range(3):
+        along = np.ascontiguousarray(directions[:, axis])
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            to_low = (low[axis] - clearance - center[axis]) / along
+            to_high = (high[axis] + clearance - center[axis]) / along
+        s = np.fmax(s, np.fmin(to_low, to_high))
     # A line beside the box meets nothing, wherever it starts.
     return center + np.where(np.isfinite(s), np.maximum(s, first), first)[:, None] * directions

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.reference.certify import FirstSurfaces
 from xfrustum.reference.entry import ray_origins
 from xfrustum.reference.lines import Pencil
 from xfrustum.reference.tracer import Tracer
-from xfrustum.scenes.hogel_image import NOTHING
+from xfrustum.scenes.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.scene import Scene
 
 
@@ -43,3 +44,22 @@ def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> NDArr
         beyond = offset / slope > pencil.s_range[1]
     hits[met] = np.where(beyond, NOTHING, hits[met])
     return hits.reshape(len(rows), -1)
+
+
+def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:
+    """Return what a tracer proposes as if it were decided: the places are those of the triangles' planes."""
+    triangle = proposed(tracer, scene, pencil, rows)
+    directions = pencil.directions(slice(rows.start, rows.stop))
+    s = np.full(triangle.shape, np.nan)
+    met = triangle != NOTHING
+    corners = scene.triangles[triangle[met]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s[met] = offset / np.einsum("ij,ij->i", normals, directions[met])
+    return FirstSurfaces(
+        triangle=triangle,
+        s=s,
+        certainty=np.full(triangle.shape, Certainty.UNEXAMINED, dtype=np.uint8),
+        companions=np.zeros((0, 3), dtype=np.int64),
+    )

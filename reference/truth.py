@@ -16,7 +16,7 @@ from xfrustum.reference.convergence import TOLERANCE, Converged, converged
 from xfrustum.reference.embree import EmbreeTracer
 from xfrustum.reference.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.reference.mitsuba_tracer import MitsubaTracer
-from xfrustum.reference.proposals import proposed
+from xfrustum.reference.proposals import proposed, uncertified
 from xfrustum.reference.runner_up import RunnersUp
 from xfrustum.reference.shading import Hits, Shader
 from xfrustum.reference.tracer import Tracer
@@ -98,6 +98,12 @@ class Reference:
         else:
             yield from in_parallel(band, pencil.resolution)
 
+    def propose(self, aperture: Aperture) -> HogelImage:
+        """Return what the float32 tracer alone takes for the true image: nothing of it is certified."""
+        pencil = crossed_frustum(self.scene.frustum, aperture)
+        found = uncertified(self.tracer, self.scene, pencil, rows := range(pencil.resolution[1]))
+        return self._image(self._camera(aperture, pencil, None), pencil, rows, [(pencil, found)])
+
     def _averaged(
         self, aperture: Aperture, sampling: Sampling, band: Callable[[range], HogelImage]
     ) -> Iterator[HogelImage]:
@@ -146,8 +152,8 @@ class Reference:
     def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
         """Yield who is first along each line, and nothing else, in bands of rows from the top."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self.scene.triangles, pencil)
-        yield from in_parallel(certifier.decide, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
+        decide = Certifier(self.scene.triangles, pencil).decide
+        yield from in_parallel(decide, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
         """Return what the cameras that settings ask for would draw without any rounding."""
@@ -176,14 +182,12 @@ class Reference:
         have to be decided in integers, is not taken to meet that triangle.
         """
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        runners_up = RunnersUp(self.scene.triangles, pencil)
-        bands = in_parallel(runners_up.gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
-        return np.concatenate(list(bands))
+        gaps = RunnersUp(self.scene.triangles, pencil).gaps
+        return np.concatenate(list(in_parallel(gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)))
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> NDArray[np.bool_]:
         """Return which points the true frustum of an aperture does not see; see `visibility.hidden`."""
-        pencil = crossed_frustum(self.scene.frustum, aperture)
-        return hidden(self.tracer, self.scene, pencil, points)
+        return hidden(self.tracer, self.scene, crossed_frustum(self.scene.frustum, aperture), points)
 
     def camera(self, aperture: Aperture) -> HogelCamera:
         """Return the true frustum of an aperture, as its image carries it."""

@@ -56,22 +56,49 @@ def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) 
     hits = tracer.first_hits(origins, directions)
     met = np.flatnonzero((hits != NOTHING) & (hits != points.triangle))
     corners = scene.triangles[hits[met]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = _normals(corners)
     slope = np.einsum("ij,ij->i", normals, directions[met])
     offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
     with np.errstate(divide="ignore", invalid="ignore"):
         s_hit = offset / slope
     before = s_hit < s_point[met]
     met, corners = met[before], corners[before]
-    apart = distance_to_triangles(points.position[met], corners) > points.tolerance[met]
     behind = np.zeros(len(hits), dtype=np.bool_)
-    behind[met[apart]] = True
+    behind[met[_apart(points.position[met], corners, normals[before], points.tolerance[met])]] = True
     return behind
+
+
+FAR_FROM_PLANE = 2.0
+"""Times the tolerance. A triangle is no nearer than its plane, and tolerances are some 16 roundings of
+float32: what both distances are rounded by in double precision cannot make up for a factor of two."""
+
+
+def _apart(points: Floats, corners: Floats, normals: Floats, tolerance: Floats) -> NDArray[np.bool_]:
+    """Return which points are farther than their tolerance from their own triangle."""
+    length = np.linalg.norm(normals, axis=1)
+    along = np.abs(np.einsum("ij,ij->i", points - corners[:, 0], normals))
+    apart: NDArray[np.bool_] = along > FAR_FROM_PLANE * tolerance * length
+    # Triangles without area have no plane.
+    apart &= length > 0
+    near = np.flatnonzero(~apart)
+    apart[near] = distance_to_triangles(points[near], corners[near]) > tolerance[near]
+    return apart
+
+
+def _normals(corners: Floats) -> Floats:
+    """Return the cross product of the first two edges of triangles (N, 3, 3)."""
+    return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    # The same numbers as those of np.cross, in a third of the time.
+    (ax, ay, az), (bx, by, bz) = np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
+    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
 
 
 def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     """Return the distance of each point (N, 3) from its own triangle (N, 3, 3)."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = _normals(corners)
     length = np.linalg.norm(normals, axis=1)
     unit = normals / np.where(length > 0, length, 1.0)[:, None]
     inside = length > 0
@@ -79,7 +106,7 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     for k in range(3):
         start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
         along = points - start
-        inside &= np.einsum("ij,ij->i", np.cross(edge, along), normals) >= 0
+        inside &= np.einsum("ij,ij->i", _cross(edge, along), normals) >= 0
         squared = np.einsum("ij,ij->i", edge, edge)
         share = np.einsum("ij,ij->i", along, edge) / np.where(squared > 0, squared, 1.0)
         foot = along - np.clip(share, 0.0, 1.0)[:, None] * edge

@@ -11,9 +11,9 @@ from xfrustum.reports.measurement import Measurement, Sweep
 from xfrustum.scenes.plate import Aperture
 
 # Okabe and Ito's palette: told apart by color-blind readers, and on white as on black.
-_COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
-_MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
-_INK = "#80868f"
+COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
+MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
+INK = "#80868f"
 _GRID = "rgba(128, 134, 143, 0.22)"
 
 Number = Callable[[Measurement], float | None]
@@ -43,13 +43,13 @@ def stage_times(sweep: Sweep) -> go.Figure:
         x=seconds,
         y=stages,
         orientation="h",
-        marker={"color": _COLORS[1]},
+        marker={"color": COLORS[1]},
         text=[f"{value:.2f} s" for value in seconds],
         textposition="auto",
         hovertemplate="%{y}: %{x:.3f} s<extra></extra>",
     )
     figure = go.Figure(bars)
-    _style(figure)
+    style(figure)
     figure.update_layout(height=60 + 34 * len(stages), margin={"l": 90, "r": 20, "t": 10, "b": 40})
     figure.update_xaxes(title="wall seconds", rangemode="tozero")
     figure.update_yaxes(autorange="reversed", showgrid=False)
@@ -73,8 +73,8 @@ def pair_figure(
     """Draw a measured number against near, in fractions of the reach, and its closed form, dashed."""
     figure = go.Figure()
     for name, values, line in (
-        ("measured", measured, {"color": _COLORS[1], "width": 2}),
-        ("closed form", predicted, {"color": _INK, "width": 2, "dash": "dash"}),
+        ("measured", measured, {"color": COLORS[1], "width": 2}),
+        ("closed form", predicted, {"color": INK, "width": 2, "dash": "dash"}),
     ):
         mode = "lines+markers" if name == "measured" else "lines"
         figure.add_scatter(
@@ -124,12 +124,12 @@ def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go
             name=f"{label}, closed form",
             mode="lines",
             showlegend=False,
-            line={"color": _COLORS[place % len(_COLORS)], "dash": "dash", "width": 1.5},
+            line={"color": COLORS[place % len(COLORS)], "dash": "dash", "width": 1.5},
             hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g}",
         )
     # One entry for all of them.
     figure.add_scatter(
-        x=[None], y=[None], name="closed form", mode="lines", line={"color": _INK, "dash": "dash", "width": 2}
+        x=[None], y=[None], name="closed form", mode="lines", line={"color": INK, "dash": "dash", "width": 2}
     )
     return figure
 
@@ -154,7 +154,7 @@ def _displacement_figure(
         y=[getattr(predicted[near], statistic) or None for near in nears],
         name="closed form",
         mode="lines",
-        line={"color": _INK, "dash": "dash", "width": 2},
+        line={"color": INK, "dash": "dash", "width": 2},
         hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g} px",
     )
     _log_axes(figure, title)
@@ -166,7 +166,7 @@ def _add_depth_lines(
 ) -> None:
     groups = _by_depth(rows)
     for place, (label, group) in enumerate(groups.items()):
-        color = _COLORS[place % len(_COLORS)]
+        color = COLORS[place % len(COLORS)]
         # Curves that coincide stay visible: each lies thinner on the one before.
         below = len(groups) - 1 - place
         figure.add_scatter(
@@ -176,7 +176,7 @@ def _add_depth_lines(
             name=label,
             mode="lines+markers",
             line={"color": color, "width": 1.6 + 0.8 * below},
-            marker={"symbol": _MARKERS[place % len(_MARKERS)], "size": 6 + below, "color": color},
+            marker={"symbol": MARKERS[place % len(MARKERS)], "size": 6 + below, "color": color},
         )
 
 
@@ -189,7 +189,7 @@ def _by_depth(rows: Sequence[tuple[int, Measurement]]) -> dict[str, list[tuple[i
 
 
 def _log_axes(figure: go.Figure, title: str) -> None:
-    _style(figure)
+    style(figure)
     figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}}, height=400)
     powers: dict[str, Any] = {"type": "log", "exponentformat": "power", "dtick": 1}
     figure.update_xaxes(title={"text": "near plane / reach", "standoff": 8}, **powers)
@@ -200,17 +200,17 @@ def _log_axes(figure: go.Figure, title: str) -> None:
         figure.update_yaxes(dtick=None, nticks=6, exponentformat="none")
 
 
-def _style(figure: go.Figure) -> None:
+def style(figure: go.Figure) -> None:
     """Ink and grid that read on light and on dark paper; the page's own background shows through."""
     figure.update_layout(
         template="none",
         paper_bgcolor="rgba(0, 0, 0, 0)",
         plot_bgcolor="rgba(0, 0, 0, 0)",
-        font={"family": "system-ui, sans-serif", "size": 13, "color": _INK},
+        font={"family": "system-ui, sans-serif", "size": 13, "color": INK},
         legend={"orientation": "h", "yanchor": "top", "y": -0.24, "x": 0},
         margin={"l": 62, "r": 12, "t": 44, "b": 100},
-        modebar={"bgcolor": "rgba(0, 0, 0, 0)", "color": _GRID, "activecolor": _INK},
+        modebar={"bgcolor": "rgba(0, 0, 0, 0)", "color": _GRID, "activecolor": INK},
         hovermode="closest",
     )
-    figure.update_xaxes(gridcolor=_GRID, linecolor=_INK, zeroline=False, ticks="outside", tickcolor=_GRID)
-    figure.update_yaxes(gridcolor=_GRID, linecolor=_INK, zeroline=False, ticks="outside", tickcolor=_GRID)
+    figure.update_xaxes(gridcolor=_GRID, linecolor=INK, zeroline=False, ticks="outside", tickcolor=_GRID)
+    figure.update_yaxes(gridcolor=_GRID, linecolor=INK, zeroline=False, ticks="outside", tickcolor=_GRID)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +36,7 @@ _RADIANCE_COLORS = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _DISPL
 _HEIGHT_COLORS = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
 _UNTEXTURED_GRAY = 0.4
 _DROPPED_BITS = 2
+_KEPT_BITS = 0xFF << _DROPPED_BITS & 0xFF
 
 
 def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction: int = 1) -> SettingPictures:
@@ -77,8 +79,9 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
         share = block_reduce(share, (reduction, reduction), np.mean)
         linear = block_reduce(linear, (reduction, reduction, 1), np.mean)
         linear = linear / np.maximum(share, np.finfo(np.float32).tiny)[..., None]
-    pixels = np.rint(LEVELS * np.dstack([encoded(linear), np.clip(share, 0, 1)])).astype(np.uint8)
-    pixels[..., :3] &= 0xFF << _DROPPED_BITS & 0xFF
+    pixels = np.empty((*share.shape, 4), dtype=np.uint8)
+    pixels[..., :3] = _levels(linear) & _KEPT_BITS
+    pixels[..., 3] = np.rint(LEVELS * np.clip(share, 0, 1))
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "WEBP", lossless=True, quality=0, method=0)
     return buffer.getvalue()
@@ -91,10 +94,11 @@ def displacement_map(displacement: NDArray[np.floating], reduction: int = 1) -> 
     """
     length = np.hypot(displacement[..., 0], displacement[..., 1])
     low, high = np.log10(DISPLACEMENT_RANGE_PX)
-    level = (_log10(length) - low) / (high - low) * _DISPLACEMENT_STEPS
-    index = 1 + np.clip(np.floor(level), 0, _DISPLACEMENT_STEPS - 1)
+    known = np.isfinite(length)
+    level = (_log10(length[known]) - low) / (high - low) * _DISPLACEMENT_STEPS
     # 0 is both "undefined" and the least: the worst of a block is its largest index.
-    index = np.where(np.isfinite(length), index, 0)
+    index = np.zeros(length.shape, dtype=np.uint8)
+    index[known] = 1 + np.clip(np.floor(level), 0, _DISPLACEMENT_STEPS - 1)
     return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
 
 
@@ -104,9 +108,11 @@ def height_map(height: NDArray[np.floating], reach: float, reduction: int = 1) -
     Red is nearer to the viewer than the truth, blue farther; logarithmic over `HEIGHT_RANGE`.
     """
     low, high = np.log10(HEIGHT_RANGE)
-    level = (_log10(np.abs(height) / reach) - low) / (high - low) * _HEIGHT_STEPS
-    step = np.sign(height) * np.ceil(np.clip(level, 0, _HEIGHT_STEPS))
-    step = np.where(np.isfinite(height), step, np.nan)
+    known = np.isfinite(height)
+    error = height[known]
+    level = (_log10(np.abs(error) / reach) - low) / (high - low) * _HEIGHT_STEPS
+    step = np.full(height.shape, np.nan)
+    step[known] = np.sign(error) * np.ceil(np.clip(level, 0, _HEIGHT_STEPS))
     if reduction > 1:
         highest = block_reduce(np.nan_to_num(step, nan=-np.inf), (reduction, reduction), np.max, -np.inf)
         lowest = block_reduce(np.nan_to_num(step, nan=np.inf), (reduction, reduction), np.min, np.inf)
@@ -149,6 +155,32 @@ def height_scale() -> list[str]:
 def media_type(encoded: bytes) -> str:
     """Return the media type of an encoded picture."""
     return "image/webp" if encoded.startswith(b"RIFF") else "image/png"
+
+
+_BIN_BITS = 12
+"""Of a float32's 23 bits of mantissa: colors that differ in these alone are nearly always shown alike."""
+
+
+@cache
+def _level_of_bin() -> NDArray[np.int16]:
+    """Return the level of every color from 0 to 1 by its leading bits; -1 where a bin has two."""
+    first = np.arange((np.float32(1).view(np.uint32) >> _BIN_BITS) + 1, dtype=np.uint32) << _BIN_BITS
+    last = first | ((1 << _BIN_BITS) - 1)
+    low, high = (np.rint(LEVELS * encoded(ends.view(np.float32))) for ends in (first, last))
+    return np.where(low == high, low, -1).astype(np.int16)
+
+
+def _levels(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return the 8-bit levels of colors between 0 and 1, to the last one those of the curve itself.
+
+    The curve rises (but at its knee, by 1e-8, far from where two levels meet): where both ends of a bin
+    have one level, all that is between them has it.
+    """
+    colors = np.ascontiguousarray(linear, dtype=np.float32)
+    levels: NDArray[np.int16] = _level_of_bin()[colors.view(np.uint32) >> _BIN_BITS]
+    doubtful = levels < 0
+    levels[doubtful] = np.rint(LEVELS * encoded(colors[doubtful]))
+    return levels.astype(np.uint8)
 
 
 def _log10(values: NDArray[np.floating]) -> NDArray[np.floating]:

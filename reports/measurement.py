@@ -29,7 +29,8 @@ class Measurement:
     predicted
         The same by closed forms, from the scene's geometry alone.
     times_s
-        Wall seconds per stage. The truth's time is the aperture's, the same in all its rows.
+        Wall seconds per stage. The truth's time is the aperture's, the same in all its rows; `raster` is
+        a frame with read-back, and `gpu` that part of it in which the device drew.
     """
 
     aperture: Aperture
@@ -95,7 +96,10 @@ class Sweep:
     versions, devices
         What produced the numbers.
     times_s
-        Wall seconds per stage, of the whole sweep.
+        Seconds per stage, of the whole sweep. Settings are judged side by side, and `gpu` is a part of
+        `raster`: together they are more than `wall_s`.
+    wall_s
+        What the sweep took.
     """
 
     scene: Scene
@@ -107,3 +111,25 @@ class Sweep:
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     times_s: Mapping[str, float]
+    wall_s: float
+
+    @property
+    def cost(self) -> dict[str, float]:
+        """What the sweep took beside what it cannot do without: its frames with read-back, its truths."""
+        needed = self.times_s["raster"] + self.times_s["trace"]
+        return {
+            "wall_s": self.wall_s,
+            "frames_s": self.times_s["raster"],
+            "truths_s": self.times_s["trace"],
+            "ratio": self.wall_s / needed,
+        }
+
+    @property
+    def cost_sentence(self) -> str:
+        """The same in words."""
+        cost = self.cost
+        return (
+            f"Measured in {cost['wall_s']:.2f} s: {cost['ratio']:.2f} times what {len(self.rows)} raster "
+            f"frames with read-back ({cost['frames_s']:.2f} s) and the certified truth "
+            f"({cost['truths_s']:.2f} s) take."
+        )

@@ -13,10 +13,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from xfrustum.reports import best, figures, images, shading_page
+from xfrustum.reports import best, figures, images, shading_page, trade_off
 from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
 from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.tables import json_ready, report_object
+from xfrustum.reports.trade_off_figure import trade_off_figure
 from xfrustum.scenes.hogel_image import Certainty
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -62,6 +63,7 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         surface_color=images.SURFACE_COLOR,
         triangle_color=images.TRIANGLE_COLOR,
         shading=shading_page.context(shading),
+        trade_off=trade_off.answers(trade_off.options_of(sweep)),
         data=_script_json(_page_data(sweep, shading)),
         plotly_js=Markup(get_plotlyjs()),
     )
@@ -92,6 +94,7 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
         ],
         "eye": shading_page.eye_figure(shading),
         "times": json.loads(figures.stage_times(sweep).to_json()),
+        "cost": json.loads(trade_off_figure(trade_off.options_of(sweep), trade_off.TOLERANCE_PX).to_json()),
     }
 
 

@@ -17,6 +17,7 @@ from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.shading_measure import measure_shading
 from xfrustum.reports.sweep import DEFAULT_DEPTHS, DepthBuffer, default_nears, settings_grid, sweep
 from xfrustum.reports.tables import json_ready, report_object, write_parquet
+from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
@@ -38,6 +39,8 @@ class ReportFiles:
         The object in report.json.
     notes
         Further sentences: of a shaded scene, the time that effects take, and what is left out.
+    cost
+        What the sweep took, in words.
     """
 
     html: Path
@@ -47,6 +50,7 @@ class ReportFiles:
     sentence: str
     content: dict[str, Any]
     notes: tuple[str, ...]
+    cost: str
 
 
 def default_folder(scene: Scene) -> Path:
@@ -91,15 +95,10 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     InputError
         A near outside 0 to the reach, nothing to measure, an unwritable folder, no OpenGL.
     """
-    settings = settings_grid(
-        dict.fromkeys(default_nears(scene.frustum) if nears is None else nears),
-        dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths),
-    )
     apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
+    settings = _settings(scene, nears, depths)
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
-    for setting in settings:
-        setting.check_against(scene.frustum)
     names = ("index.html", "report.json", "measurements.parquet")
     with Staging(default_folder(scene) if out is None else out, names) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
@@ -114,7 +113,21 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
         content=content,
         notes=tuple(shading.sentences()) if shading else (),
+        cost=measured.cost_sentence,
     )
+
+
+def _settings(
+    scene: Scene, nears: Sequence[float] | None, depths: Sequence[DepthBuffer] | None
+) -> tuple[DoubleFrustum, ...]:
+    """Return every near with every depth buffer, each once, checked against the scene."""
+    settings = settings_grid(
+        dict.fromkeys(default_nears(scene.frustum) if nears is None else nears),
+        dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths),
+    )
+    for setting in settings:
+        setting.check_against(scene.frustum)
+    return settings
 
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> dict[str, Any]:

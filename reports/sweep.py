@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import time
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -40,6 +43,13 @@ _LARGEST_NEAR, _SMALLEST_NEAR = 1e-1, 1e-8
 PAGE_PIXELS = 120_000_000
 """Pixels of all settings together that are shown in full. All pictures of a setting take between a
 tenth and a fifth of a byte per pixel, so that the page stays under 30 MB; larger sweeps are shown reduced."""
+
+
+PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""That this process may run on."""
+
+AT_ONCE_PIXELS = 1 << 20
+"""Pixels of all images that are judged side by side, some 200 bytes each; a larger image is judged alone."""
 
 
 def default_nears(frustum: Frustum) -> tuple[float, ...]:
@@ -84,23 +94,13 @@ def sweep(
     InputError
         No usable OpenGL context, or an unknown tracer.
     """
-    watch = Stopwatch()
+    watch, begun = Stopwatch(), time.perf_counter()
     with watch.stage("prepare"):
         reference = Reference(scene, tracer=tracer, effects=chosen(scene, effects))
         rasterizer = Rasterizer(scene, effects=chosen(scene, effects))
     bench = _Bench(scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings)))
-    steps = len(apertures) * (1 + len(settings))
-    with rasterizer, progress_bar(steps, "report", "image", shown=progress) as bar:
-        for aperture in apertures:
-            bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
-            bench.trace(aperture, watch)
-            bar.update()
-            for setting in settings:
-                bar.set_postfix_str(
-                    f"aperture {aperture.column},{aperture.row}: {setting.depth_label}", refresh=False
-                )
-                bench.measure(aperture, setting, watch)
-                bar.update()
+    with rasterizer:
+        _run(bench, apertures, settings, watch, progress)
     opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
     return Sweep(
         scene=scene,
@@ -112,7 +112,33 @@ def sweep(
         versions={**provenance.versions(), **reference.versions},
         devices={**provenance.machine(), **opengl},
         times_s=watch.seconds,
+        wall_s=time.perf_counter() - begun,
     )
+
+
+def _run(
+    bench: _Bench,
+    apertures: Sequence[Aperture],
+    settings: Sequence[DoubleFrustum],
+    watch: Stopwatch,
+    progress: bool,
+) -> None:
+    """Trace every aperture, and draw and judge every setting there."""
+    with watch.stage("warm up"):
+        bench.warm_up(apertures[0], settings)
+    steps = len(apertures) * (1 + len(settings))
+    with progress_bar(steps, "report", "image", shown=progress) as bar:
+        for aperture in apertures:
+            bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
+            bench.trace(aperture, watch)
+            bar.update()
+            for start in range(0, len(settings), bench.at_once):
+                some = settings[start : start + bench.at_once]
+                bar.set_postfix_str(
+                    f"aperture {aperture.column},{aperture.row}: {some[0].depth_label}", refresh=False
+                )
+                bench.measure(aperture, some, watch)
+                bar.update(len(some))
 
 
 def _reduction(frustum: Frustum, count: int) -> int:
@@ -121,7 +147,13 @@ def _reduction(frustum: Frustum, count: int) -> int:
 
 
 class _Bench:
-    """The two renderers of a scene, the truth of the aperture at hand, and all that was measured."""
+    """The two renderers of a scene, the truth of the aperture at hand, and all that was measured.
+
+    Attributes
+    ----------
+    at_once
+        How many settings are judged side by side.
+    """
 
     _truth: HogelImage
     _predictor: Predictor
@@ -131,10 +163,16 @@ class _Bench:
         self._shaded = is_shaded(scene)
         self._reference = reference
         self._rasterizer = rasterizer
+        self.at_once = max(1, min(2 * PROCESSORS, AT_ONCE_PIXELS // math.prod(scene.frustum.resolution)))
         self.reduction = reduction
         self.rows: list[Measurement] = []
         self.pictures: list[SettingPictures] = []
         self.truths: list[bytes] = []
+
+    def warm_up(self, aperture: Aperture, settings: Sequence[DoubleFrustum]) -> None:
+        """Draw once what compiles a program or allocates a target: no row's time is to have that in it."""
+        for setting in {(s.depth, s.mapping): s for s in settings}.values():
+            self._rasterizer.render(aperture, setting, normals=False, color=True)
 
     def trace(self, aperture: Aperture, watch: Stopwatch) -> None:
         lap = Stopwatch()
@@ -149,10 +187,28 @@ class _Bench:
             self._predictor = Predictor(self._truth, gaps, self._frustum, bits)
         watch.add(lap.seconds)
 
-    def measure(self, aperture: Aperture, settings: DoubleFrustum, watch: Stopwatch) -> None:
+    def measure(self, aperture: Aperture, settings: Sequence[DoubleFrustum], watch: Stopwatch) -> None:
+        """Draw some settings one after the other, alone on the machine, then judge them side by side."""
+        drawn = [self._draw(aperture, setting) for setting in settings]
+        with ThreadPoolExecutor(PROCESSORS) as pool:
+            judged = list(pool.map(self._judge, drawn))
+        for row, pictures in judged:
+            self.rows.append(row)
+            self.pictures.append(pictures)
+            watch.add({stage: row.times_s[stage] for stage in row.times_s.keys() - self._trace_s.keys()})
+
+    def _draw(self, aperture: Aperture, settings: DoubleFrustum) -> tuple[HogelImage, Stopwatch]:
         lap = Stopwatch()
         with lap.stage("raster"):
             drawn = self._rasterizer.render(aperture, settings, normals=False, color=True)
+        # Part of the frame: what is left is orders and read-back.
+        lap.record("gpu", self._rasterizer.times["draw"].gpu_s)
+        return drawn, lap
+
+    def _judge(self, measured: tuple[HogelImage, Stopwatch]) -> tuple[Measurement, SettingPictures]:
+        drawn, lap = measured
+        settings = drawn.camera.settings
+        assert settings is not None, "the rasterizer says with which settings it drew"
         with lap.stage("compare"):
             # Colors that a scene says nothing of say nothing of the raster, and take their time.
             comparison = compare_images(
@@ -161,17 +217,15 @@ class _Bench:
         with lap.stage("predict"):
             predicted = self._predictor.predict(settings)
         with lap.stage("pictures"):
-            self.pictures.append(
-                images.setting_pictures(drawn, comparison.maps, self._frustum.longest_reach, self.reduction)
+            pictures = images.setting_pictures(
+                drawn, comparison.maps, self._frustum.longest_reach, self.reduction
             )
-        watch.add(lap.seconds)
-        self.rows.append(
-            Measurement(
-                aperture=aperture,
-                settings=settings,
-                comparison=comparison.summary(),
-                certainty=comparison.certainty,
-                predicted=predicted,
-                times_s={**self._trace_s, **lap.seconds},
-            )
+        row = Measurement(
+            aperture=drawn.camera.aperture,
+            settings=settings,
+            comparison=comparison.summary(),
+            certainty=comparison.certainty,
+            predicted=predicted,
+            times_s={**self._trace_s, **lap.seconds},
         )
+        return row, pictures

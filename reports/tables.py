@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from xfrustum.reports import trade_off
 from xfrustum.reports.best import Verdict, best_per_depth, best_setting, sentence
 from xfrustum.reports.measurement import Measurement, Sweep
 from xfrustum.scenes.scene import Scene
@@ -58,6 +59,8 @@ def report_object(sweep: Sweep) -> dict[str, Any]:
         "versions": sweep.versions,
         "devices": sweep.devices,
         "times_s": sweep.times_s,
+        "cost": sweep.cost,
+        "trade_off": trade_off.summary(trade_off.options_of(sweep)),
     }
     ready: dict[str, Any] = json_ready(report)
     return ready

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -104,16 +105,23 @@ class HogelImage:
     companions: NDArray[np.int64] | None = None
     overruled: NDArray[np.bool_] | None = None
 
-    @property
+    @cached_property
     def covered(self) -> NDArray[np.bool_]:
         """Pixels that show a surface, by number or, where a foreign image has none, by position."""
         covered: NDArray[np.bool_] = (self.triangle != NOTHING) | np.isfinite(self.height)
+        covered.flags.writeable = False
         return covered
 
     @property
     def height(self) -> NDArray[np.floating]:
         """Height above the plate, NaN where there is no surface."""
         return self.position[..., 2]
+
+    def rows(self, some: slice) -> HogelImage:
+        """Return a band of rows, without what is known of ties and of tracers."""
+        mine = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays = {name: value[some] for name, value in mine.items() if isinstance(value, np.ndarray)}
+        return HogelImage(**mine | arrays | {"companions": None, "overruled": None})
 
 
 def stacked(bands: Sequence[HogelImage]) -> HogelImage:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import at, soup, view
-from xfrustum.compare.comparison import judged_pixels
+from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
 from xfrustum.compare.predict_share import DRAW_ORDER, chances, depth_wrong_share, slabs
 from xfrustum.compare.surface import wrong_surface

@@ -154,5 +154,6 @@ get("panels").addEventListener("pointerdown", (event) => {
 get("panels").addEventListener("dblclick", () => { Object.assign(pane, { scale: 1, x: 0, y: 0 }); place(); });
 
 for (const name of Object.keys(data.curves[0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
+Plotly.newPlot(get("plot-cost"), data.cost.data, data.cost.layout, config);
 Plotly.newPlot(get("plot-times"), data.times.data, data.times.layout, { ...config, displayModeBar: false });
 choose(data.rows[data.start]);

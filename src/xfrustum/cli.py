@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum import cli_checks, cli_explain, cli_light, cli_plan, cli_study, cli_verify
+from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_study, cli_verify
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def report(
             {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
         )
     else:
-        click.echo("\n".join((files.sentence, *files.notes, str(files.html))))
+        click.echo("\n".join((files.sentence, *files.notes, files.cost, str(files.html))))
 
 
 @cli.command()
@@ -187,6 +187,7 @@ for _command in (
     cli_checks.budget,
     cli_checks.selfcheck,
     cli_checks.bench,
+    cli_cost.cost,
     cli_explain.explain,
     cli_light.figure7,
     cli_plan.plan,

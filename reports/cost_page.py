@@ -1,0 +1,63 @@
+"""What `xfrustum cost` shows: the answers first, then the front, then everything."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from xfrustum.reports import best
+from xfrustum.reports.cost import CostReport
+from xfrustum.reports.outputs import Staging
+from xfrustum.reports.trade_off import pareto
+from xfrustum.reports.trade_off_figure import trade_off_figure
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+def table(measured: CostReport) -> str:
+    """Return the answers, then every option on the front as aligned lines."""
+    front = [one for one, best_of in zip(measured.options, pareto(measured.options), strict=True) if best_of]
+    front.sort(key=lambda one: one.time_s.median)
+    lines = [f"{'ms':>8}  {'from':>7}  {'to':>7}  {'99 %, px':>9}  {'wrong':>9}  on the Pareto front"]
+    lines += [
+        f"{1e3 * one.time_s.median:8.2f}  {1e3 * one.time_s.lowest:7.2f}  {1e3 * one.time_s.highest:7.2f}  "
+        f"{one.displacement_p99_px:9.3g}  {one.surface_fraction:9.3g}  {one.label}"
+        for one in front
+    ]
+    return "\n".join([*(answer.sentence for answer in measured.answers), "", *lines])
+
+
+def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
+    """Write index.html and cost.json to a folder, all or nothing.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    with Staging(out, ["index.html", "cost.json"]) as staging:
+        text = json.dumps(measured.summary(), allow_nan=False, indent=1)
+        (staging.folder / "cost.json").write_text(text + "\n", encoding="utf-8")
+        (staging.folder / "index.html").write_text(_page(measured), encoding="utf-8")
+        return staging.commit()
+
+
+def _page(measured: CostReport) -> str:
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    environment.filters.update(digits=best.digits, percent=best.percent, pixels=best.pixels)
+    figure = trade_off_figure(measured.options, measured.tolerance_px)
+    rows = sorted(
+        zip(measured.options, pareto(measured.options), strict=True), key=lambda row: row[0].time_s.median
+    )
+    return environment.get_template("cost.html.j2").render(
+        cost=measured,
+        rows=rows,
+        figure=Markup(figure.to_json().replace("<", "\\u003c")),
+        plotly_js=Markup(get_plotlyjs()),
+    )

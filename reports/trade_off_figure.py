@@ -1,0 +1,75 @@
+"""Error against time as a figure, the Pareto front drawn through the options that are on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import plotly.graph_objects as go
+
+from xfrustum.reports.figures import COLORS, INK, MARKERS, style
+from xfrustum.reports.trade_off import Option, pareto
+
+LEAST_PX = 1e-4
+"""Smaller displacements are drawn here: 32-bit positions cannot tell them, and a logarithm has no zero."""
+
+
+def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figure:
+    """Draw the displacement of every option against its time; what is on the front is filled."""
+    front = pareto(options)
+    figure = go.Figure()
+    for place, family in enumerate(dict.fromkeys(_family(option) for option in options)):
+        mine = [(one, best) for one, best in zip(options, front, strict=True) if _family(one) == family]
+        symbol = MARKERS[place % len(MARKERS)]
+        figure.add_scatter(
+            x=[1000 * one.time_s.median for one, _ in mine],
+            y=[max(one.displacement_p99_px, LEAST_PX) for one, _ in mine],
+            error_x={
+                "type": "data",
+                "symmetric": False,
+                "array": [1000 * (one.time_s.highest - one.time_s.median) for one, _ in mine],
+                "arrayminus": [1000 * (one.time_s.median - one.time_s.lowest) for one, _ in mine],
+                "thickness": 0.8,
+                "width": 0,
+            },
+            name=family,
+            mode="markers",
+            marker={
+                "symbol": [symbol + ("" if best else "-open") for _, best in mine],
+                "size": [12 if best else 8 for _, best in mine],
+                "color": COLORS[place % len(COLORS)],
+            },
+            text=[f"{one.label}<br>wrong surface {one.surface_fraction:.3g}" for one, _ in mine],
+            hovertemplate="%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
+        )
+    best_options = sorted(
+        (one for one, best in zip(options, _planar_front(options), strict=True) if best),
+        key=lambda option: option.time_s.median,
+    )
+    figure.add_scatter(
+        x=[1000 * one.time_s.median for one in best_options],
+        y=[max(one.displacement_p99_px, LEAST_PX) for one in best_options],
+        name="front in time and displacement",
+        mode="lines",
+        line={"color": INK, "width": 1.5, "shape": "hv"},
+        hoverinfo="skip",
+    )
+    for limit in (tolerance_px, tolerance_px / 5):
+        figure.add_hline(
+            y=limit, line={"color": INK, "dash": "dot", "width": 1}, annotation_text=f"{limit:g} px"
+        )
+    style(figure)
+    figure.update_layout(height=520)
+    figure.update_xaxes(title="time of a picture with read-back, ms", type="log")
+    figure.update_yaxes(
+        title="99th percentile of displacement, px", type="log", exponentformat="power", dtick=1
+    )
+    return figure
+
+
+def _family(option: Option) -> str:
+    return str(option.configuration.get("family", option.configuration.get("depth", option.label)))
+
+
+def _planar_front(options: Sequence[Option]) -> list[bool]:
+    points = [(one.time_s.median, max(one.displacement_p99_px, LEAST_PX)) for one in options]
+    return [not any(a <= x and b <= y and (a, b) != (x, y) for a, b in points) for x, y in points]

@@ -1,0 +1,48 @@
+"""The command about time: what accuracy costs."""
+
+# ruff: noqa: PLC0415 - commands import what they need when they run
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from xfrustum import cli_options as options
+
+
+@click.command()
+@options.scene_argument
+@options.aperture_option
+@click.option("--tolerance-px", type=float, default=0.5, show_default=True, help="99 % of displacement.")
+@click.option("--repeat", type=click.IntRange(1), default=5, show_default=True, help="After a warm-up.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and cost.json.")
+@options.quiet_option
+@options.json_option
+def cost(  # noqa: PLR0913 - options are parameters
+    *,
+    scene: str,
+    aperture: tuple[int, int] | None,
+    tolerance_px: float,
+    repeat: int,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Measure error against time of every configuration; name the cheapest within a tolerance.
+
+    A fifth of the tolerance is answered for too.
+    """
+    from xfrustum.reports.cost import measure_cost
+    from xfrustum.reports.cost_page import table, write_cost
+    from xfrustum.scenes import open_scene
+
+    opened = open_scene(scene)
+    chosen = options.chosen_aperture(opened, aperture)
+    measured = measure_cost(opened, chosen, tolerance_px, repeat=repeat, progress=not quiet)
+    if out is not None:
+        write_cost(measured, out)
+    if as_json:
+        options.print_json(measured.summary())
+    else:
+        click.echo(table(measured))
