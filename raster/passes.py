@@ -48,22 +48,32 @@ def drawing_order(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> 
     C from its outermost slab inward, then C* from its innermost outward: what comes later is nearer
     to the viewer and overlays. Slabs in which the scene has nothing are left out.
     """
+    return [pass_of(scene, aperture, settings, camera) for camera in cameras_in_order(scene, settings)]
+
+
+def cameras_in_order(scene: Scene, settings: DoubleFrustum) -> list[SlabCamera]:
+    """Return the cameras of every image, from the back: what belongs to the plate and to no aperture."""
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
     chosen = {Camera.BOTH: [*reversed(c), *c_star], Camera.C: [*reversed(c)], Camera.C_STAR: c_star}
-    passes = [_pass(scene, aperture, settings, camera) for camera in chosen[settings.camera]]
-    return [camera for camera in passes if _occupied(scene, camera.heights)]
+    return [camera for camera in chosen[settings.camera] if _occupied(scene, kept_heights(camera))]
 
 
-def _pass(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
+def kept_heights(camera: SlabCamera) -> tuple[float, float]:
+    """Return the lowest and highest z between a camera's near and far plane."""
+    low, high = camera.heights
+    return (-high, -low) if camera.orthoscopic else (low, high)
+
+
+def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
+    """Return one camera's share of an aperture's image."""
     mapping = MAPPINGS[settings.mapping]
     x, y, z = DEFAULT_LIGHT.direction
-    low, high = camera.heights
     return Pass(
         clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
         planes=(camera.near, camera.far),
-        heights=(-high, -low) if camera.orthoscopic else (low, high),
+        heights=kept_heights(camera),
         test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
         front_face="ccw" if camera.orthoscopic else "cw",
         light=(x, y, z) if camera.orthoscopic else (-x, -y, -z),

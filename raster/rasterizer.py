@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
 from types import TracebackType
 
 import moderngl
@@ -15,12 +14,12 @@ from xfrustum.raster.cameras import FilmWindow
 from xfrustum.raster.context import describe, open_context
 from xfrustum.raster.depth_formats import MAPPINGS, Mapping
 from xfrustum.raster.passes import Pass, drawing_order
+from xfrustum.raster.plate_program import picture_program, set_camera
 from xfrustum.raster.positions import DrawnBy, Positions
 from xfrustum.raster.targets import Target
 from xfrustum.scenes.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
-from xfrustum.scenes.light import DEFAULT_LIGHT
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
@@ -103,24 +102,15 @@ class Rasterizer:
             self._normals = self._context.buffer(scene.normals.astype(np.float32).tobytes())
             self._positions = Positions(self._context, scene)
 
-    def _program(self, fragment_depth: str) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        """Return the program that stores a given expression as depth, and the mesh for it."""
-        if fragment_depth not in self._programs:
-            shaders = files("xfrustum.raster") / "shaders"
-            fragment = (shaders / "hogel.frag").read_text()
-            if fragment_depth:
-                version, rest = fragment.split("\n", 1)
-                fragment = f"{version}\n#define FRAGMENT_DEPTH ({fragment_depth})\n{rest}"
-            program = self._context.program(
-                vertex_shader=(shaders / "hogel.vert").read_text(), fragment_shader=fragment
-            )
-            program["albedo"] = DEFAULT_LIGHT.albedo
-            program["ambient"] = DEFAULT_LIGHT.ambient
+    def _program(self, mapping: Mapping) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        """Return the program that stores depth by a mapping, and the mesh for it."""
+        if mapping.fragment_depth not in self._programs:
+            program = picture_program(self._context, mapping, None)
             mesh = self._context.vertex_array(
                 program, [(self._vertices, "3f", "in_position")], index_buffer=self._indices
             )
-            self._programs[fragment_depth] = (program, mesh)
-        return self._programs[fragment_depth]
+            self._programs[mapping.fragment_depth] = (program, mesh)
+        return self._programs[mapping.fragment_depth]
 
     def render(
         self, aperture: Aperture, settings: DoubleFrustum, *, normals: bool = True, color: bool = True
@@ -168,16 +158,13 @@ class Rasterizer:
         return self._positions.read(target, drawn)
 
     def _draw(self, number: int, camera: Pass, mapping: Mapping) -> None:
-        program, mesh = self._program(mapping.fragment_depth)
+        program, mesh = self._program(mapping)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = camera.test.function
         self._context.front_face = camera.front_face
         GL.glClipControl(GL.GL_LOWER_LEFT, mapping.clip_control)
         program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
-        program["light"] = camera.light
-        program["camera"] = number
-        if mapping.fragment_depth:
-            program["near"], program["far"] = camera.planes
+        set_camera(program, number, camera, mapping)
         self._normals.bind_to_storage_buffer(0)
         mesh.render()
 

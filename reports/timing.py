@@ -1,10 +1,12 @@
-"""The one place that takes time: wall seconds per named stage."""
+"""The one place that takes time: wall seconds per named stage, and what repetitions come to."""
 
 from __future__ import annotations
 
+import statistics
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 
 class Stopwatch:
@@ -36,3 +38,63 @@ class Stopwatch:
         """Add the stages of another stopwatch."""
         for name, value in seconds.items():
             self.record(name, value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """What repetitions of one thing came to: seconds, or whatever was measured.
+
+    Attributes
+    ----------
+    median, lowest, highest
+        Over the repetitions.
+    repetitions
+        How many, after the warm-up.
+    """
+
+    median: float
+    lowest: float
+    highest: float
+    repetitions: int
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Spread:
+        """Return the spread of at least one value."""
+        return cls(
+            median=statistics.median(values),
+            lowest=min(values),
+            highest=max(values),
+            repetitions=len(values),
+        )
+
+    def divided_by(self, count: float) -> Spread:
+        """Return the spread of each of so many equal parts."""
+        return replace(
+            self, median=self.median / count, lowest=self.lowest / count, highest=self.highest / count
+        )
+
+
+def race(
+    contestants: Mapping[str, Callable[[], object]], repeat: int, done: Callable[[], object] = lambda: None
+) -> dict[str, Spread]:
+    """Return the wall seconds of each contestant; all take turns, so that a slow minute is everybody's.
+
+    Parameters
+    ----------
+    contestants
+        Each runs once to warm up, and then `repeat` times.
+    repeat
+        At least 1.
+    done
+        Called after every run, for progress.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in contestants}
+    for turn in range(repeat + 1):
+        for name, run in contestants.items():
+            watch = Stopwatch()
+            with watch.stage(name):
+                run()
+            done()
+            if turn:
+                seconds[name].append(watch.seconds[name])
+    return {name: Spread.of(values) for name, values in seconds.items()}

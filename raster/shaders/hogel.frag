@@ -10,6 +10,13 @@ layout(location = 1) out vec4 radiance;
 // Unit normals by the mesh's winding, three floats a triangle.
 layout(std430, binding = 0) readonly buffer Normals { float normals[]; };
 
+#ifdef MANY
+flat in int numbered;  // see hogel.vert
+#define TRIANGLE numbered
+#else
+#define TRIANGLE gl_PrimitiveID
+#endif
+
 uniform uint camera;  // its number in drawing order
 
 #ifdef FRAGMENT_DEPTH
@@ -24,13 +31,13 @@ uniform float albedo;
 uniform float ambient;
 
 void main() {
-    identity = uvec2(uint(gl_PrimitiveID) + 1u, camera);
+    identity = uvec2(uint(TRIANGLE) + 1u, camera);
 #ifdef FRAGMENT_DEPTH
     float w = 1.0 / gl_FragCoord.w;
     gl_FragDepth = FRAGMENT_DEPTH;
 #endif
 
-    int first = 3 * gl_PrimitiveID;
+    int first = 3 * TRIANGLE;
     vec3 normal = vec3(normals[first], normals[first + 1], normals[first + 2]);
     // N is flipped for surfaces that are turned away from the camera. For C* these are the ones
     // that face the viewer: N* and L* are both reversed there, and their product is not.

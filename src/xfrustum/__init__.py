@@ -7,6 +7,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     DoubleFrustum(near=0.1)                  one way to draw the two cameras
     Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
+    write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
+    from xfrustum.reports.plate import PlateFiles, write_plate
     from xfrustum.reports.report import ReportFiles, make_report
     from xfrustum.scenes import (
         Aperture,
@@ -46,6 +48,7 @@ __all__ = [
     "DoubleFrustum",
     "HogelImage",
     "InputError",
+    "PlateFiles",
     "Rasterizer",
     "Reference",
     "ReportFiles",
@@ -56,6 +59,7 @@ __all__ = [
     "open_scene",
     "read_image",
     "write_image",
+    "write_plate",
 ]
 
 _MODULES = {
@@ -67,6 +71,8 @@ _MODULES = {
     "make_report": "reports.report",
     "read_image": "scenes.exr",
     "write_image": "scenes.exr",
+    "PlateFiles": "reports.plate",
+    "write_plate": "reports.plate",
 }
 
 

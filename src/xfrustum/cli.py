@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum import cli_checks
+from xfrustum import cli_checks, cli_plate
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def scenes(hard: bool, as_json: bool) -> None:
         click.echo(f"{entry.name:<{width}}  {entry.triangles:>7,} triangles  {entry.purpose}")
 
 
-for _command in (cli_checks.budget, cli_checks.selfcheck, cli_checks.bench):
+for _command in (cli_checks.budget, cli_checks.selfcheck, cli_checks.bench, cli_plate.plate):
     cli.add_command(_command)
 
 
