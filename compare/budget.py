@@ -13,6 +13,7 @@ from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.displacement import displacement
 from xfrustum.compare.explain import Explanation, explain
 from xfrustum.compare.film import shows_point_on_film
+from xfrustum.compare.predict import LinkPrediction, Predictor
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.reference import Reference
 from xfrustum.scenes.scene import Scene
@@ -71,6 +72,8 @@ class Budget:
         Of the pixels charged to rasterization and depth.
     displacement, height
         In pixels (columns and rows) and in scene units.
+    predicted
+        What closed forms say of each link.
     """
 
     judged: int
@@ -81,6 +84,7 @@ class Budget:
     explanation: Explanation
     displacement: VectorBudget
     height: VectorBudget
+    predicted: tuple[LinkPrediction, ...]
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `budget --json` prints them."""
@@ -97,6 +101,8 @@ class Budget:
                     "surface": int((self.surface_charge == link).sum()),
                     "displacement_rms_px": moved[link],
                     "height_rms": raised[link],
+                    "predicted_displacement_rms_px": self.predicted[link].displacement_rms_px,
+                    "predicted_surface": self.predicted[link].surface_pixels,
                 }
                 for link, name in enumerate(LINKS)
             ],
@@ -135,7 +141,15 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
         explanation=_explained(reference.scene, chain, charge),
         displacement=VectorBudget.of(moved),
         height=VectorBudget.of(heights[..., None]),
+        predicted=_predicted(reference, chain),
     )
+
+
+def _predicted(reference: Reference, chain: Chain) -> tuple[LinkPrediction, ...]:
+    truth = chain.images[0]
+    gaps = reference.gaps(truth.camera.aperture)
+    predictor = Predictor(truth, gaps, reference.scene.frustum, chain.subpixel_bits)
+    return predictor.links(chain.settings)
 
 
 def _last(changed: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.displacement import Spread, displacement
 from xfrustum.compare.film import shows_point_on_film
+from xfrustum.compare.radiance import RadianceError, compare_radiance
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.reference import Reference
 from xfrustum.scenes.errors import InputError
@@ -40,6 +41,8 @@ class ErrorMaps:
         (H, W, 2) columns and rows in pixels, NaN where undefined.
     height
         (H, W) raster minus truth, NaN where they do not show the same triangle.
+    radiance
+        (H, W, 3) raster minus truth, NaN where it is not judged; None where it was not compared.
     """
 
     judged: NDArray[np.bool_]
@@ -47,6 +50,7 @@ class ErrorMaps:
     triangle: NDArray[np.bool_]
     displacement: NDArray[np.float64]
     height: NDArray[np.float64]
+    radiance: NDArray[np.float64] | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +69,8 @@ class Comparison:
         None where the raster shows no surface off the plate.
     height
         None where no pixel shows the same triangle in both.
+    radiance
+        None where an image has no color.
     certainty
         Pixels of the truth by class, in words.
     maps
@@ -79,6 +85,7 @@ class Comparison:
     triangle_wrong: int | None
     displacement_px: Spread | None
     height: HeightError | None
+    radiance: RadianceError | None
     certainty: dict[str, int]
     maps: ErrorMaps
 
@@ -93,7 +100,7 @@ class Comparison:
             "triangle": self._share(self.triangle_wrong),
             "displacement_px": asdict(self.displacement_px) if self.displacement_px else None,
             "height": asdict(self.height) if self.height else None,
-            "radiance": None,
+            "radiance": self.radiance.summary() if self.radiance else None,
             "certainty": self.certainty,
         }
 
@@ -103,7 +110,14 @@ class Comparison:
         return {"wrong": wrong, "fraction": wrong / self.judged if self.judged else 0.0}
 
 
-def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference | None) -> Comparison:
+def compare_images(
+    truth: HogelImage,
+    raster: HogelImage,
+    reference: Reference | None,
+    *,
+    radiance: bool = True,
+    perceptual: bool = False,
+) -> Comparison:
     """Judge a raster image of an aperture by the truth.
 
     Parameters
@@ -115,6 +129,8 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
     reference
         Of the same scene, to trace the true lines through the points that the raster shows;
         without it `surface` is unknown.
+    radiance, perceptual
+        Whether to compare colors, and how different the pictures look.
 
     Raises
     ------
@@ -126,20 +142,14 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
             f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"
         )
     _check_same_question(truth, raster)
-    if reference is not None and raster.triangle.max(initial=NOTHING) >= len(reference.scene.faces):
-        raise InputError(
-            f"the raster names triangle {raster.triangle.max()}, the scene has {len(reference.scene.faces)}: "
-            "number them from 0 (id.triangle is that number + 1)"
-        )
+    _check_numbers(raster, reference)
     judged = judged_pixels(truth)
     surface = wrong_surface(truth, raster, reference) & judged if reference else None
     numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
     triangle = (truth.triangle != raster.triangle) & judged & numbered
     shift = displacement(raster, truth.camera)
-    height = np.full(judged.shape, np.nan)
-    same = truth.covered & (truth.triangle == raster.triangle) & judged
-    same &= np.isfinite(raster.height)
-    height[same] = raster.height[same].astype(np.float64) - truth.height[same]
+    colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
+    height = _height_map(truth, raster, judged)
     return Comparison(
         pixels=judged.size,
         judged=int(judged.sum()),
@@ -148,9 +158,17 @@ def compare_images(truth: HogelImage, raster: HogelImage, reference: Reference |
         surface_wrong=None if surface is None else int(surface.sum()),
         triangle_wrong=int(triangle.sum()) if numbered else None,
         displacement_px=Spread.of(np.hypot(*np.moveaxis(shift[shows_point_on_film(raster)], -1, 0))),
-        height=_height_error(height[same]),
+        height=_height_error(height[np.isfinite(height)]),
+        radiance=colors,
         certainty=_certainty_counts(truth),
-        maps=ErrorMaps(judged=judged, surface=surface, triangle=triangle, displacement=shift, height=height),
+        maps=ErrorMaps(
+            judged=judged,
+            surface=surface,
+            triangle=triangle,
+            displacement=shift,
+            height=height,
+            radiance=colors.error if colors else None,
+        ),
     )
 
 
@@ -177,6 +195,22 @@ def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:
             f"truth and raster show different apertures, {mine.column},{mine.row} and "
             f"{other.column},{other.row}: give both the same --aperture"
         )
+
+
+def _check_numbers(raster: HogelImage, reference: Reference | None) -> None:
+    if reference is not None and raster.triangle.max(initial=NOTHING) >= len(reference.scene.faces):
+        raise InputError(
+            f"the raster names triangle {raster.triangle.max()}, the scene has {len(reference.scene.faces)}: "
+            "number them from 0 (id.triangle is that number + 1)"
+        )
+
+
+def _height_map(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NDArray[np.float64]:
+    same = truth.covered & (truth.triangle == raster.triangle) & judged
+    same &= np.isfinite(raster.height)
+    height = np.full(judged.shape, np.nan)
+    height[same] = raster.height[same].astype(np.float64) - truth.height[same]
+    return height
 
 
 def _height_error(error: NDArray[np.float64]) -> HeightError | None:

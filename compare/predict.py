@@ -1,22 +1,164 @@
-"""Closed forms of the error, from the truth's geometry alone (design, section 3)."""
+"""Closed forms of every error, from the scene's geometry alone (design, sections 3 and 4)."""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.chain import traced_settings
+from xfrustum.compare.comparison import judged_pixels
 from xfrustum.compare.displacement import Spread
-from xfrustum.compare.film import pixel_centers, shows_point_on_film
+from xfrustum.compare.predict_depth import smallest_separation
+from xfrustum.compare.predict_displacement import TruePoints, displacements
+from xfrustum.compare.predict_share import depth_wrong_share, slabs
+from xfrustum.compare.predict_silhouettes import Silhouettes
+from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.hogel_image import HogelImage
 
+Floats = NDArray[np.float64]
 
-def displacement(truth: HogelImage, near: float) -> Spread | None:
-    """Return the spread of near-plane displacement over the surfaces that the truth shows.
 
-    A surface point that belongs at film coordinate u is drawn at u |z| / (|z| + n): it moves by
-    u n / (|z| + n) toward the middle of the film (pivot aperture, fit angle; paper, section 4).
+@dataclass(frozen=True, kw_only=True)
+class Separations:
+    """The smallest separation of two surfaces that is ordered at the farthest visible one, scene units.
+
+    Of C and of C*; None where that side shows no surface.
     """
-    shown = shows_point_on_film(truth)
-    height = np.abs(truth.height[shown].astype(np.float64))
-    width, rows = truth.camera.resolution
-    from_middle = pixel_centers(truth.camera)[shown] - [(width - 1) / 2, (rows - 1) / 2]
-    return Spread.of(np.hypot(from_middle[:, 0], from_middle[:, 1]) * (near / (height + near)))
+
+    c: float | None
+    c_star: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """What is to be expected of one setting.
+
+    Attributes
+    ----------
+    displacement_px
+        None where the truth shows no surface off the plate that is drawn.
+    silhouettes, snapped, depth
+        Shares of the judged pixels that show a wrong surface: along silhouettes because of
+        displacement, there because edges snap to subpixels, and because of the depth buffer.
+    separation
+        What the depth buffer still orders.
+    """
+
+    displacement_px: Spread | None
+    silhouettes: float
+    snapped: float
+    depth: float
+    separation: Separations
+
+    @property
+    def surface_fraction(self) -> float:
+        """Share of the judged pixels with a wrong surface, from causes that know nothing of each other."""
+        return 1 - (1 - self.silhouettes) * (1 - self.snapped) * (1 - self.depth)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkPrediction:
+    """What is to be expected of one link of the chain; None where nothing is known in closed form.
+
+    Attributes
+    ----------
+    displacement_rms_px
+        Root mean square length of what the link adds to displacement.
+    surface_pixels
+        Judged pixels with a wrong surface that are charged to it.
+    """
+
+    displacement_rms_px: float | None
+    surface_pixels: float | None
+
+
+class Predictor:
+    """All closed forms for the true image of one aperture.
+
+    Parameters
+    ----------
+    truth
+        The true image.
+    gaps
+        (H, W) see `Reference.gaps`.
+    frustum
+        The scene's.
+    subpixel_bits
+        Of the device that draws.
+    """
+
+    def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
+        self._truth, self._gaps, self._frustum = truth, gaps, frustum
+        self._subpixel_bits = subpixel_bits
+        self._judged = int(judged_pixels(truth).sum())
+        self._points = TruePoints.of(truth).shown()
+        self._silhouettes = Silhouettes(truth, frustum)
+        self._without_depth: dict[DoubleFrustum, tuple[Spread | None, float, float]] = {}
+
+    def predict(self, settings: DoubleFrustum) -> Prediction:
+        """Return what is to be expected of a setting."""
+        # The depth buffer displaces nothing: what many settings share is computed once.
+        cameras = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+        if cameras not in self._without_depth:
+            moved = _spread(displacements(self._points, self._frustum, cameras))
+            wrong = self._silhouettes.wrong_pixels(cameras) / max(self._judged, 1)
+            snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / max(self._judged, 1)
+            self._without_depth[cameras] = (moved, wrong, snapped)
+        displacement_px, silhouettes, snapped = self._without_depth[cameras]
+        return Prediction(
+            displacement_px=displacement_px,
+            silhouettes=silhouettes,
+            snapped=snapped,
+            depth=depth_wrong_share(self._truth, self._gaps, self._frustum, settings),
+            separation=self.separations(settings),
+        )
+
+    def links(self, settings: DoubleFrustum) -> tuple[LinkPrediction, ...]:
+        """Return what is to be expected of each link of the chain, in the order of `LINKS`.
+
+        Rasterization and depth displace nothing but by the rounding of positions.
+        """
+        traced = traced_settings(settings, self._frustum)
+        fields = [displacements(self._points, self._frustum, link) for link in traced]
+        steps = [fields[0], *(after - before for before, after in pairwise(fields))]
+        moved = [spread.rms if spread else None for spread in map(_spread, steps)]
+        share = depth_wrong_share(self._truth, self._gaps, self._frustum, settings)
+        wrong = [
+            *self._silhouettes.charged_pixels(traced),
+            self._silhouettes.snapped_pixels(settings, self._subpixel_bits),
+            share * self._judged,
+        ]
+        return tuple(
+            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels)
+            for rms, pixels in zip([*moved, None, None], wrong, strict=True)
+        )
+
+    def separations(self, settings: DoubleFrustum) -> Separations:
+        """Return the smallest separation that is ordered at the farthest visible surface of each side."""
+        height = self._points.height
+        farthest = {
+            Camera.C: -float(height.min(initial=0)),
+            Camera.C_STAR: float(height.max(initial=0)),
+        }
+        found: dict[Camera, float] = {}
+        for slab in slabs(self._frustum, settings):
+            if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:
+                w = np.array([farthest[slab.camera] + slab.step])
+                there = smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping)
+                found.setdefault(slab.camera, float(there[0]))
+        return Separations(c=found.get(Camera.C), c_star=found.get(Camera.C_STAR))
+
+
+def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
+    """Return the spread of displacement over the surfaces that the truth shows; None without any."""
+    return _spread(displacements(TruePoints.of(truth).shown(), frustum, settings))
+
+
+def _spread(vectors: Floats) -> Spread | None:
+    """Return how the lengths of those (N, 2) vectors are spread that are known."""
+    known = np.isfinite(vectors[:, 0])
+    return Spread.of(np.hypot(vectors[known, 0], vectors[known, 1]))

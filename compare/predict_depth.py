@@ -70,14 +70,14 @@ def smallest_separation(
     the stored value, which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
     """
     w = np.asarray(w, dtype=np.float64)
-    stored, slope = _stored(w, near_plane, far_plane, mapping)
-    step = STEP[depth] or _spacing(stored)
+    stored, slope = stored_depth(w, near_plane, far_plane, mapping)
+    step = STEP[depth] or float32_spacing(stored)
     chance = NormalDist().inv_cdf(1 - MISORDERED)
-    rounding = chance * np.sqrt(2 * _variance(w, stored, near_plane, far_plane, mapping))
+    rounding = chance * np.sqrt(2 * depth_variance(w, stored, near_plane, far_plane, mapping))
     return np.asarray(np.hypot(step, rounding) / slope)
 
 
-def _stored(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[Floats, Floats]:
+def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[Floats, Floats]:
     """Return the stored value before rounding, and the absolute value of its derivative by w."""
     match mapping:
         case DepthMapping.LOGARITHMIC:
@@ -90,24 +90,24 @@ def _stored(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[Float
     return (n * (f - w) / (w * (f - n)) if mapping is DepthMapping.REVERSED else near_one), slope
 
 
-def _variance(w: Floats, stored: Floats, n: float, f: float, mapping: DepthMapping) -> Floats:
+def depth_variance(w: Floats, stored: Floats, n: float, f: float, mapping: DepthMapping) -> Floats:
     """Return the variance of one surface's depth from the roundings of float32."""
-    _, slope = _stored(w, n, f, mapping)
-    position = (slope * _spacing(w)) ** 2
+    _, slope = stored_depth(w, n, f, mapping)
+    position = (slope * float32_spacing(w)) ** 2
     if mapping in EXPRESSION_ROUNDINGS:
-        after = EXPRESSION_ROUNDINGS[mapping] * _spacing(stored) ** 2
+        after = EXPRESSION_ROUNDINGS[mapping] * float32_spacing(stored) ** 2
         return np.asarray((W_ROUNDINGS * position + after) / 12)
     # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
     largest = f * n / ((f - n) * w) if mapping is DepthMapping.REVERSED else f / (f - n)
-    clip = CLIP_ROUNDINGS * (largest * _spacing(w) / w) ** 2
+    clip = CLIP_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
     if mapping is DepthMapping.GL:
         # What is rounded from -1 to 1 is halved, and once more rounded when it is moved by a half.
-        divided = _spacing(2 * stored - 1) ** 2
-        moved = (1 + PLANE_ROUNDINGS) * _spacing(stored) ** 2
+        divided = float32_spacing(2 * stored - 1) ** 2
+        moved = (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2
         return np.asarray((position + (clip + divided) / 4 + moved) / 12)
-    return np.asarray((position + clip + (1 + PLANE_ROUNDINGS) * _spacing(stored) ** 2) / 12)
+    return np.asarray((position + clip + (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2) / 12)
 
 
-def _spacing(values: Floats) -> Floats:
+def float32_spacing(values: Floats) -> Floats:
     """Return the distance of neighboring float32 numbers at some values."""
     return np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)

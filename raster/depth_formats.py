@@ -53,12 +53,16 @@ class Mapping:
 
 _HYPERBOLIC = ClipEnds(near=0.0, far=1.0)
 
+_REVERSED = ClipEnds(near=1.0, far=0.0)
+"""Also of fragments that write a depth of their own: their clip depth only has to clip. Toward one at the
+far plane, f / (f - n) rounded to float32 would clip surfaces before that plane, or keep some behind it."""
+
 MAPPINGS: dict[DepthMapping, Mapping] = {
     DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
     DepthMapping.GL: Mapping(ends=ClipEnds(near=-1.0, far=1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
-    DepthMapping.REVERSED: Mapping(ends=ClipEnds(near=1.0, far=0.0), stored_near=1.0, stored_far=0.0),
-    DepthMapping.LOGARITHMIC: Mapping(ends=_HYPERBOLIC, fragment_depth="log(w / near) / log(far / near)"),
-    DepthMapping.LINEAR: Mapping(ends=_HYPERBOLIC, fragment_depth="(w - near) / (far - near)"),
+    DepthMapping.REVERSED: Mapping(ends=_REVERSED, stored_near=1.0, stored_far=0.0),
+    DepthMapping.LOGARITHMIC: Mapping(ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)"),
+    DepthMapping.LINEAR: Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)"),
 }
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.raster.cameras import Matrix, SlabCamera, clip_from_scene, slab_cameras
 from xfrustum.raster.depth_formats import MAPPINGS, DepthTest, farthest_wins, nearest_wins
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
-from xfrustum.scenes.light import DEFAULT_LIGHT
+from xfrustum.scenes.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
@@ -30,8 +31,8 @@ class Pass:
         Which of two surfaces wins.
     front_face
         Which window winding faces the camera.
-    light
-        Toward the light: L for C, the pseudoscopic L* for C* (paper, section 3, figure 3).
+    orthoscopic
+        C, else C*: for it lights are pseudoscopic (paper, section 3, figure 3).
     """
 
     clip_from_scene: Matrix
@@ -39,25 +40,53 @@ class Pass:
     heights: tuple[float, float]
     test: DepthTest
     front_face: str
-    light: tuple[float, float, float]
+    orthoscopic: bool
+
+    @property
+    def line_of_pixel(self) -> Matrix:
+        """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward."""
+        return lines_of_pixels(self.clip_from_scene)
 
 
-def drawing_order(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> list[Pass]:
+def lines_of_pixels(clip_from_scene: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (.., 3, 3) directions away from cameras, scene axes, of film coordinates (u, v, 1) upward.
+
+    A camera's position is the point without x, y and w in clip coordinates, and what lies at
+    depth w along a direction d from it has w (u, v, 1): d is what the matrix makes (u, v, 1) of.
+
+    Parameters
+    ----------
+    clip_from_scene
+        (.., 4, 4) matrices.
+    """
+    return np.asarray(np.linalg.inv(clip_from_scene[..., (0, 1, 3), :3]), np.float64)
+
+
+def drawing_order(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[Pass]:
     """Return the passes of an image, from the back.
 
     C from its outermost slab inward, then C* from its innermost outward: what comes later is nearer
-    to the viewer and overlays. Slabs in which the scene has nothing are left out.
+    to the viewer and overlays. Slabs in which the scene has nothing are left out, and so are cameras
+    that are not among the effects.
     """
-    return [pass_of(scene, aperture, settings, camera) for camera in cameras_in_order(scene, settings)]
+    cameras = cameras_in_order(scene, settings, effects)
+    return [pass_of(scene, aperture, settings, camera) for camera in cameras]
 
 
-def cameras_in_order(scene: Scene, settings: DoubleFrustum) -> list[SlabCamera]:
+def cameras_in_order(
+    scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[SlabCamera]:
     """Return the cameras of every image, from the back: what belongs to the plate and to no aperture."""
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
     chosen = {Camera.BOTH: [*reversed(c), *c_star], Camera.C: [*reversed(c)], Camera.C_STAR: c_star}
-    return [camera for camera in chosen[settings.camera] if _occupied(scene, kept_heights(camera))]
+    cameras = [
+        x for x in chosen[settings.camera] if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
+    ]
+    return [camera for camera in cameras if _occupied(scene, kept_heights(camera))]
 
 
 def kept_heights(camera: SlabCamera) -> tuple[float, float]:
@@ -69,14 +98,13 @@ def kept_heights(camera: SlabCamera) -> tuple[float, float]:
 def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
     """Return one camera's share of an aperture's image."""
     mapping = MAPPINGS[settings.mapping]
-    x, y, z = DEFAULT_LIGHT.direction
     return Pass(
         clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
         planes=(camera.near, camera.far),
         heights=kept_heights(camera),
         test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
         front_face="ccw" if camera.orthoscopic else "cw",
-        light=(x, y, z) if camera.orthoscopic else (-x, -y, -z),
+        orthoscopic=camera.orthoscopic,
     )
 
 

@@ -11,19 +11,21 @@ from OpenGL import GL
 
 from xfrustum.raster.context import open_context
 from xfrustum.raster.depth_formats import MAPPINGS
+from xfrustum.raster.materials import Shading
+from xfrustum.raster.mesh import ATTRIBUTES, NORMALS, attribute_of
 from xfrustum.raster.numbered_mesh import number_triangles
 from xfrustum.raster.passes import Pass, cameras_in_order, pass_of
 from xfrustum.raster.plate_program import (
     HOGEL,
     HOGELS_BINDING,
-    NORMALS_BINDING,
     hogel_block,
     picture_program,
-    set_camera,
 )
 from xfrustum.raster.plate_targets import LayeredTarget, TargetFormat
+from xfrustum.raster.programs import set_camera
 from xfrustum.raster.room import check_room
 from xfrustum.scenes.double_frustum import DoubleFrustum
+from xfrustum.scenes.effects import Effect, needed
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.scene import Scene
@@ -31,6 +33,8 @@ from xfrustum.scenes.scene import Scene
 
 class PlainLoop:
     """The loop that anybody would write first: every camera draws the whole scene, then pixels are read.
+
+    It shades, but draws no reflections.
 
     Parameters
     ----------
@@ -52,6 +56,7 @@ class PlainLoop:
         self, scene: Scene, settings: DoubleFrustum, content: PlateContent, *, numbered: bool = False
     ) -> None:
         self.scene, self.settings = scene, settings
+        effects = needed(scene) - {Effect.REFLECTION}
         self._cameras = cameras_in_order(scene, settings)
         self._mapping = MAPPINGS[settings.mapping]
         self._context = context = open_context()
@@ -61,17 +66,20 @@ class PlainLoop:
                 scene.frustum.resolution, 1, TargetFormat(depth=settings.depth, content=content)
             )
             self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
-            vertices, faces = scene.vertices.astype(np.float32), scene.faces.astype(np.uint32)
-            self._program = picture_program(context, self._mapping, 1 if numbered else None)
+            self._shading = Shading(context, scene, effects)
+            source, faces = np.arange(len(scene.vertices)), scene.faces.astype(np.uint32)
+            self._program = picture_program(context, self._mapping, effects, 1 if numbered else None)
             self._hogel: moderngl.Buffer | None = None
             content_of_vertices = []
             if numbered:
                 mesh = number_triangles(scene.faces)
-                vertices, faces = vertices[mesh.source], mesh.faces
+                source, faces = mesh.source, mesh.faces
                 self._hogel = context.buffer(reserve=HOGEL.itemsize, dynamic=True)
                 zero = context.buffer(np.zeros(1, np.uint32).tobytes())
                 content_of_vertices.append((zero, "1u4/i", "in_hogel"))
-            content_of_vertices.append((context.buffer(vertices.tobytes()), "3f", "in_position"))
+            for name in (name for name in ATTRIBUTES if name in self._program):
+                values = context.buffer(attribute_of(scene, name)[source].tobytes())
+                content_of_vertices.append((values, f"{ATTRIBUTES[name]}f", name))
             self._mesh = context.vertex_array(
                 self._program, content_of_vertices, index_buffer=context.buffer(faces.tobytes())
             )
@@ -113,20 +121,18 @@ class PlainLoop:
         self._target.begin()
         self._context.enable_only(moderngl.DEPTH_TEST)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
-        self._normals.bind_to_storage_buffer(NORMALS_BINDING)
+        self._normals.bind_to_storage_buffer(NORMALS)
         for number, camera in enumerate(self._cameras):
             drawn = pass_of(self.scene, aperture, self.settings, camera)
             self._target.clear_depth(drawn.test.clear)
             self._context.depth_func = drawn.test.function
             self._context.front_face = drawn.front_face
-            set_camera(self._program, number, drawn, self._mapping)
-            self._set_matrix(drawn)
+            set_camera(self._program, number, drawn, self._target.size)
+            self._shading.bind(self._program)
+            self._set_hogel(drawn)
             self._mesh.render()
 
-    def _set_matrix(self, drawn: Pass) -> None:
-        if self._hogel is None:
-            matrix = drawn.clip_from_scene.T.astype(np.float32)
-            self._program["clip_from_scene"] = tuple(matrix.ravel().tolist())
-        else:
+    def _set_hogel(self, drawn: Pass) -> None:
+        if self._hogel is not None:
             self._hogel.write(hogel_block([drawn]).tobytes())
             self._hogel.bind_to_uniform_block(HOGELS_BINDING)

@@ -8,8 +8,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.raster.mesh import ATTRIBUTES
 from xfrustum.raster.plate_geometry import PassGeometry, PlateGeometry
-from xfrustum.raster.plate_program import HOGELS_BINDING, NORMALS_BINDING
+from xfrustum.raster.plate_program import HOGELS_BINDING
 
 
 class PlateDrawing:
@@ -20,7 +21,7 @@ class PlateDrawing:
     context
         The current context.
     program
-        Of `plate_program`.
+        Of `plate_program`, for as many hogels.
     geometry
         The scene.
     cameras
@@ -40,15 +41,11 @@ class PlateDrawing:
         self.program = program
         self._geometry, self._cameras = geometry, cameras
         numbers = np.arange(hogels, dtype=np.uint32)
-        self._mesh = context.vertex_array(
-            program,
-            [
-                (geometry.vertices, "3f", "in_position"),
-                # Advances with the instance; every draw says which instance is its first.
-                (context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"),
-            ],
-            index_buffer=geometry.indices,
-        )
+        read = [name for name in ATTRIBUTES if name in program]
+        content = [(geometry.attribute(name), f"{ATTRIBUTES[name]}f", name) for name in read]
+        # Advances with the instance; every draw says which instance is its first.
+        content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
+        self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
 
     def triangles(self, number: int, matrices: NDArray[np.float32]) -> int:
         """Return how many triangles a camera draws for some hogels."""
@@ -83,6 +80,6 @@ class PlateDrawing:
             As `upload` wrote and returned them.
         """
         if draws:
-            self._geometry.normals.bind_to_storage_buffer(NORMALS_BINDING)
+            self._geometry.bind()
             hogels.bind_to_uniform_block(HOGELS_BINDING)
             self._mesh.render_indirect(commands, count=draws)

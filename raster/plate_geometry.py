@@ -18,6 +18,7 @@ from xfrustum.raster.clusters import (
     runs,
     triangles_in_depth,
 )
+from xfrustum.raster.mesh import NORMALS, attribute_of
 from xfrustum.raster.numbered_mesh import NumberedMesh, number_triangles
 from xfrustum.raster.passes import Pass
 from xfrustum.scenes.scene import Scene
@@ -78,18 +79,29 @@ class PlateGeometry:
         clip_control: int,
         reflective: NDArray[np.bool_] | None = None,
     ) -> None:
-        self._clip_control = clip_control
-        self._scene_vertices = scene.vertices.astype(np.float32)
+        self._context, self._scene, self._clip_control = context, scene, clip_control
+        self._scene_vertices = attribute_of(scene, "in_position")
         mesh = number_triangles(scene.faces)
         # A buffer cannot be empty; nothing draws the first three.
         self._indices = [np.zeros((1, 3), dtype=np.uint32)]
         self.surfaces = self._seen_by(passes, scene, mesh, np.arange(len(scene.faces)))
         chosen = np.flatnonzero(np.zeros(0) if reflective is None else reflective)
         self.reflections = self._seen_by(passes, scene, mesh, chosen)
-        self.vertices = context.buffer(self._scene_vertices[mesh.source].tobytes())
+        self._source, self._attributes = mesh.source, dict[str, moderngl.Buffer]()
         self.indices = context.buffer(np.concatenate(self._indices).tobytes())
-        self.normals = context.buffer(scene.normals.astype(np.float32).tobytes())
+        self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
         del self._indices, self._scene_vertices
+
+    def attribute(self, name: str) -> moderngl.Buffer:
+        """Return an attribute of all vertices, see `mesh.attribute_of`."""
+        if name not in self._attributes:
+            values = attribute_of(self._scene, name)[self._source]
+            self._attributes[name] = self._context.buffer(values.tobytes())
+        return self._attributes[name]
+
+    def bind(self) -> None:
+        """Make the normals what the shaders read."""
+        self._normals.bind_to_storage_buffer(NORMALS)
 
     def _seen_by(
         self, passes: Sequence[Pass], scene: Scene, mesh: NumberedMesh, triangles: NDArray[np.int64]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 
 from xfrustum.raster.plain_loop import PlainLoop
 from xfrustum.raster.plate_renderer import PlateRenderer
 from xfrustum.raster.timer import StageTime
 from xfrustum.scenes.double_frustum import DoubleFrustum
+from xfrustum.scenes.effects import Effect, needed
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.scene import Scene
@@ -59,8 +61,12 @@ def contestants(
         def loop(content: PlateContent, *, numbered: bool) -> PlainLoop:
             return stack.enter_context(PlainLoop(scene, settings, content, numbered=numbered))
 
-        everything = stack.enter_context(PlateRenderer(scene, settings, EVERYTHING))
-        color = stack.enter_context(PlateRenderer(scene, settings, COLOR_ONLY))
+        def batched(content: PlateContent) -> PlateRenderer:
+            # Plain loops draw no reflections.
+            content = replace(content, effects=needed(scene) - {Effect.REFLECTION})
+            return stack.enter_context(PlateRenderer(scene, settings, content))
+
+        everything, color = batched(EVERYTHING), batched(COLOR_ONLY)
         plain, plain_numbered = (loop(EVERYTHING, numbered=numbered) for numbered in (False, True))
         bare, bare_numbered = (loop(COLOR_ONLY, numbered=numbered) for numbered in (False, True))
         runs: dict[str, Run] = {

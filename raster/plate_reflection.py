@@ -3,36 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
-from xfrustum.raster.cameras import SlabCamera
+from xfrustum.raster.materials import Shading
+from xfrustum.raster.passes import Pass
 from xfrustum.raster.plate_drawing import PlateDrawing
 from xfrustum.raster.plate_geometry import PlateGeometry
 from xfrustum.raster.plate_program import reflection_program
+from xfrustum.raster.programs import set_camera
+from xfrustum.raster.reflection import Environment
 from xfrustum.raster.submissions import Slot
-
-IDENTITIES, ENVIRONMENT = 0, 1
-"""Texture units, as in plate_reflection.frag."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reflective:
-    """Which triangles reflect, and what.
-
-    Attributes
-    ----------
-    triangles
-        (F,) whether each is reflective.
-    environment
-        (H, W, 3) float32 radiance by latitude and longitude, row 0 upward, the middle behind the plate.
-    """
-
-    triangles: NDArray[np.bool_]
-    environment: NDArray[np.float32]
+from xfrustum.scenes.effects import Effect
 
 
 class Reflections:
@@ -44,25 +26,30 @@ class Reflections:
         The current context.
     geometry
         The scene, with its reflective triangles.
-    reflective
+    environment
         What they reflect.
+    effects
+        What is simulated.
     hogels
         How many one submission may have.
     """
 
     def __init__(
-        self, context: moderngl.Context, geometry: PlateGeometry, reflective: Reflective, hogels: int
+        self,
+        context: moderngl.Context,
+        geometry: PlateGeometry,
+        environment: Environment,
+        effects: frozenset[Effect],
+        hogels: int,
     ) -> None:
         self._context = context
-        program = reflection_program(context, hogels)
+        self._environment = environment
+        program = reflection_program(context, effects, hogels)
         self.drawing = PlateDrawing(context, program, geometry, geometry.reflections, hogels)
-        height, width = reflective.environment.shape[:2]
-        radiance = reflective.environment.astype(np.float32)
-        self._environment = context.texture((width, height), 3, radiance.tobytes(), dtype="f4")
-        self._environment.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._environment.repeat_y = False
 
-    def draw(self, slot: Slot, cameras: Sequence[SlabCamera], draws: Sequence[int], drawing: int) -> None:
+    def draw(
+        self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], drawing: int, shading: Shading
+    ) -> None:
         """Add every camera's reflections, wherever its picture has stayed visible.
 
         Parameters
@@ -70,18 +57,19 @@ class Reflections:
         slot
             With the pictures.
         cameras
-            In drawing order.
+            In drawing order, those of any hogel.
         draws
             Of each camera, as uploaded.
         drawing
             The number of this one in the slot.
+        shading
+            The scene's materials.
         """
         self._context.blend_func = (moderngl.ONE, moderngl.ONE)
-        slot.target.begin_reflection(IDENTITIES)
-        self._environment.use(ENVIRONMENT)
-        program = self.drawing.program
-        program["pixels"] = tuple(float(n) for n in slot.target.size)
+        slot.target.begin_reflection()
+        self._environment.bind(slot.target)
+        shading.bind(self.drawing.program)
         for number, camera in enumerate(cameras):
-            program["camera"] = number
-            program["conjugate"] = 1.0 if camera.orthoscopic else -1.0
+            self._context.front_face = camera.front_face
+            set_camera(self.drawing.program, number, camera, slot.target.size)
             self.drawing.draw(slot.hogels[number], slot.commands[drawing][number], draws[number])

@@ -16,23 +16,24 @@ from OpenGL import GL
 from xfrustum.raster.context import describe, open_context
 from xfrustum.raster.depth_formats import MAPPINGS
 from xfrustum.raster.passes import Pass, cameras_in_order, pass_of
-from xfrustum.raster.plate_drawing import PlateDrawing
-from xfrustum.raster.plate_geometry import PlateGeometry
-from xfrustum.raster.plate_program import (
-    hogel_block,
-    lets_vertices_choose_layers,
-    picture_program,
-    set_camera,
+from xfrustum.raster.plate_picture import (
+    PICTURE,
+    REFLECTION,
+    Look,
+    PlatePicture,
+    reflective_triangles,
 )
-from xfrustum.raster.plate_reflection import Reflections, Reflective
+from xfrustum.raster.plate_program import lets_vertices_choose_layers
 from xfrustum.raster.plate_targets import LayeredTarget, TargetFormat
 from xfrustum.raster.room import check_room
 from xfrustum.raster.submissions import Batching, Slot, groups, make_rounds
 from xfrustum.raster.timer import GpuTimer, StageTime
 from xfrustum.scenes.double_frustum import DoubleFrustum
+from xfrustum.scenes.effects import needed
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.plate_content import PlateContent, PlateHogel
+from xfrustum.scenes.sampling import Sampling
 from xfrustum.scenes.scene import Scene
 
 
@@ -48,15 +49,13 @@ class PlateRenderer:
     settings
         Near plane, depth buffer, cameras.
     content
-        Which images are read back.
-    reflective
-        Triangles that reflect an environment; None for none.
+        Which images are read back, and what is simulated.
 
     Raises
     ------
     InputError
-        The settings do not fit the frustum, there is no usable OpenGL, or the device cannot draw
-        so large an image or so many triangles.
+        The settings do not fit the frustum, the scene asks for more than one sample a pixel, there is
+        no usable OpenGL, or the device cannot draw so large an image or so many triangles.
     """
 
     def __init__(
@@ -64,12 +63,17 @@ class PlateRenderer:
         scene: Scene,
         settings: DoubleFrustum,
         content: PlateContent | None = None,
-        reflective: Reflective | None = None,
     ) -> None:
         settings.check_against(scene.frustum)
+        if scene.sampling != Sampling():
+            raise InputError(
+                f"{scene.name}: asks for several samples a pixel, and a plate is drawn with one; "
+                "say --supersample 1 --multisample 1 --aperture-samples 1, or draw its hogels with raster"
+            )
         self.scene, self.settings, self.content = scene, settings, content or PlateContent()
-        self._mapping = MAPPINGS[settings.mapping]
-        self._cameras = cameras_in_order(scene, settings)
+        asked = self.content.effects
+        self.effects = needed(scene) if asked is None else asked
+        self._cameras = cameras_in_order(scene, settings, self.effects)
         self._enabled = moderngl.DEPTH_TEST
         self._timer: GpuTimer | None = None
         self._context = open_context()
@@ -77,42 +81,30 @@ class PlateRenderer:
             with self._context:
                 self.device = describe(self._context)
                 check_room(scene, self.device["renderer"])
-                self._prepare(reflective)
+                self._prepare()
         except InputError:
             self._context.release()
             raise
 
-    def _prepare(self, reflective: Reflective | None) -> None:
-        form = TargetFormat(
-            depth=self.settings.depth, content=self.content, identified=reflective is not None
-        )
+    def _prepare(self) -> None:
+        identified = bool(reflective_triangles(self.scene, self.effects).any())
+        form = TargetFormat(depth=self.settings.depth, content=self.content, identified=identified)
         size = self.scene.frustum.resolution
         self.batching = Batching.of(size, form, layered=lets_vertices_choose_layers(self._context))
-        self._drawings = self._made(reflective) if self._cameras else []
+        self._picture: PlatePicture | None = None
+        if self._cameras:
+            look = Look(
+                mapping=MAPPINGS[self.settings.mapping], effects=self.effects, hogels=self.batching.hogels
+            )
+            passes = self._passes(self.scene.plate.middle)
+            self._picture = PlatePicture(self._context, self.scene, passes, look)
+        drawings = 0 if self._picture is None else len(self._picture.drawings)
         self._rounds = make_rounds(
             self._context,
             self.batching,
             lambda: LayeredTarget(size, self.batching.hogels, form),
-            (len(self._drawings), len(self._cameras)),
+            (drawings, len(self._cameras)),
         )
-
-    def _made(self, reflective: Reflective | None) -> list[PlateDrawing]:
-        """Return what draws the picture and, where something reflects, what draws reflections over it."""
-        context, hogels = self._context, self.batching.hogels
-        geometry = PlateGeometry(
-            context,
-            self.scene,
-            self._passes(self.scene.plate.middle),
-            self._mapping.clip_control,
-            None if reflective is None else reflective.triangles,
-        )
-        picture = picture_program(context, self._mapping, hogels)
-        drawings = [PlateDrawing(context, picture, geometry, geometry.surfaces, hogels)]
-        if reflective is not None:
-            self._reflections = Reflections(context, geometry, reflective, hogels)
-            drawings.append(self._reflections.drawing)
-        self._geometry = geometry
-        return drawings
 
     def __enter__(self) -> PlateRenderer:
         return self
@@ -132,7 +124,7 @@ class PlateRenderer:
     @property
     def triangles_of_cameras(self) -> list[int]:
         """How many triangles each camera draws at most: those of its side of the plate, and across it."""
-        return [part.count for part in self._geometry.surfaces] if self._cameras else []
+        return [] if self._picture is None else self._picture.triangles_of_cameras
 
     def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order.
@@ -194,7 +186,8 @@ class PlateRenderer:
         for aperture in apertures:
             for number, camera in enumerate(self._passes(aperture)):
                 matrices = camera.clip_from_scene.astype(np.float32)[None]
-                total += sum(drawing.triangles(number, matrices) for drawing in self._drawings)
+                drawings = [] if self._picture is None else self._picture.drawings
+                total += sum(drawing.triangles(number, matrices) for drawing in drawings)
         return total
 
     def _stage(self, name: str) -> AbstractContextManager[None]:
@@ -204,38 +197,23 @@ class PlateRenderer:
         return [pass_of(self.scene, aperture, self.settings, camera) for camera in self._cameras]
 
     def _draw(self, slot: Slot, apertures: Sequence[Aperture]) -> None:
-        self._context.enable_only(self._enabled)
-        GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
-        slot.target.begin()
-        passes_of_hogels = [self._passes(aperture) for aperture in apertures]
+        picture = self._picture
+        if picture is None:
+            slot.target.begin()
+            return
+        picture.begin(slot, self._enabled)
         draws = []
         # All hogels' shares of one camera, then all of the next: what they have in common is set once.
-        for number, hogels in enumerate(zip(*passes_of_hogels, strict=True)):
+        cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
+        for number, hogels in enumerate(cameras):
             with self._stage("upload"):
-                draws.append(self._upload(slot, number, hogels))
+                draws.append(picture.upload(slot, number, hogels))
             with self._stage("C" if self._cameras[number].orthoscopic else "C*"):
-                self._picture(slot, number, hogels[0], draws[-1][0])
-        if len(self._drawings) > 1:
+                picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
+        if picture.reflects:
             with self._stage("reflection"):
-                self._context.enable_only(self._enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)
-                self._reflections.draw(slot, self._cameras, [drawn[1] for drawn in draws], 1)
-
-    def _upload(self, slot: Slot, number: int, hogels: Sequence[Pass]) -> list[int]:
-        """Say what a camera draws for the hogels, and return in how many draws, drawing by drawing."""
-        block = hogel_block(hogels)
-        slot.hogels[number].write(block.tobytes())
-        matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
-        return [
-            drawing.upload(number, matrices, commands[number])
-            for drawing, commands in zip(self._drawings, slot.commands, strict=True)
-        ]
-
-    def _picture(self, slot: Slot, number: int, camera: Pass, draws: int) -> None:
-        slot.target.clear_depth(camera.test.clear)
-        self._context.depth_func = camera.test.function
-        self._context.front_face = camera.front_face
-        set_camera(self._drawings[0].program, number, camera, self._mapping)
-        self._drawings[0].draw(slot.hogels[number], slot.commands[0][number], draws)
+                drawn = [counts[REFLECTION] for counts in draws]
+                picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, self._enabled)
 
     def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]]) -> Iterator[PlateHogel]:
         for slot, apertures in waiting:

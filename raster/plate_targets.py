@@ -133,9 +133,12 @@ class LayeredTarget:
         if GL.GL_COLOR_ATTACHMENT0 + IDENTITY in self._textures:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
 
-    def begin_reflection(self, unit: int) -> None:
-        """Draw over the color from now on, with the identities a texture for a shader."""
+    def begin_reflection(self) -> None:
+        """Draw from now on color alone, over what is there."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 

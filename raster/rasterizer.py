@@ -1,30 +1,34 @@
-"""The paper's double frustum: C, then C* over it (paper, sections 3 to 5)."""
+"""The paper's double frustum: C, then C* over it (paper, sections 3 to 6)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from types import TracebackType
 
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
-from OpenGL import GL
 
+from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
 from xfrustum.raster.cameras import FilmWindow
 from xfrustum.raster.context import describe, open_context
-from xfrustum.raster.depth_formats import MAPPINGS, Mapping
+from xfrustum.raster.drawing import Drawing
 from xfrustum.raster.passes import Pass, drawing_order
-from xfrustum.raster.plate_program import picture_program, set_camera
 from xfrustum.raster.positions import DrawnBy, Positions
+from xfrustum.raster.room import check_room
 from xfrustum.raster.targets import Target
 from xfrustum.scenes.double_frustum import DepthFormat, DoubleFrustum
+from xfrustum.scenes.effects import Effect, needed
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.sampling import Sampling, sub_apertures
 from xfrustum.scenes.scene import Scene
 
-MAX_TRIANGLES = (1 << 31) // 3
-"""Shaders index three values a triangle with signed 32-bit integers."""
+POSITION_BYTES = 24
+"""Of a vertex in double precision, as `Positions` has them."""
+
+ONCE = Sampling()
+"""One point a pixel, through the middle of the aperture."""
 
 
 class Rasterizer:
@@ -36,25 +40,30 @@ class Rasterizer:
     ----------
     scene
         Uploaded once, in float32.
+    effects
+        What is simulated; None for what the scene calls for. The picture is the same with more.
 
     Raises
     ------
     InputError
-        There is no usable OpenGL (see `context.open_context`).
+        There is no usable OpenGL (see `context.open_context`), or the scene is too large for it.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        if len(scene.faces) > MAX_TRIANGLES:
-            raise InputError(
-                f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn"
-            )
+    def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
         self.scene = scene
+        self.effects = needed(scene) if effects is None else effects
         self._context = open_context()
         self.device = describe(self._context)
-        self._targets: dict[tuple[tuple[int, int], DepthFormat], Target] = {}
-        self._check_room(scene)
+        self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
-        self._upload(scene)
+        try:
+            check_room(scene, self.device["renderer"], vertex_bytes=POSITION_BYTES)
+        except InputError:
+            self._context.release()
+            raise
+        if len(scene.faces):
+            self._drawing = Drawing(self._context, scene, self.effects)
+            self._positions = Positions(self._context, scene)
 
     def __enter__(self) -> Rasterizer:
         return self
@@ -72,48 +81,14 @@ class Rasterizer:
         self._targets.clear()
         self._context.release()
 
-    def _check_room(self, scene: Scene) -> None:
-        """Raise InputError where the device draws no so large image, or has no so large block."""
-        limit = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
-        size = scene.frustum.resolution
-        if max(size) > limit:
-            device = self.device["renderer"]
-            self._context.release()
-            raise InputError(
-                f"{device} draws at most {limit} x {limit} pixels, not {size[0]} x {size[1]}; "
-                "choose a smaller frustum.resolution"
-            )
-        block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
-        # Vertices are three doubles, normals and indices three 32-bit numbers.
-        needed = max(24 * len(scene.vertices), 12 * len(scene.faces))
-        if needed > block:
-            device = self.device["renderer"]
-            self._context.release()
-            raise InputError(
-                f"{scene.name}: {len(scene.faces):,} triangles on {len(scene.vertices):,} vertices need "
-                f"{needed >> 20} MiB in one block, {device} has {block >> 20}; draw a smaller mesh"
-            )
-
-    def _upload(self, scene: Scene) -> None:
-        self._programs: dict[str, tuple[moderngl.Program, moderngl.VertexArray]] = {}
-        if len(scene.faces):
-            self._vertices = self._context.buffer(scene.vertices.astype(np.float32).tobytes())
-            self._indices = self._context.buffer(scene.faces.astype(np.uint32).tobytes())
-            self._normals = self._context.buffer(scene.normals.astype(np.float32).tobytes())
-            self._positions = Positions(self._context, scene)
-
-    def _program(self, mapping: Mapping) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        """Return the program that stores depth by a mapping, and the mesh for it."""
-        if mapping.fragment_depth not in self._programs:
-            program = picture_program(self._context, mapping, None)
-            mesh = self._context.vertex_array(
-                program, [(self._vertices, "3f", "in_position")], index_buffer=self._indices
-            )
-            self._programs[mapping.fragment_depth] = (program, mesh)
-        return self._programs[mapping.fragment_depth]
-
     def render(
-        self, aperture: Aperture, settings: DoubleFrustum, *, normals: bool = True, color: bool = True
+        self,
+        aperture: Aperture,
+        settings: DoubleFrustum,
+        *,
+        normals: bool = True,
+        color: bool = True,
+        sampling: Sampling | None = None,
     ) -> HogelImage:
         """Draw the hogel image of an aperture.
 
@@ -125,22 +100,23 @@ class Rasterizer:
             Near plane, depth buffer, cameras.
         normals, color
             Leave out what nobody looks at.
+        sampling
+            How finely color is sampled; None for what the scene asks for. What a pixel shows is that at
+            its center, seen through the middle of the aperture, however fine.
 
         Raises
         ------
         InputError
-            near is not smaller than the reach, or the device cannot draw so large an image.
+            near is not smaller than the reach, or the device cannot sample so finely.
         """
         settings.check_against(self.scene.frustum)
+        sampling = self.scene.sampling if sampling is None else sampling
         # OpenGL draws in whichever context is current: another Rasterizer may have been opened since.
         with self._context:
-            target = self._target(settings.depth)
-            target.begin()
-            passes = drawing_order(self.scene, aperture, settings)
-            mapping = MAPPINGS[settings.mapping]
-            for number, camera in enumerate(passes):
-                target.clear_depth(camera.test.clear)
-                self._draw(number, camera, mapping)
+            check_sampling(sampling, self.device["renderer"])
+            target = self._target(self.scene.frustum.resolution, settings.depth)
+            passes = drawing_order(self.scene, aperture, settings, self.effects)
+            self._draw(target, passes, settings, color=color and sampling == ONCE)
             triangle = target.read_triangle()
             return HogelImage(
                 camera=self._camera(aperture, settings),
@@ -148,8 +124,31 @@ class Rasterizer:
                 object=self._object_of_number[triangle],
                 position=self._read_position(target, passes),
                 normal=self._normals_of(triangle) if normals else None,
-                color=target.read_color() if color else None,
+                color=self._color(target, aperture, settings, sampling) if color else None,
             )
+
+    def _color(
+        self, target: Target, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling
+    ) -> NDArray[np.float32]:
+        """Return what the target shows or, where more samples are asked for, the mean over them."""
+        if sampling == ONCE:
+            return target.read_color()
+        film = self.scene.frustum.resolution
+        mean = Mean(film)
+        places = sub_apertures(self.scene.plate, aperture, sampling.aperture)
+        for place in places:
+            passes = drawing_order(self.scene, place, settings, self.effects)
+            for tile in tiles(film, sampling.supersample, largest_image()):
+                part = self._target(tile.size, settings.depth, sampling.multisample)
+                self._draw(part, [tile.seen_by(camera) for camera in passes], settings, color=True)
+                mean.add(tile, part.read_color())
+        return mean.over(len(places))
+
+    def _draw(self, target: Target, passes: Sequence[Pass], settings: DoubleFrustum, *, color: bool) -> None:
+        if len(self.scene.faces):
+            self._drawing.draw(target, passes, settings.mapping, color=color)
+        else:
+            target.begin()
 
     def _read_position(self, target: Target, passes: Sequence[Pass]) -> NDArray[np.float32]:
         if not passes:
@@ -157,22 +156,10 @@ class Rasterizer:
         drawn = [DrawnBy(clip_from_scene=p.clip_from_scene, heights=p.heights) for p in passes]
         return self._positions.read(target, drawn)
 
-    def _draw(self, number: int, camera: Pass, mapping: Mapping) -> None:
-        program, mesh = self._program(mapping)
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        self._context.depth_func = camera.test.function
-        self._context.front_face = camera.front_face
-        GL.glClipControl(GL.GL_LOWER_LEFT, mapping.clip_control)
-        program["clip_from_scene"] = tuple(camera.clip_from_scene.T.ravel().tolist())
-        set_camera(program, number, camera, mapping)
-        self._normals.bind_to_storage_buffer(0)
-        mesh.render()
-
-    def _target(self, depth: DepthFormat) -> Target:
-        size = self.scene.frustum.resolution
-        if (size, depth) not in self._targets:
-            self._targets[size, depth] = Target(self._context, size, depth)
-        return self._targets[size, depth]
+    def _target(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> Target:
+        if (size, depth, samples) not in self._targets:
+            self._targets[size, depth, samples] = Target(size, depth, samples)
+        return self._targets[size, depth, samples]
 
     def _normals_of(self, triangle: NDArray[np.int32]) -> NDArray[np.float32]:
         normals = np.full((*triangle.shape, 3), np.nan, dtype=np.float32)

@@ -43,7 +43,7 @@ _JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfi
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Lanes:
+class Lanes:
     """Rows cut by edges, as Dr.Jit arrays; empty ones have first > last."""
 
     rows: Rows
@@ -71,7 +71,7 @@ class JitNarrowPhase:
         self._pencil = pencil
         self._pixels = len(rows) * pencil.resolution[0]
         self._base = rows.start * pencil.resolution[0]
-        self._lanes: list[_Lanes] = []
+        self._lanes: list[Lanes] = []
         with strict_arithmetic():
             # Opaque: values that differ from image to image must not compile another kernel.
             self._limit = dr.opaque(Float64, np.inf, self._pixels)
@@ -94,7 +94,7 @@ class JitNarrowPhase:
                     dr.ReduceOp.Min, self._limit, s + error, pixel, sure, mode=dr.ReduceMode.Direct
                 )
 
-            _walk(lanes, lower)
+            walk(lanes, lower)
             dr.eval(self._limit)
 
     def finish(self) -> Sifted:
@@ -113,7 +113,7 @@ class JitNarrowPhase:
                 contested=contested,
             )
 
-    def _cut(self, rows: Rows) -> _Lanes:
+    def _cut(self, rows: Rows) -> Lanes:
         # Dr.Jit reads NumPy's memory in place, and compiles anew for every mix of alignments of
         # what lanes load directly. Gathers do not care.
         c, size = rows.cones, len(rows.row)
@@ -141,7 +141,7 @@ class JitNarrowPhase:
         first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
         empty = first > last
         (holds,) = columns(c.holds_center, Bool)
-        lanes = _Lanes(
+        lanes = Lanes(
             rows=rows,
             planes=self._planes(columns, c, dy),
             surely_from=dr.select(holds, -np.inf, surely_from),
@@ -171,7 +171,7 @@ class JitNarrowPhase:
             last=last,
         )
 
-    def _evaluated(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
+    def _evaluated(self, lanes: Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
         """Return s, its error, whether the line surely meets, and whether it may at all."""
         dx, row = dr.gather(Float64, self._dx, column), lanes.planes
         s, error = plane_meeting(dx, row, dr.select)
@@ -180,12 +180,12 @@ class JitNarrowPhase:
         sure &= surely_counts(s, error, row.first, row.last)
         return s, error, sure, (farthest >= row.first) & (nearest <= row.last)
 
-    def _may_be_first(self, lanes: _Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
+    def _may_be_first(self, lanes: Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
         s, error, sure, possible = self._evaluated(lanes, column)
         limit = dr.gather(Float64, self._limit, lanes.base + column)
         return s, error, sure, possible & (s - error <= limit)
 
-    def _count(self, lanes: _Lanes, rivals: Any, number: Any, distance: Any) -> None:
+    def _count(self, lanes: Lanes, rivals: Any, number: Any, distance: Any) -> None:
         def count(column: Any) -> None:
             s, _, sure, possible = self._may_be_first(lanes, column)
             pixel = lanes.base + column
@@ -194,7 +194,7 @@ class JitNarrowPhase:
             dr.scatter(number, lanes.number, pixel, possible)
             dr.scatter(distance, s, pixel, possible)
 
-        _walk(lanes, count)
+        walk(lanes, count)
         dr.eval(rivals, number, distance)
 
     def _contested(self, rivals: Any) -> Pairs:
@@ -205,7 +205,7 @@ class JitNarrowPhase:
             return NO_PAIRS
         return Pairs.joined([self._pairs(lanes, rivals, size) for lanes in self._lanes])
 
-    def _pairs(self, lanes: _Lanes, rivals: Any, size: int) -> Pairs:
+    def _pairs(self, lanes: Lanes, rivals: Any, size: int) -> Pairs:
         written = dr.opaque(UInt32, 0)
         kinds = (UInt32, UInt32, Float64, Float64, Bool)
         out: tuple[Any, ...] = tuple(dr.empty(kind, size) for kind in kinds)
@@ -218,7 +218,7 @@ class JitNarrowPhase:
             for target, value in zip(out, (lane, column, s, error, sure), strict=True):
                 dr.scatter(target, value, slot, wanted)
 
-        _walk(lanes, write)
+        walk(lanes, write)
         dr.eval(written, *out)
         at, column, s, error, sure = (values.numpy()[: int(written[0])].copy() for values in out)
         rows, cone = lanes.rows, lanes.rows.cone[at]
@@ -232,7 +232,7 @@ class JitNarrowPhase:
         return settled(rows.cones, cone, found, self._pencil)
 
 
-def _walk(lanes: _Lanes, visit: Callable[[Any], None]) -> None:
+def walk(lanes: Lanes, visit: Callable[[Any], None]) -> None:
     """Visit every column of every span."""
 
     def step(column: Any) -> tuple[Any]:

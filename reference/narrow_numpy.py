@@ -32,7 +32,7 @@ PENDING_PAIRS = 1 << 22
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Spans:
+class Spans:
     """Rows after their triangles' edges were asked.
 
     Attributes
@@ -56,7 +56,8 @@ class _Spans:
     surely_to: Floats
 
     @classmethod
-    def of(cls, rows: Rows, pencil: Pencil) -> _Spans:
+    def of(cls, rows: Rows, pencil: Pencil) -> Spans:
+        """Cut the rows of triangles by their edges, on the line of pixels."""
         c, cone, film = rows.cones, rows.cone, FilmRow.of(pencil)
 
         def edges() -> Iterator[tuple[Floats, Floats]]:
@@ -119,7 +120,7 @@ class NumpyNarrowPhase:
 
     def add(self, rows: Rows) -> None:
         """Take more triangles into account."""
-        spans = _Spans.of(rows, self._pencil)
+        spans = Spans.of(rows, self._pencil)
         planes = spans.planes(self._pencil)
         lengths = spans.last - spans.first + 1
         ends = np.cumsum(lengths)
@@ -148,7 +149,7 @@ class NumpyNarrowPhase:
     def _not_behind(self, found: Pairs) -> Pairs:
         return found[found.nearest <= self._limit[found.pixel - self._base]]
 
-    def _evaluated(self, spans: _Spans, planes: RowPlanes, span: NDArray[np.int64]) -> Pairs:
+    def _evaluated(self, spans: Spans, planes: RowPlanes, span: NDArray[np.int64]) -> Pairs:
         """Evaluate all pixels of consecutive spans, each named once for each of its pixels."""
         run = np.flatnonzero(np.diff(span, prepend=-1))
         column = spans.first[span] + np.arange(len(span)) - np.repeat(run, np.diff(run, append=len(span)))

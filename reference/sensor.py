@@ -19,15 +19,19 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from xfrustum.reference.dr_jit import backend
 from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.mitsuba_tracer import triangle_mesh
-from xfrustum.scenes.light import DEFAULT_LIGHT
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
 PLUGIN = "crossed_frustum"
 """The sensor's name in Mitsuba scenes."""
+
+DIFFUSE = "face_diffuse"
+"""The mesh attribute with each triangle's diffuse color."""
 
 
 def register_sensor() -> None:
@@ -63,16 +67,19 @@ def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
 def mitsuba_scene(scene: Scene) -> dict[str, Any]:
     """Return the triangles as a Mitsuba scene, to be completed with sensor and light, and loaded.
 
-    All objects are one mesh, two-sided and gray: the primitive number of a hit, in the `aov`
-    integrator or in `ray_intersect`, is the scene's triangle number.
+    All objects are one mesh, two-sided, in the diffuse colors of their materials: the primitive number
+    of a hit, in the `aov` integrator or in `ray_intersect`, is the scene's triangle number.
     """
     loaded: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     if len(scene.faces):
-        gray = {"type": "rgb", "value": DEFAULT_LIGHT.albedo}
+        color = {"type": "mesh_attribute", "name": DIFFUSE}
         bsdf = backend().mitsuba.load_dict(
-            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": gray}}
+            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": color}}
         )
-        loaded["triangles"] = triangle_mesh("triangles", scene.vertices, scene.faces, bsdf)
+        mesh = triangle_mesh("triangles", scene.vertices, scene.faces, bsdf)
+        diffuse = np.array([material.diffuse for material in scene.materials], dtype=np.float32)
+        mesh.add_attribute(DIFFUSE, 3, diffuse[scene.object_of_triangle].ravel())
+        loaded["triangles"] = mesh
     return loaded
 
 
@@ -91,9 +98,12 @@ def _registered(variant: str) -> type:
             self.aperture = mi.Point3f(props["aperture"])
             self.shear = mi.Vector2f(props["shear_x"], props["shear_y"])
             self.half_extent = mi.Vector2f(props["half_extent_x"], props["half_extent_y"])
-            self.reach = (float(props["reach_viewer"]), float(props["reach_back"]))
+            self.reach = (mi.Float(props["reach_viewer"]), mi.Float(props["reach_back"]))
             self.point = mi.ScalarPoint3f(props["aperture"])
-            if min(props["half_extent_x"], props["half_extent_y"], *self.reach) <= 0:
+            # Opaque: values that differ from aperture to aperture must not compile another kernel.
+            dr.make_opaque(self.aperture, self.shear, self.half_extent, self.reach)
+            sizes = ("half_extent_x", "half_extent_y", "reach_viewer", "reach_back")
+            if min(props[name] for name in sizes) <= 0:
                 raise ValueError(f"{PLUGIN}: half extents and reaches must be positive")
             self.m_needs_sample_2, self.m_needs_sample_3 = True, False
 

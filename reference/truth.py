@@ -2,39 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, points_per_side
+from xfrustum.reference.bands import UNDIVIDED_PIXELS, in_parallel
 from xfrustum.reference.certify import Certifier, FirstSurfaces
+from xfrustum.reference.convergence import TOLERANCE, Converged, converged
 from xfrustum.reference.embree import EmbreeTracer
 from xfrustum.reference.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.reference.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.proposals import proposed
-from xfrustum.reference.shading import shaded
-from xfrustum.reference.threads import worker_count
+from xfrustum.reference.runner_up import RunnersUp
+from xfrustum.reference.shading import Hits, Shader
 from xfrustum.reference.tracer import Tracer
 from xfrustum.reference.visibility import SurfacePoints, hidden
 from xfrustum.scenes.double_frustum import DoubleFrustum
+from xfrustum.scenes.effects import Effect
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage, stacked
 from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.sampling import Sampling, sub_apertures
 from xfrustum.scenes.scene import Scene
 
 TRACERS = ("embree", "mitsuba")
 """Names of the tracers that can be asked for."""
-
-Band = TypeVar("Band")
-
-BAND_PIXELS = 1 << 19
-"""Pixels decided at once: bounds the memory, about 400 bytes a pixel, whatever the image's size."""
-
-UNDIVIDED_PIXELS = 1 << 18
-"""Deciding alone runs compiled on all processors anyway: smaller bands only add launches."""
 
 
 class Reference:
@@ -46,13 +41,18 @@ class Reference:
         Its acceleration structure is built once.
     tracer
         One of `TRACERS`: who gives the second opinion, before `certify` has the last word.
+    effects
+        What of the light is evaluated; None for what the scene calls for.
     """
 
-    def __init__(self, scene: Scene, tracer: str = "embree") -> None:
+    def __init__(
+        self, scene: Scene, tracer: str = "embree", effects: frozenset[Effect] | None = None
+    ) -> None:
         if tracer not in TRACERS:
             raise ValueError(f"tracer must be one of {TRACERS}, not {tracer!r}")
         self.scene = scene
         self._tracer_name = tracer
+        self._shader = Shader(scene, effects)
 
     @cached_property
     def tracer(self) -> Tracer:
@@ -69,12 +69,19 @@ class Reference:
         """Names and versions of what decides the truth."""
         return self.tracer.versions
 
-    def trace(self, aperture: Aperture) -> HogelImage:
-        """Return the true image of an aperture (paper, section 3: one frustum that crosses itself)."""
-        return stacked(list(self.trace_bands(aperture)))
+    def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
+        """Return the true image of an aperture (paper, section 3: one frustum that crosses itself).
 
-    def trace_bands(self, aperture: Aperture) -> Iterator[HogelImage]:
-        """Yield the true image in bands of rows, from the top, in bounded memory."""
+        Parameters
+        ----------
+        sampling
+            What color is the mean of; None for the scene's own.
+        """
+        return stacked(list(self.trace_bands(aperture, sampling)))
+
+    def trace_bands(self, aperture: Aperture, sampling: Sampling | None = None) -> Iterator[HogelImage]:
+        """Yield the true image in bands of rows, from the top, in bounded memory; see `trace`."""
+        sampling = self.scene.sampling if sampling is None else sampling
         pencil = crossed_frustum(self.scene.frustum, aperture)
         tracer, triangles = self.tracer, self.scene.triangles
         certifier = Certifier(triangles, pencil)
@@ -86,13 +93,61 @@ class Reference:
             overruled = (second_opinion != decided.triangle) & (decided.certainty != Certainty.TIE)
             return replace(image, overruled=overruled)
 
-        yield from _in_parallel(band, pencil.resolution)
+        if averages(sampling):
+            yield from self._averaged(aperture, sampling, band)
+        else:
+            yield from in_parallel(band, pencil.resolution)
+
+    def _averaged(
+        self, aperture: Aperture, sampling: Sampling, band: Callable[[range], HogelImage]
+    ) -> Iterator[HogelImage]:
+        """Yield bands whose color is a mean: over pixels' boxes, over the aperture (paper, section 6)."""
+        apertures = sub_apertures(self.scene.plate, aperture, sampling.aperture)
+        width, height = self.scene.frustum.resolution
+        size = max(1, AVERAGED_PIXELS // width)
+        for start in range(0, height, size):
+            rows = range(start, min(start + size, height))
+            side = points_per_side(sampling)
+            color = mean_color(self.scene, self._shader, apertures, side, rows).astype(np.float32)
+            for part in in_parallel(band, (width, height), rows=rows):
+                own, color = np.split(color, [len(part.triangle)])
+                yield replace(part, color=own)
+
+    def converged(
+        self,
+        aperture: Aperture,
+        tolerance: float = TOLERANCE,
+        sampling: Sampling | None = None,
+        seed: int = 0,
+    ) -> Converged:
+        """Return the color of the whole aperture, not of some points of it (paper, section 6).
+
+        Parameters
+        ----------
+        aperture
+            Its middle. It is as large as the pitch of the plate's hogels.
+        tolerance
+            Root mean square of the standard error over pixels and channels, in radiance, to be reached;
+            `Converged.error` says what was reached.
+        sampling
+            How the pixels' boxes are sampled; None for the scene's own. Its number of sub-apertures
+            means nothing here.
+        seed
+            Another seed gives other, independent points.
+        """
+        side = points_per_side(self.scene.sampling if sampling is None else sampling)
+        rows = range(self.scene.frustum.resolution[1])
+
+        def mean(apertures: Sequence[Aperture]) -> NDArray[np.float64]:
+            return mean_color(self.scene, self._shader, apertures, side, rows)
+
+        return converged(mean, self.scene.plate, aperture, tolerance, seed)
 
     def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
         """Yield who is first along each line, and nothing else, in bands of rows from the top."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
         certifier = Certifier(self.scene.triangles, pencil)
-        yield from _in_parallel(certifier.decide, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
+        yield from in_parallel(certifier.decide, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
         """Return what the cameras that settings ask for would draw without any rounding."""
@@ -105,7 +160,25 @@ class Reference:
             layers = [(camera, certifier.decide(rows)) for camera, certifier in certifiers]
             return self._image(self._camera(aperture, pencil, settings), pencil, rows, layers)
 
-        return stacked(list(_in_parallel(band, pencil.resolution)))
+        return stacked(list(in_parallel(band, pencil.resolution)))
+
+    def gaps(self, aperture: Aperture) -> NDArray[np.float64]:
+        """Return how far behind each pixel's first surface the same camera sees the next one, (H, W).
+
+        In |z|, scene units: for C, which keeps the nearest surface behind the plate, to the second
+        nearest; for C*, which keeps the farthest before the plate, to the second farthest. Infinite where
+        there is none on that side of the plate.
+
+        From the narrow phase of the truth, in double precision: no triangle is left out that a line
+        surely meets, and each gap is off by no more than the bounds of rounding of its two surfaces, some
+        1e-15 of |z| unless seen edge-on. Surfaces closer than that count as one, so that a point shared by
+        two triangles is not behind itself. A line that passes an edge within rounding, where coverage would
+        have to be decided in integers, is not taken to meet that triangle.
+        """
+        pencil = crossed_frustum(self.scene.frustum, aperture)
+        runners_up = RunnersUp(self.scene.triangles, pencil)
+        bands = in_parallel(runners_up.gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
+        return np.concatenate(list(bands))
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> NDArray[np.bool_]:
         """Return which points the true frustum of an aperture does not see; see `visibility.hidden`."""
@@ -137,42 +210,37 @@ class Reference:
         directions = pencil.directions(some)
         triangle = np.full(directions.shape[:2], NOTHING, dtype=np.int32)
         certainty = np.zeros(directions.shape[:2], dtype=np.uint8)
-        position = np.full(directions.shape, np.nan)
+        position, seen_along = np.full(directions.shape, np.nan), directions
         companions = np.zeros((0, 3), dtype=np.int64)
         for layer, decided in layers:
             on_top = decided.triangle != NOTHING
             # Where a layer shows nothing, what is seen rests on both decisions.
             certainty = np.where(on_top, decided.certainty, np.maximum(certainty, decided.certainty))
             triangle = np.where(on_top, decided.triangle, triangle)
-            points = np.asarray(layer.center) + decided.s[..., None] * layer.directions(some)
+            along = layer.directions(some)
+            points = np.asarray(layer.center) + decided.s[..., None] * along
             position = np.where(on_top[..., None], points, position)
+            # What a camera fitted to some height shows, it sees along lines of its own.
+            if layer.half_extent != pencil.half_extent:
+                seen_along = np.where(on_top[..., None], along, seen_along)
             # Ties of what is now covered are nobody's companions any more.
             covered_now = on_top[companions[:, 0] - rows.start, companions[:, 1]]
             companions = np.concatenate((companions[~covered_now], decided.companions))
-        normals = np.full(directions.shape, np.nan)
-        covered = triangle != NOTHING
-        normals[covered] = self.scene.normals[triangle[covered]]
+        normals, color = np.full(directions.shape, np.nan), np.zeros(directions.shape, dtype=np.float32)
+        covered = np.flatnonzero(triangle != NOTHING)
+        shown = triangle.ravel()[covered]
+        normal = self.scene.normals[shown]
+        normals.reshape(-1, 3)[covered] = normal
+        position_shown, direction_shown = (v.reshape(-1, 3)[covered] for v in (position, seen_along))
+        hits = Hits(triangle=shown, normal=normal, position=position_shown, direction=direction_shown)
+        color.reshape(-1, 3)[covered] = self._shader.radiance(hits)
         return HogelImage(
             camera=camera,
             triangle=triangle,
             object=self._object_of_number[triangle],
             position=position,
             normal=normals,
-            color=shaded(normals, directions),
+            color=color,
             certainty=certainty,
             companions=companions,
         )
-
-
-def _in_parallel(
-    band: Callable[[range], Band], resolution: tuple[int, int], *, least_pixels: int = 1
-) -> Iterator[Band]:
-    """Yield an image's bands in order, made on all processors; none but the last is smaller than asked."""
-    width, height = resolution
-    workers = worker_count()
-    rows = max(1, min(BAND_PIXELS // width, max(-(-height // workers), -(-least_pixels // width))))
-    bands = [range(start, min(start + rows, height)) for start in range(0, height, rows)]
-    with ThreadPoolExecutor(workers) as pool:
-        # No more bands under way than workers, so that a slow reader bounds the memory.
-        for start in range(0, len(bands), workers):
-            yield from pool.map(band, bands[start : start + workers])

@@ -8,14 +8,13 @@ from functools import partial
 from typing import Any
 
 from xfrustum.raster.plate_rates import COLOR_ONLY, exhaust
-from xfrustum.raster.plate_reflection import Reflective
 from xfrustum.raster.plate_renderer import PlateRenderer
 from xfrustum.reports import provenance
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.tables import json_ready
 from xfrustum.reports.timing import Spread, race
 from xfrustum.scenes import builtin
-from xfrustum.scenes.car_tessellated import surroundings, tessellated_car
+from xfrustum.scenes.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate import Aperture, Plate
 
@@ -196,10 +195,9 @@ def bench_table1(
 def _row(database: Database, settings: DoubleFrustum, resolution: int, timed: Timed) -> tuple[Table1Row, str]:
     car = tessellated_car(database.polygons, database.reflective_share)
     frustum = replace(car.scene.frustum, resolution=(resolution, resolution))
-    scene = replace(car.scene, frustum=frustum)
+    scene = replace(mirrored(car), frustum=frustum)
     apertures = _neighbors(scene.plate)
-    reflective = Reflective(triangles=car.reflective, environment=surroundings())
-    with PlateRenderer(scene, settings, COLOR_ONLY, reflective) as renderer:
+    with PlateRenderer(scene, settings, COLOR_ONLY) as renderer:
         taken = timed({"row": lambda: exhaust(renderer.hogels(apertures))})["row"]
         row = Table1Row(
             polygons=len(scene.faces),

@@ -52,7 +52,7 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
     scene, note = _scene_again(true_image.camera, truth.parent)
     reference = None if scene is None else Reference(scene)
     return FileComparison(
-        comparison=compare_images(true_image, raster_image, reference),
+        comparison=compare_images(true_image, raster_image, reference, perceptual=True),
         reach=max(true_image.camera.reach),
         note=note,
     )
@@ -92,6 +92,8 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
         (staging.folder / "displacement.png").write_bytes(images.displacement_map(maps.displacement))
         (staging.folder / "triangle.png").write_bytes(images.mask(maps.triangle, images.TRIANGLE_COLOR))
         (staging.folder / "height.png").write_bytes(images.height_map(maps.height, compared.reach))
+        if maps.radiance is not None:
+            (staging.folder / "radiance.png").write_bytes(images.radiance_map(maps.radiance))
         if maps.surface is not None:
             (staging.folder / "surface.png").write_bytes(images.mask(maps.surface, images.SURFACE_COLOR))
         return staging.commit()
@@ -109,9 +111,27 @@ def table(comparison: Comparison) -> str:
         ("displacement, px", _numbers(numbers["displacement_px"])),
         ("height error", _numbers(numbers["height"])),
         ("drawn in the plate", f"{numbers['at_plate']:,}"),
+        *_radiance(numbers["radiance"]),
     ]
     width = max(len(name) for name, _ in lines)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
+
+
+def _radiance(error: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """Return the lines about color: linear radiance, how it looks, and what is beyond the truth's noise."""
+    if error is None:
+        return []
+    spread = ("mean", "rms", "p99", "max")
+    lines = [("radiance error", _numbers({name: error[name] for name in spread}))]
+    inside = error["away_from_edges"]
+    if inside is not None:
+        lines.append(("  in the same triangle", _numbers({name: inside[name] for name in spread})))
+    if error["flip"] is not None:
+        ssim = "not defined" if error["ssim"] is None else f"{error['ssim']:.4g}"
+        lines.append(("looks different", f"FLIP {error['flip']:.3g}  SSIM {ssim}"))
+    if error["noise"] is not None:
+        lines.append(("beyond noise, 1/255", f"{error['noise']['differ']:,} pixels"))
+    return lines
 
 
 def _share(part: dict[str, Any] | None) -> str:

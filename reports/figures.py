@@ -28,7 +28,7 @@ def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
     rows = [(i, row) for i, row in enumerate(sweep.rows) if row.aperture == aperture]
     reach = sweep.scene.frustum.longest_reach
     return {
-        "surface": _fraction_figure(rows, reach, "surface", "pixels with the wrong surface"),
+        "surface": _surface_figure(rows, reach),
         "displacement_p99": _displacement_figure(rows, reach, "p99", "99th percentile of displacement, px"),
         "displacement_rms": _displacement_figure(rows, reach, "rms", "rms displacement, px"),
         "triangle": _fraction_figure(rows, reach, "triangle", "pixels with another triangle"),
@@ -56,6 +56,39 @@ def stage_times(sweep: Sweep) -> go.Figure:
     return figure
 
 
+def number_figure(
+    rows: Sequence[tuple[int, Measurement]], reach: float, number: Number, title: str
+) -> go.Figure:
+    """Draw any number of a row against near, one line for each depth buffer; zeros are left out."""
+    figure = go.Figure()
+    _add_depth_lines(figure, rows, reach, number)
+    figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
+    _log_axes(figure, title)
+    return figure
+
+
+def pair_figure(
+    nears: Sequence[float], measured: Sequence[float], predicted: Sequence[float], title: str
+) -> go.Figure:
+    """Draw a measured number against near, in fractions of the reach, and its closed form, dashed."""
+    figure = go.Figure()
+    for name, values, line in (
+        ("measured", measured, {"color": _COLORS[1], "width": 2}),
+        ("closed form", predicted, {"color": _INK, "width": 2, "dash": "dash"}),
+    ):
+        mode = "lines+markers" if name == "measured" else "lines"
+        figure.add_scatter(
+            x=nears,
+            y=[value or None for value in values],
+            name=name,
+            mode=mode,
+            line=line,
+            hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}",
+        )
+    _log_axes(figure, title)
+    return figure
+
+
 def _fraction_figure(
     rows: Sequence[tuple[int, Measurement]], reach: float, key: str, title: str
 ) -> go.Figure:
@@ -77,6 +110,30 @@ def _fraction_figure(
     return figure
 
 
+def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go.Figure:
+    """Draw the share of wrong surfaces with its closed forms, one for each depth buffer, dashed."""
+    figure = _fraction_figure(rows, reach, "surface", "pixels with the wrong surface")
+    for place, (label, group) in enumerate(_by_depth(rows).items()):
+        figure.add_scatter(
+            x=[row.settings.near / reach for _, row in group],
+            # Less than half a pixel is as much as none.
+            y=[
+                max(row.predicted.surface_fraction, 0.5 / max(row.comparison["judged"], 1))
+                for _, row in group
+            ],
+            name=f"{label}, closed form",
+            mode="lines",
+            showlegend=False,
+            line={"color": _COLORS[place % len(_COLORS)], "dash": "dash", "width": 1.5},
+            hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g}",
+        )
+    # One entry for all of them.
+    figure.add_scatter(
+        x=[None], y=[None], name="closed form", mode="lines", line={"color": _INK, "dash": "dash", "width": 2}
+    )
+    return figure
+
+
 def _displacement_figure(
     rows: Sequence[tuple[int, Measurement]], reach: float, statistic: str, title: str
 ) -> go.Figure:
@@ -89,7 +146,8 @@ def _displacement_figure(
 
     _add_depth_lines(figure, rows, reach, measured)
     figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g} px")
-    predicted = {row.settings.near / reach: row.predicted for _, row in rows if row.predicted is not None}
+    forms = {row.settings.near / reach: row.predicted.displacement_px for _, row in rows}
+    predicted = {near: spread for near, spread in forms.items() if spread is not None}
     nears = sorted(predicted)
     figure.add_scatter(
         x=nears,

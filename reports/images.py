@@ -11,6 +11,7 @@ from PIL import Image
 from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
+from xfrustum.compare.display import LEVELS, encoded
 from xfrustum.reports.measurement import SettingPictures
 from xfrustum.scenes.hogel_image import HogelImage
 
@@ -22,12 +23,15 @@ DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
 HEIGHT_RANGE = (1e-7, 1e-2)
 """Ends of the logarithmic scale on both sides of zero, in fractions of the longest reach; the lower
 one is the rounding of a 32-bit position."""
+RADIANCE_RANGE = (1e-4, 1.0)
+"""Ends of the logarithmic scale, linear radiance; the lower one is a fortieth of an 8-bit step."""
 SURFACE_COLOR = "rgb(224, 49, 49)"
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
 
 _DISPLACEMENT_STEPS = 40
 _HEIGHT_STEPS = 15
 _DISPLACEMENT_COLORS = sample_colorscale("Viridis", list(np.linspace(0, 1, _DISPLACEMENT_STEPS)))
+_RADIANCE_COLORS = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _DISPLACEMENT_STEPS)))
 _HEIGHT_COLORS = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
 _UNTEXTURED_GRAY = 0.4
 _DROPPED_BITS = 2
@@ -52,6 +56,7 @@ def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction
         surface=mask(surface, SURFACE_COLOR, reduction),
         triangle=mask(maps.triangle, TRIANGLE_COLOR, reduction),
         height=height_map(maps.height, reach, reduction),
+        radiance=None if maps.radiance is None else radiance_map(maps.radiance, reduction),
     )
 
 
@@ -72,9 +77,7 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
         share = block_reduce(share, (reduction, reduction), np.mean)
         linear = block_reduce(linear, (reduction, reduction, 1), np.mean)
         linear = linear / np.maximum(share, np.finfo(np.float32).tiny)[..., None]
-    # IEC 61966-2-1; scikit-image has no public function for the transfer curve alone.
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    pixels = np.rint(255 * np.clip(np.dstack([encoded, share]), 0, 1)).astype(np.uint8)
+    pixels = np.rint(LEVELS * np.dstack([encoded(linear), np.clip(share, 0, 1)])).astype(np.uint8)
     pixels[..., :3] &= 0xFF << _DROPPED_BITS & 0xFF
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "WEBP", lossless=True, quality=0, method=0)
@@ -112,6 +115,17 @@ def height_map(height: NDArray[np.floating], reach: float, reduction: int = 1) -
     return _palette_png(index, _HEIGHT_COLORS)
 
 
+def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
+    """Encode the radiance error (H, W, 3) as PNG: of the channel that is farthest off, whichever its sign.
+
+    Logarithmic over `RADIANCE_RANGE`; smaller errors are transparent, and so is what is not judged.
+    """
+    low, high = np.log10(RADIANCE_RANGE)
+    level = (_log10(np.abs(error).max(axis=-1)) - low) / (high - low) * _DISPLACEMENT_STEPS
+    index = np.clip(1 + np.floor(np.nan_to_num(level, nan=-1.0, neginf=-1.0)), 0, _DISPLACEMENT_STEPS)
+    return _palette_png(_worst(index, reduction), _RADIANCE_COLORS)
+
+
 def mask(wrong: NDArray[np.bool_], color: str, reduction: int = 1) -> bytes:
     """Encode an (H, W) mask as PNG: the color where it is set, transparent elsewhere."""
     return _palette_png(_worst(wrong.astype(np.uint8), reduction), [color])
@@ -120,6 +134,11 @@ def mask(wrong: NDArray[np.bool_], color: str, reduction: int = 1) -> bytes:
 def displacement_scale() -> list[str]:
     """Return the colors of the displacement scale, smallest first."""
     return list(_DISPLACEMENT_COLORS)
+
+
+def radiance_scale() -> list[str]:
+    """Return the colors of the scale of radiance errors, smallest first."""
+    return list(_RADIANCE_COLORS)
 
 
 def height_scale() -> list[str]:

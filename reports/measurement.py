@@ -11,7 +11,7 @@ from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from xfrustum.compare import Spread
+    from xfrustum.compare.predict import Prediction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class Measurement:
     certainty
         Number of pixels per class of certainty of the truth.
     predicted
-        Displacement in pixels by the closed form; None where nothing is imaged.
+        The same by closed forms, from the scene's geometry alone.
     times_s
         Wall seconds per stage. The truth's time is the aperture's, the same in all its rows.
     """
@@ -36,7 +36,7 @@ class Measurement:
     settings: DoubleFrustum
     comparison: Mapping[str, Any]
     certainty: Mapping[str, int]
-    predicted: Spread | None
+    predicted: Prediction
     times_s: Mapping[str, float]
 
     @property
@@ -50,6 +50,22 @@ class Measurement:
         displacement = self.comparison["displacement_px"]
         return 0.0 if displacement is None else float(displacement["p99"])
 
+    @property
+    def measured_over_predicted(self) -> dict[str, float | None]:
+        """Ratios of what was measured to what was predicted; None without either, and where that is zero."""
+        displacement, predicted = self.comparison["displacement_px"], self.predicted.displacement_px
+        moved = {
+            f"displacement_{key}": _ratio(displacement[key], getattr(predicted, key))
+            if displacement and predicted
+            else None
+            for key in ("rms", "p99")
+        }
+        return {**moved, "surface": _ratio(self.surface_fraction, self.predicted.surface_fraction)}
+
+
+def _ratio(measured: float, predicted: float) -> float | None:
+    return measured / predicted if predicted else None
+
 
 @dataclass(frozen=True, kw_only=True)
 class SettingPictures:
@@ -60,6 +76,7 @@ class SettingPictures:
     surface: bytes
     triangle: bytes
     height: bytes
+    radiance: bytes | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

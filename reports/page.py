@@ -13,8 +13,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from xfrustum.reports import best, figures, images
+from xfrustum.reports import best, figures, images, shading_page
 from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.tables import json_ready, report_object
 from xfrustum.scenes.hogel_image import Certainty
 
@@ -28,7 +29,7 @@ _CERTAINTY_WORDS = {
 }
 
 
-def render_page(sweep: Sweep) -> str:
+def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
     """Return the report as one HTML document that needs nothing else, online or offline."""
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
@@ -60,12 +61,13 @@ def render_page(sweep: Sweep) -> str:
         height_range=images.HEIGHT_RANGE,
         surface_color=images.SURFACE_COLOR,
         triangle_color=images.TRIANGLE_COLOR,
-        data=_script_json(_page_data(sweep)),
+        shading=shading_page.context(shading),
+        data=_script_json(_page_data(sweep, shading)),
         plotly_js=Markup(get_plotlyjs()),
     )
 
 
-def _page_data(sweep: Sweep) -> dict[str, Any]:
+def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
     """Collect what the page's script needs: pictures by hash, rows, figures."""
     pictures: dict[str, str] = {}
     rows = [_row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True)]
@@ -80,9 +82,15 @@ def _page_data(sweep: Sweep) -> dict[str, Any]:
         "reach": sweep.scene.frustum.longest_reach,
         "pictures": pictures,
         "curves": [
-            {name: json.loads(figure.to_json()) for name, figure in figures.curves(sweep, aperture).items()}
+            {
+                name: json.loads(figure.to_json())
+                for name, figure in (
+                    figures.curves(sweep, aperture) | shading_page.curves(shading, sweep, aperture)
+                ).items()
+            }
             for aperture in sweep.apertures
         ],
+        "eye": shading_page.eye_figure(shading),
         "times": json.loads(figures.stage_times(sweep).to_json()),
     }
 
@@ -94,8 +102,14 @@ def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) 
         "near": row.settings.near,
         "comparison": row.comparison,
         "predicted": row.predicted,
+        "predicted_surface": row.predicted.surface_fraction,
+        "ratio": row.measured_over_predicted,
         "times_s": row.times_s,
-        "pictures": {f.name: _keep(getattr(own, f.name), pictures) for f in fields(own)},
+        "pictures": {
+            f.name: _keep(encoded, pictures)
+            for f in fields(own)
+            if (encoded := getattr(own, f.name)) is not None
+        },
     }
 
 

@@ -15,6 +15,8 @@ from xfrustum.reports.plate_store import PlateStore, open_store
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.tables import json_ready
 from xfrustum.scenes.double_frustum import DoubleFrustum
+from xfrustum.scenes.effects import needed
+from xfrustum.scenes.look import look_hash
 from xfrustum.scenes.plate import Aperture, Plate
 from xfrustum.scenes.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.scene import Scene
@@ -66,7 +68,7 @@ def write_plate(
     apertures
         In which order; None for the whole plate.
     content
-        Type of color, and whether triangle numbers come along.
+        Type of color, whether triangle numbers come along, and what is simulated.
     progress
         Whether to draw a bar on standard error.
 
@@ -78,7 +80,7 @@ def write_plate(
     content = content or PlateContent()
     chosen = list(dict.fromkeys(all_apertures(scene.plate) if apertures is None else apertures))
     with PlateRenderer(scene, settings, content) as renderer:
-        description = described(scene, settings, content, renderer.device["renderer"])
+        description = described(renderer)
         store = open_store(out, scene, content, description)
         missing = [aperture for aperture in chosen if not store.finished(aperture)]
         found = len(chosen) - len(missing)
@@ -101,8 +103,11 @@ def _written(hogels: Iterable[PlateHogel], store: PlateStore) -> Iterator[None]:
             yield waiting.popleft().result()
 
 
-def described(scene: Scene, settings: DoubleFrustum, content: PlateContent, device: str) -> dict[str, Any]:
+def described(renderer: PlateRenderer) -> dict[str, Any]:
     """Return everything that decides a plate's pixels, as JSON: what must agree to go on with it."""
+    scene = renderer.scene
+    # More than the scene calls for changes no pixel.
+    simulated = renderer.effects & needed(scene, renderer.settings.camera)
     ready: dict[str, Any] = json_ready(
         {
             "scene": {
@@ -110,12 +115,14 @@ def described(scene: Scene, settings: DoubleFrustum, content: PlateContent, devi
                 "source": scene.source,
                 "units": scene.units,
                 "hash": scene.content_hash,
+                "look": look_hash(scene),
             },
             "plate": asdict(scene.plate),
             "frustum": asdict(scene.frustum),
-            "settings": asdict(settings),
-            "content": asdict(content),
-            "renderer": {"device": device, "xfrustum": metadata.version("xfrustum")},
+            "settings": asdict(renderer.settings),
+            "effects": sorted(simulated),
+            "content": {"color": renderer.content.color, "ids": renderer.content.ids},
+            "renderer": {"device": renderer.device["renderer"], "xfrustum": metadata.version("xfrustum")},
         }
     )
     return ready

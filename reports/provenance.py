@@ -7,7 +7,17 @@ import platform
 from importlib import metadata
 from pathlib import Path
 
-_LIBRARIES = ("xfrustum", "numpy", "scipy", "trimesh", "embreex", "moderngl", "PyOpenGL", "scikit-image")
+_LIBRARIES = (
+    "xfrustum",
+    "numpy",
+    "scipy",
+    "trimesh",
+    "embreex",
+    "moderngl",
+    "PyOpenGL",
+    "scikit-image",
+    "flip-evaluator",
+)
 
 
 def versions() -> dict[str, str]:

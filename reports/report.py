@@ -10,10 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.reports.best import Verdict, best_setting, sentence
+from xfrustum.reports.measurement import Sweep
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.page import render_page
+from xfrustum.reports.shading import ShadingReport
+from xfrustum.reports.shading_measure import measure_shading
 from xfrustum.reports.sweep import DEFAULT_DEPTHS, DepthBuffer, default_nears, settings_grid, sweep
-from xfrustum.reports.tables import report_object, write_parquet
+from xfrustum.reports.tables import json_ready, report_object, write_parquet
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
@@ -33,6 +36,8 @@ class ReportFiles:
         The same in words.
     content
         The object in report.json.
+    notes
+        Further sentences: of a shaded scene, the time that effects take, and what is left out.
     """
 
     html: Path
@@ -41,6 +46,7 @@ class ReportFiles:
     best: Verdict
     sentence: str
     content: dict[str, Any]
+    notes: tuple[str, ...]
 
 
 def default_folder(scene: Scene) -> Path:
@@ -57,6 +63,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     apertures: Sequence[Aperture] | None = None,
     depths: Sequence[DepthBuffer] | None = None,
     tracer: str = "embree",
+    effects: str = "auto",
     progress: bool = False,
 ) -> ReportFiles:
     """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
@@ -74,6 +81,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         Depth formats with mappings; `DEFAULT_DEPTHS` where None.
     tracer
         Which reference traces the truth.
+    effects
+        What is simulated, as `--effects` takes it: `auto`, `all`, or names between commas.
     progress
         Show a progress bar on standard error.
 
@@ -93,12 +102,9 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         setting.check_against(scene.frustum)
     names = ("index.html", "report.json", "measurements.parquet")
     with Staging(default_folder(scene) if out is None else out, names) as staging:
-        measured = sweep(scene, apertures, settings, tracer=tracer, progress=progress)
-        content = report_object(measured)
-        (staging.folder / "index.html").write_text(render_page(measured), encoding="utf-8")
-        text = json.dumps(content, allow_nan=False, indent=1)
-        (staging.folder / "report.json").write_text(text + "\n", encoding="utf-8")
-        write_parquet(measured, staging.folder / "measurements.parquet")
+        measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
+        shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
+        content = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
         html=staging.out / "index.html",
@@ -107,4 +113,15 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         best=best_setting(measured.rows),
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
         content=content,
+        notes=tuple(shading.sentences()) if shading else (),
     )
+
+
+def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
+    """Write the three files; return the object in report.json."""
+    content = {**report_object(measured), "shading": json_ready(shading and shading.summary())}
+    (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
+    text = json.dumps(content, allow_nan=False, indent=1)
+    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    write_parquet(measured, folder / "measurements.parquet")
+    return content

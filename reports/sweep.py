@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xfrustum.compare import compare_images, predict
+from xfrustum.compare import compare_images
+from xfrustum.compare.predict import Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports import images, provenance
 from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
 from xfrustum.reports.progress import progress_bar
+from xfrustum.reports.shading import is_shaded
 from xfrustum.reports.timing import Stopwatch
 from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.effects import chosen
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.hogel_image import HogelImage
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    from xfrustum.compare import Spread
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 
@@ -62,6 +61,7 @@ def sweep(
     settings: Sequence[DoubleFrustum],
     *,
     tracer: str = "embree",
+    effects: str = "auto",
     progress: bool = False,
 ) -> Sweep:
     """Measure every setting at every aperture.
@@ -74,6 +74,8 @@ def sweep(
         At least one each.
     tracer
         Which reference traces the truth.
+    effects
+        What is simulated, as `--effects` takes it.
     progress
         Show a progress bar on standard error.
 
@@ -84,8 +86,8 @@ def sweep(
     """
     watch = Stopwatch()
     with watch.stage("prepare"):
-        reference = Reference(scene, tracer=tracer)
-        rasterizer = Rasterizer(scene)
+        reference = Reference(scene, tracer=tracer, effects=chosen(scene, effects))
+        rasterizer = Rasterizer(scene, effects=chosen(scene, effects))
     bench = _Bench(scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings)))
     steps = len(apertures) * (1 + len(settings))
     with rasterizer, progress_bar(steps, "report", "image", shown=progress) as bar:
@@ -122,9 +124,11 @@ class _Bench:
     """The two renderers of a scene, the truth of the aperture at hand, and all that was measured."""
 
     _truth: HogelImage
+    _predictor: Predictor
 
     def __init__(self, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:
-        self._reach = scene.frustum.longest_reach
+        self._frustum = scene.frustum
+        self._shaded = is_shaded(scene)
         self._reference = reference
         self._rasterizer = rasterizer
         self.reduction = reduction
@@ -139,8 +143,10 @@ class _Bench:
         self._trace_s = dict(lap.seconds)
         with lap.stage("pictures"):
             self.truths.append(images.picture(self._truth, self.reduction))
-        # The closed form depends on the near plane alone, not on the depth buffer.
-        self._predictions: dict[float, Spread | None] = {}
+        with lap.stage("predict"):
+            gaps = self._reference.gaps(aperture)
+            bits = int(self._rasterizer.device["subpixel_bits"])
+            self._predictor = Predictor(self._truth, gaps, self._frustum, bits)
         watch.add(lap.seconds)
 
     def measure(self, aperture: Aperture, settings: DoubleFrustum, watch: Stopwatch) -> None:
@@ -148,12 +154,16 @@ class _Bench:
         with lap.stage("raster"):
             drawn = self._rasterizer.render(aperture, settings, normals=False, color=True)
         with lap.stage("compare"):
-            comparison = compare_images(self._truth, drawn, self._reference)
+            # Colors that a scene says nothing of say nothing of the raster, and take their time.
+            comparison = compare_images(
+                self._truth, drawn, self._reference, radiance=self._shaded, perceptual=self._shaded
+            )
         with lap.stage("predict"):
-            if settings.near not in self._predictions:
-                self._predictions[settings.near] = predict.displacement(self._truth, settings.near)
+            predicted = self._predictor.predict(settings)
         with lap.stage("pictures"):
-            self.pictures.append(images.setting_pictures(drawn, comparison.maps, self._reach, self.reduction))
+            self.pictures.append(
+                images.setting_pictures(drawn, comparison.maps, self._frustum.longest_reach, self.reduction)
+            )
         watch.add(lap.seconds)
         self.rows.append(
             Measurement(
@@ -161,7 +171,7 @@ class _Bench:
                 settings=settings,
                 comparison=comparison.summary(),
                 certainty=comparison.certainty,
-                predicted=self._predictions[settings.near],
+                predicted=predicted,
                 times_s={**self._trace_s, **lap.seconds},
             )
         )

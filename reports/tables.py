@@ -95,7 +95,8 @@ def _flat_row(row: Measurement, reach: float) -> dict[str, Any]:
     }
     for key, value in row.comparison.items():
         flat |= _flatten(key, value, _GROUPS.get(key, ()))
-    flat |= _flatten("predicted_displacement_px", json_ready(row.predicted), _SPREAD)
+    for key, value in _predicted_object(row).items():
+        flat |= _flatten(key, json_ready(value), _GROUPS.get(key.removeprefix("predicted_"), ()))
     flat |= {f"time_{_column(name)}_s": seconds for name, seconds in row.times_s.items()}
     ready: dict[str, Any] = json_ready(flat)
     return ready
@@ -103,7 +104,9 @@ def _flat_row(row: Measurement, reach: float) -> dict[str, Any]:
 
 def _flatten(key: str, value: Any, group: Sequence[str]) -> dict[str, Any]:
     if isinstance(value, Mapping):
-        return {f"{key}_{name}": item for name, item in value.items()}
+        # What is nested in a group fills columns of its own.
+        parts = [_flatten(f"{key}_{name}", item, ()) for name, item in value.items()]
+        return {name: item for part in parts for name, item in part.items()}
     if group:
         return {f"{key}_{name}": None for name in group}
     return {key: value}
@@ -115,8 +118,23 @@ def _row_object(row: Measurement, reach: float) -> dict[str, Any]:
         "settings": row.settings,
         "near_per_reach": row.settings.near / reach,
         "comparison": row.comparison,
-        "predicted_displacement_px": row.predicted,
+        **_predicted_object(row),
         "times_s": row.times_s,
+    }
+
+
+def _predicted_object(row: Measurement) -> dict[str, Any]:
+    predicted = row.predicted
+    return {
+        "predicted_displacement_px": predicted.displacement_px,
+        "predicted_surface": {
+            "fraction": predicted.surface_fraction,
+            "silhouettes": predicted.silhouettes,
+            "snapped": predicted.snapped,
+            "depth": predicted.depth,
+        },
+        "smallest_separation": predicted.separation,
+        "measured_over_predicted": row.measured_over_predicted,
     }
 
 

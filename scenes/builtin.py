@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from math import radians
 from types import MappingProxyType
 
+from xfrustum.scenes.appearance import Appearance
 from xfrustum.scenes.car import car
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum, Screen
+from xfrustum.scenes.optics import gratings, mirror, mirror_spheres, plain
 from xfrustum.scenes.plate import Plate
+from xfrustum.scenes.sampling import Sampling
 from xfrustum.scenes.scene import Scene, SceneObject
+from xfrustum.scenes.studio import studio, studio_car
 from xfrustum.scenes.targets import asymmetric, crossing, large_triangles, sheets
 
 
@@ -26,14 +30,18 @@ class Builtin:
         What the scene is for, in one line.
     objects
         Makes the meshes in scene coordinates.
-    plate, frustum
+    plate, frustum, sampling
         As in a scene file.
+    appearance
+        Makes materials, lights and environment.
     """
 
     purpose: str
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate
     frustum: Frustum
+    appearance: Callable[[], Appearance] = Appearance
+    sampling: Sampling = field(default_factory=Sampling)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +60,7 @@ def _nothing() -> tuple[SceneObject, ...]:
 _PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
 _REACH = (150.0, 150.0)
 _CENTERED = Frustum(resolution=(512, 512), reach=_REACH, fov=(radians(60), radians(60)))
+_SMALL = Frustum(resolution=(256, 256), reach=_REACH, fov=(radians(60), radians(60)))
 # Wider than high and off center on both axes: no swap of axes and no sign survives it.
 _RECENTERED = Frustum(
     resolution=(512, 384), reach=_REACH, screen=Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0))
@@ -106,6 +115,28 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
             plate=_PLATE,
             frustum=_CENTERED,
         ),
+        "car-studio": Builtin(
+            purpose="the car in paint, glass, rubber and metal, lit and reflecting: shading and reflection",
+            objects=studio_car,
+            plate=_PLATE,
+            frustum=_CENTERED,
+            appearance=studio,
+        ),
+        "mirror-sphere": Builtin(
+            purpose="pure mirrors on both sides of the plate, in asymmetric surroundings: reflection",
+            objects=mirror_spheres,
+            plate=_PLATE,
+            frustum=_CENTERED,
+            appearance=mirror,
+        ),
+        "grating": Builtin(
+            purpose="bars finer and coarser than one aperture can show, over 16 sub-apertures: band limiting",
+            objects=lambda: gratings((_PLATE.size[0] / _PLATE.hogels[0], _PLATE.size[1] / _PLATE.hogels[1])),
+            plate=_PLATE,
+            frustum=_SMALL,
+            appearance=plain,
+            sampling=Sampling(aperture=16),
+        ),
         "empty": Builtin(
             purpose="nothing at all: the true image of nothing is nothing",
             objects=_nothing,
@@ -148,4 +179,6 @@ def build(name: str) -> Scene:
         frustum=entry.frustum,
         objects=entry.objects(),
         source=name,
+        appearance=entry.appearance(),
+        sampling=entry.sampling,
     )

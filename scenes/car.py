@@ -23,6 +23,7 @@ _WHEEL_RADIUS = 7.2
 _ARCH_RADIUS = 8.6
 _AXLES = (-29.5, 31.0)
 _TRACK = 17.6
+_WHEEL_SECTORS = 60
 _END = 45.0
 """From here to the tip the body is a rounded cap, `_CAP` long."""
 _CAP = 5.0
@@ -43,6 +44,14 @@ _REAR_WINDOW: Knots = ((17, -41), (20.5, -37), (30, -22))
 _CABIN_HALF_WIDTH: Knots = ((17, 19.2), (20.5, 18.6), (30, 14.6))
 _ROOF_EDGE, _ROOF_RISE = 30.0, 2.2
 
+# Half a wheel's section: radius, and position along the axle, outward. The rim begins inside the bead.
+_WHEEL: Knots = (
+    (0, -2), (4.5, -2.2), (5.6, -2.6), (6.5, -2.5), (7.0, -2.0), (7.2, -1.2), (7.2, 0), (7.2, 1.2),
+    (7.0, 2.0), (6.5, 2.5), (5.6, 2.6), (5.2, 2.4), (5.0, 1.9), (4.5, 1.7), (3.6, 1.8), (2.6, 1.9),
+    (1.7, 2.0), (1.5, 2.4), (0.8, 2.5), (0, 2.5),
+)  # fmt: skip
+_RIM = _WHEEL.index((5.2, 2.4))
+
 
 def car() -> tuple[SceneObject, ...]:
     """Return body, glass, wheels and trim in the scene: turned by 35 degrees, straddling the plate.
@@ -62,6 +71,12 @@ def car() -> tuple[SceneObject, ...]:
         place(SceneObject(name=f"car {name}", vertices=vertices, faces=faces), scene_from_car)
         for name, (vertices, faces) in parts.items()
     )
+
+
+def rim_faces(wheels: SceneObject) -> NDArray[np.bool_]:
+    """Return (F,) which faces of the car's wheels belong to the rims; the others are tires."""
+    row = wheels.faces % (_WHEEL_SECTORS * len(_WHEEL)) // _WHEEL_SECTORS
+    return np.asarray((row >= _RIM).all(axis=1))
 
 
 def _curve(knots: Knots, at: Array) -> Array:
@@ -165,17 +180,12 @@ def _used(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
 
 def _wheel(side: int, axle: float) -> Mesh:
     """Return a tire with a rim of five spokes; `side` is -1 or +1 and says where it faces."""
-    profile: Knots = (
-        (0, -2), (4.5, -2.2), (5.6, -2.6), (6.5, -2.5), (7.0, -2.0), (7.2, -1.2), (7.2, 0), (7.2, 1.2),
-        (7.0, 2.0), (6.5, 2.5), (5.6, 2.6), (5.2, 2.4), (5.0, 1.9), (4.5, 1.7), (3.6, 1.8), (2.6, 1.9),
-        (1.7, 2.0), (1.5, 2.4), (0.8, 2.5), (0, 2.5),
-    )  # fmt: skip
-    radii, heights = np.array(profile, dtype=np.float64).T
-    sectors = 60
+    radii, heights = np.array(_WHEEL, dtype=np.float64).T
+    sectors = _WHEEL_SECTORS
     vertices, faces = lathe(radii, heights, sectors=sectors)
     turn = 2 * np.pi * np.arange(sectors) / sectors
     gap = 1.4 * np.clip(1.5 * np.cos(5 * turn), 0, 1)
-    spoked = [row for row, (radius, height) in enumerate(profile) if 1.6 < radius < 4.6 and height > 0]
+    spoked = [row for row, (radius, height) in enumerate(_WHEEL) if 1.6 < radius < 4.6 and height > 0]
     for row in spoked:
         vertices[row * sectors : (row + 1) * sectors, 1] -= gap
     # The lathe's axis y becomes the axle, pointing outward; one side is a half turn of the other.

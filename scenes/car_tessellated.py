@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from xfrustum.scenes import builtin
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.refine import refine
 from xfrustum.scenes.scene import Scene, SceneObject, read_only
+from xfrustum.scenes.smoothing import smoothed
+from xfrustum.scenes.studio import studio
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,13 +64,21 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
     return TessellatedCar(scene=scene, reflective=read_only(reflective))
 
 
-def surroundings() -> NDArray[np.float32]:
-    """Return what the car reflects, (64, 128, 3) by latitude and longitude: a sky, a floor, two lamps."""
-    height = np.linspace(1, -1, 64)[:, None, None]
-    sky = np.array([0.35, 0.5, 0.7]) * (1.1 - height)
-    picture = np.where(height > 0, sky, np.array([0.12, 0.11, 0.1])) * np.ones((64, 128, 1))
-    picture[6:14, 20:44] = picture[10:14, 80:120] = 1.5
-    return picture.astype(np.float32)
+def mirrored(car: TessellatedCar) -> Scene:
+    """Return the car in the studio's paint, smooth, with mirrors where it is reflective and nowhere else."""
+    studio_look = studio()
+    paint = studio_look.materials["paint"]
+    dull = replace(paint, reflectivity=(0.0, 0.0, 0.0))
+    objects = []
+    first = 0
+    for part in map(smoothed, car.scene.objects):
+        reflective = car.reflective[first : first + len(part.faces)]
+        first += len(part.faces)
+        for material, chosen in (("paint", reflective), ("dull", ~reflective)):
+            if chosen.any():
+                objects.append(replace(part, faces=part.faces[chosen], material=material))
+    materials = MappingProxyType({"paint": paint, "dull": dull})
+    return replace(car.scene, objects=tuple(objects), appearance=replace(studio_look, materials=materials))
 
 
 def _with_edges_split(scene: Scene, more: int) -> Scene | None:

@@ -13,8 +13,9 @@ CAMERA_ATTRIBUTE = "xfrustum:camera"
 POSITION = ("P.X", "P.Y", "P.Z")
 NORMAL = ("N.X", "N.Y", "N.Z")
 COLOR = ("R", "G", "B")
+VARIANCE = ("variance.R", "variance.G", "variance.B")
 HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certainty"
-CHANNELS = (*COLOR, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
+CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
 
 CAMERA_JSON = TypeAdapter(HogelCamera)
 """Writes the shortest digits that give the same double again."""

@@ -23,6 +23,7 @@ from xfrustum.scenes.exr_channels import (
     OBJECT,
     POSITION,
     TRIANGLE,
+    VARIANCE,
 )
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
 
@@ -78,6 +79,7 @@ def read_image(path: str | Path, camera: HogelCamera | None = None) -> HogelImag
         position=position,
         normal=_vectors(path, planes, NORMAL),
         color=_vectors(path, planes, COLOR),
+        variance=_vectors(path, planes, VARIANCE),
         certainty=None if certainty is None else certainty.astype(np.uint8),
     )
 

@@ -23,6 +23,7 @@ from xfrustum.scenes.exr_channels import (
     OBJECT,
     POSITION,
     TRIANGLE,
+    VARIANCE,
     pixel_type,
 )
 from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
@@ -40,7 +41,7 @@ class ImageWriter:
         The file; one that exists is replaced at the end.
     camera
         What the whole image answers for; its resolution is the size of the image.
-    normals, color, certainty
+    normals, color, variance, certainty
         Whether the bands have these arrays.
 
     Raises
@@ -56,6 +57,7 @@ class ImageWriter:
         *,
         normals: bool = False,
         color: bool = False,
+        variance: bool = False,
         certainty: bool = False,
     ) -> None:
         self._path = Path(path)
@@ -63,6 +65,7 @@ class ImageWriter:
         self._next_row = 0
         self._channels = (
             *(COLOR if color else ()),
+            *(VARIANCE if variance else ()),
             *POSITION,
             *(NORMAL if normals else ()),
             HEIGHT,
@@ -163,6 +166,7 @@ def write_image(path: str | Path, image: HogelImage) -> None:
         image.camera,
         normals=image.normal is not None,
         color=image.color is not None,
+        variance=image.variance is not None,
         certainty=image.certainty is not None,
     ) as writer:
         writer.write_rows(0, image)
@@ -177,7 +181,13 @@ def _planes(image: HogelImage) -> dict[str, NDArray[Any]]:
     }
     if image.certainty is not None:
         planes[CERTAINTY] = image.certainty.astype(np.uint32)
-    for names, array in ((POSITION, image.position), (NORMAL, image.normal), (COLOR, image.color)):
+    vectors = (
+        (POSITION, image.position),
+        (NORMAL, image.normal),
+        (COLOR, image.color),
+        (VARIANCE, image.variance),
+    )
+    for names, array in vectors:
         if array is not None:
             planes |= {name: array[..., axis].astype(np.float32) for axis, name in enumerate(names)}
     return planes

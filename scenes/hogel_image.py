@@ -49,6 +49,8 @@ class HogelCamera:
         Who made the image, with versions or devices, for people.
     settings
         Of the double frustum, where one drew the image.
+    light_paths
+        Samples per pixel that the color is a mean of, where light paths were sampled.
     """
 
     aperture: Aperture
@@ -60,6 +62,7 @@ class HogelCamera:
     scene_hash: str
     renderer: str
     settings: DoubleFrustum | None = None
+    light_paths: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,6 +82,9 @@ class HogelImage:
         Unit normal as stored in the mesh winding, NaN where there is no surface.
     color
         Linear RGB, float32.
+    variance
+        (H, W, 3) float32 variance of the color, where that is the mean of sampled light paths; None where
+        it has no noise.
     certainty
         uint8 `Certainty` per pixel; None where nobody claims the truth.
     companions
@@ -93,6 +99,7 @@ class HogelImage:
     position: NDArray[np.floating]
     normal: NDArray[np.floating] | None = None
     color: NDArray[np.float32] | None = None
+    variance: NDArray[np.float32] | None = None
     certainty: NDArray[np.uint8] | None = None
     companions: NDArray[np.int64] | None = None
     overruled: NDArray[np.bool_] | None = None

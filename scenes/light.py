@@ -1,6 +1,6 @@
-"""The default light: what a scene without materials and lights is shown in.
+"""Lights: directional, and an environment around everything (design, section 6; paper, sections 3 and 6).
 
-Parameters only; the two answers shade with formulas of their own.
+Parameters only; the two answers shade with formulas of their own. CONVENTIONS.md, "Light", has the model.
 """
 
 from __future__ import annotations
@@ -8,26 +8,80 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.material import Color
+
 
 @dataclass(frozen=True, kw_only=True)
-class DefaultLight:
-    """A gray, two-sided Lambert material under one directional light.
+class DirectionalLight:
+    """A light at infinity, hence its own conjugate (paper, section 3).
 
     Attributes
     ----------
     direction
-        Unit vector toward the light, scene axes: from above, left, and the viewer's side.
-    albedo
-        Linear gray.
-    ambient
-        Share of the light that comes from everywhere, 0 to 1.
+        Toward the light, scene axes; made a unit vector.
+    color
+        Linear RGB of its irradiance over pi: a white diffuse surface that faces it shows this.
+
+    Raises
+    ------
+    InputError
+        A direction without length, or a color that is negative or not finite.
     """
 
     direction: tuple[float, float, float]
-    albedo: float
-    ambient: float
+    color: Color = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        length = math.hypot(*self.direction)
+        if not (math.isfinite(length) and length > 0):
+            raise InputError(f"direction must be a vector with a length, not {list(self.direction)}")
+        if not all(math.isfinite(part) and part >= 0 for part in self.color):
+            raise InputError(f"color must be three numbers of at least 0, not {list(self.color)}")
+        x, y, z = (part / length for part in self.direction)
+        object.__setattr__(self, "direction", (x, y, z))
 
 
-DEFAULT_LIGHT = DefaultLight(
-    direction=(-2 / math.sqrt(14), 3 / math.sqrt(14), 1 / math.sqrt(14)), albedo=0.7, ambient=0.15
-)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Environment:
+    """Radiance from all directions, as a latitude-longitude map.
+
+    The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle follows
+    +x, then +z at both ends. It is seen only in reflections: a line that meets nothing shows black.
+
+    Attributes
+    ----------
+    radiance
+        (H, W, 3) float32 linear RGB, row 0 at the top; finite and at least 0.
+    strength
+        Factor, at least 0.
+    name
+        Where it came from.
+
+    Raises
+    ------
+    InputError
+        Another shape, or radiance that is negative or not finite.
+    """
+
+    radiance: NDArray[np.float32]
+    strength: float = 1.0
+    name: str = "environment"
+
+    def __post_init__(self) -> None:
+        radiance = np.ascontiguousarray(self.radiance, dtype=np.float32)
+        if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
+            raise InputError(f"{self.name}: an environment map is an RGB picture, not {radiance.shape}")
+        if not (np.isfinite(radiance).all() and radiance.min() >= 0):
+            raise InputError(f"{self.name}: radiance must be finite and not negative; repair the map")
+        if not (math.isfinite(self.strength) and self.strength >= 0):
+            raise InputError(f"strength must be a number of at least 0, not {self.strength}")
+        radiance.flags.writeable = False
+        object.__setattr__(self, "radiance", radiance)
+
+
+DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
+"""From above, left, and the viewer's side: of scenes that name no light and no environment."""

@@ -10,7 +10,11 @@ import trimesh
 from numpy.typing import NDArray
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.mesh_attributes import vertex_colors, vertex_normals
 from xfrustum.scenes.scene import SceneObject
+
+_GLTF = (".gltf", ".glb")
+"""Files whose vertex colors are linear; those of others are sRGB."""
 
 
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
@@ -18,7 +22,8 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
 
     Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`: glTF nodes placed
     and joined, a part used twice counted twice. The parts are joined here and not by trimesh, which
-    would pack their textures into one atlas and so lose the repetition of texture coordinates.
+    would pack their textures into one atlas and so lose the repetition of texture coordinates. Of
+    normals and colors at vertices it has what the file has (CONVENTIONS.md, "Light").
 
     Raises
     ------
@@ -47,6 +52,8 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
         uv=_texture_coordinates(parts),
         textures=textures,
         texture_of_triangle=texture_of_triangle,
+        vertex_normals=vertex_normals(parts),
+        vertex_colors=vertex_colors(parts, linear=path.suffix.lower() in _GLTF),
     )
 
 
@@ -54,7 +61,7 @@ def _read_parts(path: Path) -> list[trimesh.Trimesh]:
     """Return the meshes of a file, each where its node places it, those without faces left out."""
     kinds = ", ".join(sorted(trimesh.available_formats()))
     try:
-        placed = trimesh.load_scene(str(path), process=False).dump()
+        return _placed(trimesh.load_scene(str(path), process=False))
     except OSError as error:
         raise InputError(f"{path}: cannot read the mesh ({error.strerror or 'I/O error'})") from error
     except NotImplementedError as error:
@@ -66,7 +73,24 @@ def _read_parts(path: Path) -> list[trimesh.Trimesh]:
     except Exception as error:  # trimesh's loaders raise whatever their parser stumbled over
         reason = (str(error).splitlines() or [""])[0][:120] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh ({reason}); export the mesh again") from error
-    return [part for part in placed if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+
+
+def _placed(scene: Any) -> list[trimesh.Trimesh]:
+    """Return every mesh of a scene where its nodes place it, as its `dump` does, but with normals."""
+    parts = []
+    for node in scene.graph.nodes_geometry:
+        scene_from_part, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+            # The cache is where trimesh keeps the normals that it has read.
+            part = geometry.copy(include_cache=True)
+            part.apply_transform(scene_from_part)
+            colors = getattr(geometry.visual, "vertex_attributes", {}).get("color")
+            if colors is not None:  # which a copy of textured visuals leaves out
+                part.vertex_attributes["color"] = colors
+            part.metadata["name"] = name
+            parts.append(part)
+    return parts
 
 
 def _check_faces(path: Path, part: trimesh.Trimesh) -> None:

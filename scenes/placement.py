@@ -40,14 +40,35 @@ def placement(
     return matrix
 
 
-def place(part: SceneObject, scene_from_mesh: NDArray[np.float64]) -> SceneObject:
-    """Return the object with its vertices moved by a (4, 4) affine matrix.
+def magnification(scene_from_mesh: NDArray[np.float64]) -> float:
+    """Return the largest factor by which a (4, 4) affine matrix stretches any length."""
+    return float(np.linalg.norm(scene_from_mesh[:3, :3], ord=2))
 
-    Faces keep their order and their winding, also where the matrix mirrors.
+
+def place(part: SceneObject, scene_from_mesh: NDArray[np.float64]) -> SceneObject:
+    """Return the object with its vertices and their normals moved by a (4, 4) affine matrix.
+
+    Faces keep their order and their winding, also where the matrix mirrors: the side that the winding
+    faces then is the other one, and vertex normals change over with it.
     """
     x, y, z = part.vertices.T
     # Written out, not a matrix product: BLAS sums differently from machine to machine, and the
     # scene's content hash must not.
     with np.errstate(over="ignore", invalid="ignore"):
         moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in scene_from_mesh[:3]]
-    return replace(part, vertices=np.stack(moved, axis=1))
+    normals = part.vertex_normals
+    if normals is not None:
+        normals = normals @ _cofactors(scene_from_mesh[:3, :3]).T
+    return replace(part, vertices=np.stack(moved, axis=1), vertex_normals=normals)
+
+
+def _cofactors(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix that takes normals along, up to one positive factor.
+
+    It takes the cross product of two edges to that of the moved edges: the inverse transpose times the
+    determinant, whose sign turns normals over where the matrix mirrors. Normals are not made unit
+    vectors: one matrix for all leaves their interpolation over a triangle as it was.
+    """
+    a, b, c = (linear / np.abs(linear).max()).T
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    return np.asarray(cofactors / np.abs(cofactors).max())

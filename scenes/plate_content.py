@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from xfrustum.scenes.effects import Effect
 from xfrustum.scenes.plate import Aperture
 
 
@@ -39,10 +40,13 @@ class PlateContent:
         Type of linear RGB.
     ids
         Whether triangle numbers come along.
+    effects
+        What is simulated; None for what the scene calls for. The pictures are the same with more.
     """
 
     color: ColorType = ColorType.FLOAT16
     ids: bool = False
+    effects: frozenset[Effect] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

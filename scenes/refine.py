@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.scenes.scene import Scene, SceneObject
 
@@ -13,7 +14,9 @@ def refine(scene: Scene, levels: int) -> Scene:
     """Return the scene with every triangle split in four, `levels` times over.
 
     Each triangle is split at the middles of its edges, in its own plane, so the surface is the
-    same up to the rounding of the middles. Triangle t becomes 4 t to 4 t + 3.
+    same up to the rounding of the middles. Triangle t becomes 4 t to 4 t + 3. A middle has the mean of
+    its ends' normals, colors and texture coordinates, and the normal is not made a unit vector: what is
+    interpolated linearly over a triangle is the same over its parts.
 
     Parameters
     ----------
@@ -39,6 +42,13 @@ def _split(part: SceneObject) -> SceneObject:
         # Halves first: the sum of two huge coordinates may overflow.
         vertices=np.concatenate([part.vertices, (part.vertices[edges] / 2).sum(axis=1)]),
         faces=faces,
-        uv=None if part.uv is None else np.concatenate([part.uv, part.uv[edges].mean(axis=1)]),
+        uv=_with_middles(part.uv, edges),
+        vertex_normals=_with_middles(part.vertex_normals, edges),
+        vertex_colors=_with_middles(part.vertex_colors, edges),
         texture_of_triangle=None if textured is None else np.repeat(textured, 4),
     )
+
+
+def _with_middles(values: NDArray[np.float64] | None, edges: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    """Append the mean over each edge's ends to values at vertices, (V, N); NaN where an end has none."""
+    return None if values is None else np.concatenate([values, values[edges].mean(axis=1)])

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.appearance import Appearance
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum
+from xfrustum.scenes.material import Material
 from xfrustum.scenes.plate import Aperture, Plate
+from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.surface_attributes import SurfaceAttributes
 
 SHORTEST, LONGEST = 1e-30, 1e30
 """Lengths of plate, reach and screen, and largest coordinate: products of two stay within float32's
@@ -54,6 +58,12 @@ class SceneObject:
         (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top; empty if the mesh has none.
     texture_of_triangle
         (F,) int32 index into `textures`, -1 where a triangle has none; None if the mesh has none.
+    vertex_normals
+        (V, 3) float64 normals to shade with, on the side that the winding faces. Not all of one length:
+        what is interpolated linearly over a triangle, and then made a unit vector, is these. NaN at
+        vertices without, whose triangles are flat; None if the mesh has none.
+    vertex_colors
+        (V, 3) float64 linear RGB; None if the mesh has none.
 
     Raises
     ------
@@ -68,6 +78,8 @@ class SceneObject:
     uv: NDArray[np.float64] | None = None
     textures: tuple[NDArray[np.uint8], ...] = ()
     texture_of_triangle: NDArray[np.int32] | None = None
+    vertex_normals: NDArray[np.float64] | None = None
+    vertex_colors: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -85,6 +97,13 @@ class SceneObject:
                 f"{self.name}: {bad} vertices are NaN or infinite in scene coordinates; "
                 "repair the mesh or its transform"
             )
+        for name in ("vertex_normals", "vertex_colors"):
+            values = getattr(self, name)
+            if values is None:
+                continue
+            if np.shape(values) != vertices.shape:
+                raise InputError(f"{self.name}: {name} must be one triple per vertex")
+            object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
         object.__setattr__(self, "vertices", read_only(vertices))
         object.__setattr__(self, "faces", read_only(faces))
 
@@ -104,6 +123,10 @@ class Scene:
     source
         What the command line calls this scene: the path of a file, or a built-in name. Images
         carry it, so that a comparison can trace the scene again.
+    appearance
+        Materials and lights; by default gray, under one directional light.
+    sampling, transport
+        How finely it is sampled, and which light transport is simulated; by default neither.
     """
 
     name: str
@@ -112,6 +135,9 @@ class Scene:
     objects: tuple[SceneObject, ...]
     units: str = "units"
     source: str = ""
+    appearance: Appearance = field(default_factory=Appearance)
+    sampling: Sampling = field(default_factory=Sampling)
+    transport: Transport = field(default_factory=Transport)
 
     def __post_init__(self) -> None:
         lengths = [*self.plate.size, *self.frustum.reach]
@@ -205,6 +231,16 @@ class Scene:
             digest.update(part.vertices.tobytes())
             digest.update(part.faces.tobytes())
         return digest.hexdigest()
+
+    @cached_property
+    def materials(self) -> tuple[Material, ...]:
+        """One material per object; the default where an object names none."""
+        return tuple(self.appearance.material(part.material) for part in self.objects)
+
+    @cached_property
+    def surface(self) -> SurfaceAttributes:
+        """Normals, colors and textures of all objects."""
+        return SurfaceAttributes.of(self.objects)
 
     def default_apertures(self) -> tuple[Aperture, ...]:
         """Return the apertures of a report: the middle one and, when recentered, two corners."""

@@ -13,18 +13,14 @@ import pytest
 from tests.views import view
 from xfrustum.cli import main
 from xfrustum.raster.plate_rates import BATCHED, MEANINGS
-from xfrustum.raster.plate_reflection import Reflective
-from xfrustum.raster.plate_renderer import PlateRenderer
+from xfrustum.raster.reflection import reflecting
 from xfrustum.reports.bench_plate import bench_plate, table
 from xfrustum.reports.bench_table1 import PAPER, Database, bench_table1
 from xfrustum.reports.bench_table1 import table as table_1
 from xfrustum.reports.timing import Spread, race
-from xfrustum.scenes import Camera, DoubleFrustum, InputError, Plate, Scene, SceneObject, builtin
-from xfrustum.scenes.car_tessellated import surroundings, tessellated_car
-from xfrustum.scenes.frustum import Frustum
-from xfrustum.scenes.plate_content import ColorType, PlateContent
-
-FULL_COLOR = PlateContent(color=ColorType.FLOAT32, ids=True)
+from xfrustum.scenes import InputError, SceneObject, builtin
+from xfrustum.scenes.car_tessellated import mirrored, tessellated_car
+from xfrustum.scenes.effects import Effect, needed
 
 
 def test_a_spread_is_the_median_and_the_ends() -> None:
@@ -140,52 +136,10 @@ def test_the_papers_numbers_are_the_papers(shared_data: Path) -> None:
         assert f"| {row.polygons:,} | {100 * row.reflective_share:.1f}% | {speeds} |" in text
 
 
-def mirrors() -> Scene:
-    """One square behind the plate and one before it, both facing the viewer, apart on the film."""
-    corners = np.array([(0.5, -2, 0), (4, -2, 0), (4, 2, 0), (0.5, 2, 0)], dtype=np.float64)
-    parts = [
-        SceneObject(
-            name="mirror", vertices=corners + np.array([0, 0, z]), faces=np.array([(0, 1, 2), (0, 2, 3)])
-        )
-        for z in (-10.0, 10.0)
-    ]
-    frustum = Frustum(resolution=(32, 32), reach=(20.0, 20.0), fov=(1.0, 1.0))
-    return Scene(
-        name="mirrors", plate=Plate(size=(1.0, 1.0), hogels=(1, 1)), frustum=frustum, objects=tuple(parts)
-    )
-
-
-@pytest.mark.parametrize(
-    "chosen",
-    [
-        DoubleFrustum(near=0.1),
-        DoubleFrustum(near=0.1, slabs=(5.0,)),
-        DoubleFrustum(near=0.1, camera=Camera.C_STAR),
-    ],
-    ids=["both", "slabs", "c-star"],
-)
-def test_mirrors_turned_to_the_viewer_show_what_is_behind_the_viewer(chosen: DoubleFrustum) -> None:
-    """On both sides of the plate, and added to the picture; what does not reflect stays as it was."""
-    scene = mirrors()
-    # The middle of the map lies behind the plate, its ends are behind the viewer.
-    environment = np.zeros((16, 64, 3), dtype=np.float32)
-    environment[:, :24] = environment[:, 40:] = 0.25
-    drawn = []
-    for triangles in (np.array([False] * 4), np.array([True, True, True, False])):
-        reflective = Reflective(triangles=triangles, environment=environment)
-        with PlateRenderer(scene, chosen, FULL_COLOR, reflective) as renderer:
-            drawn += list(renderer.hogels([scene.plate.middle]))
-    plain, mirrored = drawn
-    assert plain.triangle is not None
-    np.testing.assert_array_equal(plain.triangle, mirrored.triangle)
-    reflects = (plain.triangle >= 0) & (plain.triangle < 3)
-    assert reflects.sum() > 10 and (plain.triangle == 3).sum() > 10
-    added = mirrored.color - plain.color
-    np.testing.assert_allclose(added[reflects], 0.25, atol=1e-6)
-    np.testing.assert_array_equal(added[~reflects], 0.0)
-
-
-def test_the_surroundings_are_light_above_and_dark_below() -> None:
-    picture = surroundings()
-    assert picture.shape == (64, 128, 3) and picture.min() > 0
-    assert picture[:32].mean() > 3 * picture[32:].mean()
+def test_the_reflective_triangles_are_the_mirrors_of_the_picture() -> None:
+    """In the same triangles in the same order, so that the first of them are reflective."""
+    car = tessellated_car(42_382, 0.312)
+    scene = mirrored(car)
+    np.testing.assert_array_equal(scene.triangles, car.scene.triangles)
+    assert reflecting(scene) == [(0, int(car.reflective.sum()))]
+    assert Effect.REFLECTION in needed(scene) and Effect.SMOOTH_NORMALS in needed(scene)

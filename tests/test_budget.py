@@ -16,7 +16,7 @@ from xfrustum.compare.displacement import displacement
 from xfrustum.compare.film import shows_point_on_film
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budgeting import IMAGES, write_budget
+from xfrustum.reports.budgeting import IMAGES, table, write_budget
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, builtin
 from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
 
@@ -99,6 +99,45 @@ def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
     settings = DoubleFrustum(near=1.5, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
     [(_, _, budget)] = budgets("car-recentered", [replace(settings, pivot=Pivot.CAMERA)])
     assert (budget.charge == 1).sum() > 100
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered", "car-recentered"])
+def test_each_traced_link_is_as_predicted(name: str) -> None:
+    """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, one after the other."""
+    reach = view(name, (8, 8)).frustum.longest_reach
+    cut = 0.3 * reach
+    settings = DoubleFrustum(
+        near=1e-3 * reach,
+        slabs=(cut,),
+        pivot=Pivot.CAMERA,
+        fit=Fit.ANGLE,
+        depth=DepthFormat.D32F,
+        mapping=DepthMapping.REVERSED,
+    )
+    [(_, _, budget)] = budgets(name, [settings])
+    links = budget.summary()["links"]
+    for link in links[:3]:
+        predicted, measured = link["predicted_displacement_rms_px"], link["displacement_rms_px"]
+        # Of first order in n / |z|, over the truth's pixels and not the drawn ones.
+        assert measured == pytest.approx(predicted, rel=0.1, abs=1e-9)
+        # A factor of two, and what chance makes of a few pixels.
+        low, high = link["predicted_surface"] / 2, link["predicted_surface"] * 2
+        assert low - 3 * low**0.5 - 1 <= link["surface"] <= high + 3 * high**0.5 + 1
+    assert sum(link["surface"] for link in links[:3]) > 20
+    for link in links[3:]:
+        assert link["predicted_displacement_rms_px"] is None
+        assert 0 <= link["predicted_surface"] < 10
+
+
+def test_the_table_has_prediction_measurement_and_ratio() -> None:
+    [(_, _, budget)] = budgets("asymmetric", [DoubleFrustum(near=1.5)])
+    link = budget.summary()["links"][0]
+    lines = table(budget).splitlines()
+    predicted = next(line for line in lines[lines.index("") :] if line.startswith("near offset"))
+    ratio = link["surface"] / link["predicted_surface"]
+    numbers = predicted.removeprefix("near offset").replace(",", "").split()
+    assert numbers[:3] == [f"{link['predicted_surface']:.0f}", f"{link['surface']}", f"{ratio:.3g}"]
+    assert len(numbers) == 6
 
 
 @pytest.mark.parametrize("name", ["car-recentered", "asymmetric"])

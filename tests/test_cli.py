@@ -108,7 +108,8 @@ def test_compare_prints_the_object_of_the_contract(
         "height",
     } <= set(numbers)
     assert numbers["pixels"] == 48 * 32
-    assert numbers["radiance"] is None
+    assert isinstance(numbers["radiance"], dict)
+    assert isinstance(numbers["radiance"]["flip"], float)
     for share in ("surface", "triangle"):
         part = numbers[share]
         assert isinstance(part, dict) and isinstance(numbers["judged"], int)
@@ -158,7 +159,8 @@ def test_compare_writes_a_picture_of_each_error(
     assert main(["compare", *images, "--out", "errors"]) == 0
     assert "wrong surface" in capsys.readouterr().out
     names = sorted(path.name for path in Path("errors").iterdir())
-    assert names == ["comparison.json", "displacement.png", "height.png", "surface.png", "triangle.png"]
+    errors = ("displacement", "height", "radiance", "surface", "triangle")
+    assert names == ["comparison.json", *(f"{error}.png" for error in errors)]
 
 
 def test_report_says_the_best_setting_and_where_the_page_is(

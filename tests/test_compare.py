@@ -28,6 +28,16 @@ from xfrustum.scenes import (
     Screen,
 )
 
+COLORS = {"rms": list, "mean": list, "p99": list, "max": list}
+RADIANCE = {
+    "pixels": int,
+    "rms": float,
+    "mean": float,
+    "p99": float,
+    "max": float,
+    "above_step": float,
+    "channels": COLORS,
+}
 CONTRACT = {
     "pixels": int,
     "judged": int,
@@ -37,7 +47,14 @@ CONTRACT = {
     "triangle": {"wrong": int, "fraction": float},
     "displacement_px": {"rms": float, "p50": float, "p95": float, "p99": float, "max": float},
     "height": {"rms": float, "max": float},
-    "radiance": type(None),
+    "radiance": {
+        **RADIANCE,
+        "away_from_edges": RADIANCE,
+        "flip": type(None),
+        "ssim": type(None),
+        "pixels_per_degree": type(None),
+        "noise": type(None),
+    },
     "certainty": {"proven": int, "exact": int, "tie": int, "unexamined": int},
 }
 """Design, section 7, and behind it the truth's pixels by class of certainty."""

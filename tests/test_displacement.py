@@ -107,7 +107,7 @@ def test_a_prediction_from_the_truth_alone_agrees_with_the_measured_spread(near:
     with Rasterizer(scene) as raster:
         drawn = raster.render(scene.plate.middle, reversed_d32f(near))
     measured = compare_images(truth, drawn, reference).displacement_px
-    predicted = predict.displacement(truth, near)
+    predicted = predict.displacement(truth, scene.frustum, reversed_d32f(near))
     assert measured is not None and predicted is not None
     assert measured.p50 == pytest.approx(predicted.p50, rel=0.05)
     assert measured.p95 == pytest.approx(predicted.p95, rel=0.05)
@@ -123,7 +123,7 @@ def test_the_prediction_of_a_point_is_exact() -> None:
     keep = np.zeros_like(truth.covered)
     keep[row, column] = True
     truth.position[~keep], truth.triangle[~keep] = np.nan, NOTHING
-    spread = predict.displacement(truth, 2.0)
+    spread = predict.displacement(truth, scene.frustum, reversed_d32f(2.0))
     assert spread is not None
     moved = np.hypot(32 * (u - u * z / (z + 2)), 24 * (v - v * z / (z + 2)))
     assert spread.max == spread.p50 == pytest.approx(moved, rel=1e-12)

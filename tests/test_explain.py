@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from tests.test_flips import pictured
 from tests.views import SHARED_SCENES, reversed_d32f, view
 from xfrustum.compare.explain import explain, misplaced
-from xfrustum.raster import Rasterizer, passes
+from xfrustum.raster import Rasterizer, passes, programs
 from xfrustum.raster.cameras import clip_from_scene
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
@@ -204,19 +203,14 @@ def test_a_picture_drawn_beside_its_camera_is_seen_as_misplaced(
         bits = int(raster.device["subpixel_bits"])
         right = raster.render(aperture, settings)
         assert not misplaced(scene, right, bits).any()
-        vertex = files("xfrustum.raster") / "shaders" / "hogel.vert"
-        source = vertex.read_text().replace(
+    right_shader = programs.shader
+
+    def shifted(name: str) -> str:
+        return right_shader(name).replace(
             "vec4(in_position, 1.0);", f"vec4(in_position, 1.0); gl_Position.x += {share} * gl_Position.w;"
         )
-        with raster._context:
-            program = raster._context.program(
-                vertex_shader=source,
-                fragment_shader=(files("xfrustum.raster") / "shaders" / "hogel.frag").read_text(),
-            )
-            program["albedo"], program["ambient"] = 0.5, 0.1
-            mesh = raster._context.vertex_array(
-                program, [(raster._vertices, "3f", "in_position")], index_buffer=raster._indices
-            )
-        monkeypatch.setitem(raster._programs, "", (program, mesh))
+
+    monkeypatch.setattr(programs, "shader", shifted)
+    with Rasterizer(scene) as raster:
         wrong = raster.render(aperture, settings)
     assert misplaced(scene, wrong, bits).sum() > 0.02 * wrong.covered.sum()

@@ -36,6 +36,7 @@ def a_camera() -> HogelCamera:
         reach=(150.0, 1e300),
         scene='a "scene" of \u00e9',
         scene_hash="ab12",
+        light_paths=64,
         renderer="nobody 1.0",
         settings=DoubleFrustum(
             near=0.1 + 0.2, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, camera=Camera.C_STAR
@@ -57,12 +58,13 @@ def an_image() -> HogelImage:
         position=position,
         normal=normal,
         color=rng.random((HEIGHT, WIDTH, 3), dtype=np.float32),
+        variance=rng.random((HEIGHT, WIDTH, 3), dtype=np.float32),
         certainty=rng.integers(0, 4, (HEIGHT, WIDTH)).astype(np.uint8),
     )
 
 
 def rows(image: HogelImage, start: int, stop: int) -> HogelImage:
-    names = ("triangle", "object", "position", "normal", "color", "certainty")
+    names = ("triangle", "object", "position", "normal", "color", "variance", "certainty")
     cut: dict[str, Any] = {
         name: None if getattr(image, name) is None else getattr(image, name)[start:stop] for name in names
     }
@@ -74,7 +76,7 @@ def assert_same(found: HogelImage, expected: HogelImage) -> None:
     np.testing.assert_array_equal(found.triangle, expected.triangle)
     np.testing.assert_array_equal(found.object, expected.object)
     np.testing.assert_array_equal(found.position, expected.position.astype(np.float32))
-    for name in ("normal", "color", "certainty"):
+    for name in ("normal", "color", "variance", "certainty"):
         one, other = getattr(found, name), getattr(expected, name)
         assert (one is None) == (other is None), name
         if one is not None:
@@ -96,7 +98,12 @@ def test_every_array_and_every_double_of_the_camera_comes_back(tmp_path: Path) -
 def test_what_an_image_has_not_is_not_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "image.exr"
     bare = replace(
-        an_image(), normal=None, color=None, certainty=None, camera=replace(a_camera(), settings=None)
+        an_image(),
+        normal=None,
+        color=None,
+        variance=None,
+        certainty=None,
+        camera=replace(a_camera(), settings=None),
     )
     write_image(path, bare)
     assert_same(read_image(path), bare)
@@ -111,7 +118,9 @@ def test_channels_are_those_of_the_contract(tmp_path: Path) -> None:
         name: channel.pixels
         for name, channel in OpenEXR.File(str(path), separate_channels=True).channels().items()
     }
-    contract = "R G B P.X P.Y P.Z N.X N.Y N.Z Z id.triangle id.object certainty"
+    contract = (
+        "R G B variance.R variance.G variance.B P.X P.Y P.Z N.X N.Y N.Z Z id.triangle id.object certainty"
+    )
     assert sorted(channels) == sorted(contract.split())
     assert {name for name, pixels in channels.items() if pixels.dtype == np.uint32} == {
         "id.triangle",
@@ -126,7 +135,7 @@ def test_channels_are_those_of_the_contract(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rows_per_band", [1, 5, 16, 20])
 def test_bands_make_the_same_image_as_one_piece(tmp_path: Path, rows_per_band: int) -> None:
     path, image = tmp_path / "bands.exr", an_image()
-    with ImageWriter(path, image.camera, normals=True, color=True, certainty=True) as writer:
+    with ImageWriter(path, image.camera, normals=True, color=True, variance=True, certainty=True) as writer:
         for start in range(0, HEIGHT, rows_per_band):
             writer.write_rows(start, rows(image, start, start + rows_per_band))
             assert not path.exists(), "the file appears only when it is complete"

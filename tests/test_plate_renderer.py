@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.light import dressed_scene
 from tests.views import reversed_d32f, soup, view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.clusters import Boxes, clip_planes, reached, runs
@@ -33,8 +34,10 @@ from xfrustum.scenes import (
     Scene,
 )
 from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.frustum import Screen
 from xfrustum.scenes.plate_content import ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.sampling import Sampling
 
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
 DEPTHS = list(itertools.product(DepthFormat, DepthMapping))
@@ -54,10 +57,16 @@ def some_apertures(scene: Scene) -> list[Aperture]:
     return [scene.plate.middle, scene.plate.aperture(column + 1, row), *scene.plate.corners, between]
 
 
-def same_as_one_by_one(scene: Scene, chosen: DoubleFrustum, apertures: Sequence[Aperture]) -> float:
+def same_as_one_by_one(
+    scene: Scene,
+    chosen: DoubleFrustum,
+    apertures: Sequence[Aperture],
+    effects: frozenset[Effect] | None = None,
+) -> float:
     """Assert that every image is the rasterizer's own, and return how much of them shows surfaces."""
     covered = []
-    with PlateRenderer(scene, chosen, EVERYTHING) as plate, Rasterizer(scene) as rasterizer:
+    content = replace(EVERYTHING, effects=effects)
+    with PlateRenderer(scene, chosen, content) as plate, Rasterizer(scene, effects) as rasterizer:
         hogels = list(plate.hogels(apertures))
         assert [hogel.aperture for hogel in hogels] == list(apertures)
         for hogel in hogels:
@@ -89,6 +98,38 @@ def test_slabs_pivots_fits_and_single_cameras_are_drawn_alike(name: str, chosen:
 def test_scenes_across_the_plate_are_drawn_alike(name: str) -> None:
     scene = view(name, (64, 48))
     assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene)) > 0.05
+
+
+LIT = ("car-studio", "mirror-sphere", "grating", "truck")
+
+
+@pytest.mark.parametrize("effects", [None, ALL_EFFECTS], ids=["auto", "all"])
+@pytest.mark.parametrize("name", LIT)
+def test_light_textures_and_mirrors_are_drawn_alike(name: str, effects: frozenset[Effect] | None) -> None:
+    scene = replace(view(name, (64, 48)), sampling=Sampling())
+    assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene), effects) > 0.02
+
+
+@pytest.mark.parametrize(
+    "chosen", [DoubleFrustum(near=0.015, slabs=(40.0,)), reversed_d32f(1e-3)], ids=["slabs", "reversed"]
+)
+@pytest.mark.parametrize("name", ["asymmetric", "crossing"])
+def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
+    """Smooth and flat, colored and not, textured and not, three lights and mirrors on both sides."""
+    scene = dressed_scene(name, (64, 48))
+    assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
+
+
+@pytest.mark.parametrize("effect", Effect)
+def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
+    scene = dressed_scene("asymmetric", (32, 24))
+    same_as_one_by_one(scene, DoubleFrustum(near=0.1), [scene.plate.middle], ALL_EFFECTS - {effect})
+
+
+def test_scenes_that_ask_for_finer_sampling_are_refused_and_not_drawn_coarsely() -> None:
+    scene = replace(view("asymmetric", (8, 6)), sampling=Sampling(aperture=4))
+    with pytest.raises(InputError, match="--aperture-samples 1"):
+        PlateRenderer(scene, DoubleFrustum(near=0.1))
 
 
 def test_a_row_longer_than_everything_in_flight_comes_back_in_order() -> None:

@@ -25,8 +25,14 @@ from xfrustum.raster.plate_renderer import PlateRenderer
 from xfrustum.reports.plate import WRITTEN_BEHIND, all_apertures, blocks_of_apertures, write_plate
 from xfrustum.reports.plate_store import PlateStore
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
+from xfrustum.scenes.appearance import Appearance
+from xfrustum.scenes.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.light import Environment
+from xfrustum.scenes.look import look_hash
+from xfrustum.scenes.material import Material
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.plate_content import ColorType, PlateContent
+from xfrustum.scenes.smoothing import smoothed
 
 SETTINGS = DoubleFrustum(near=0.15)
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
@@ -111,6 +117,8 @@ def test_rows_come_first_and_blocks_in_the_order_given() -> None:
         (lambda s: (s, SETTINGS, PlateContent(ids=True)), r"content\.color"),
         (lambda s: (small("crossing"), SETTINGS, EVERYTHING), r"scene\.hash"),
         (lambda s: (replace(s, objects=s.objects[1:]), SETTINGS, EVERYTHING), r"scene\.hash"),
+        (lambda s: (replace(s, appearance=Appearance(lights=())), SETTINGS, EVERYTHING), r"scene\.look"),
+        (lambda s: (s, SETTINGS, replace(EVERYTHING, effects=ALL_EFFECTS - {Effect.DIFFUSE})), "effects"),
     ],
 )
 def test_going_on_with_anything_else_is_refused(
@@ -123,6 +131,42 @@ def test_going_on_with_anything_else_is_refused(
     with pytest.raises(InputError, match=f"another .*{named}"):
         write_plate(scene, settings, out, content=content)
     assert tree(out) == before
+
+
+def test_going_on_with_effects_that_change_no_pixel_is_going_on(tmp_path: Path) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    write_plate(scene, SETTINGS, out, [scene.plate.middle], EVERYTHING)
+    files = write_plate(scene, SETTINGS, out, content=replace(EVERYTHING, effects=ALL_EFFECTS))
+    assert (files.drawn, files.found) == (34, 1)
+
+
+def mirrored_in(strength: float, material: Material, name: str) -> Scene:
+    parts = tuple(replace(part, material=name) for part in small().objects)
+    sky = Environment(radiance=np.full((2, 4, 3), 0.5, dtype=np.float32), strength=strength)
+    return replace(small(), objects=parts, appearance=Appearance(materials={name: material}, environment=sky))
+
+
+def test_the_look_is_everything_that_color_depends_on_and_no_name() -> None:
+    mirror = Material(reflectivity=(0.5, 0.5, 0.5))
+    scene = mirrored_in(1.0, mirror, "mirror")
+    smooth = replace(scene, objects=tuple(smoothed(part) for part in scene.objects))
+    others = [mirrored_in(0.5, mirror, "mirror"), mirrored_in(1.0, Material(), "mirror"), smooth, small()]
+    assert len({look_hash(other) for other in (scene, *others)}) == 5
+    assert {other.content_hash for other in others} == {scene.content_hash}
+    assert look_hash(mirrored_in(1.0, mirror, "another name")) == look_hash(scene)
+
+
+def test_a_scene_that_asks_for_finer_sampling_is_drawn_when_told_how(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "x.zarr"
+    arguments = ["plate", "grating", "--near", "0.1", "--apertures", "3,4", "--out", str(out), "--quiet"]
+    assert main([*arguments, "--aperture-samples", "4"]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1 and "--aperture-samples 1" in printed.err
+    assert not out.exists()
+    once = ["--supersample", "1", "--multisample", "1", "--aperture-samples", "1"]
+    assert main([*arguments, *once, "--effects", "all"]) == 0
 
 
 def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+from xfrustum.compare import Spread
+from xfrustum.compare.predict import Prediction, Separations
 from xfrustum.reports import images, report, sweep
 from xfrustum.reports.best import (
     DISPLACEMENT_TIE_PX,
@@ -124,6 +126,50 @@ def test_displacement_falls_with_near_as_predicted(files: ReportFiles) -> None:
             assert row["predicted_displacement_px"]["rms"] == pytest.approx(measured, rel=0.05)
 
 
+def test_prediction_stands_beside_measurement_with_their_ratio(files: ReportFiles) -> None:
+    flat = pq.read_table(files.parquet).to_pylist()
+    for row, columns in zip(files.content["rows"], flat, strict=True):
+        surface, ratios = row["predicted_surface"], row["measured_over_predicted"]
+        causes = 1 - np.prod([1 - surface[cause] for cause in ("silhouettes", "snapped", "depth")])
+        assert surface["fraction"] == pytest.approx(causes)
+        assert ratios["surface"] == row["comparison"]["surface"]["fraction"] / surface["fraction"]
+        predicted, measured = row["predicted_displacement_px"], row["comparison"]["displacement_px"]
+        for key in ("rms", "p99"):
+            assert ratios[f"displacement_{key}"] == measured[key] / predicted[key]
+        assert columns["predicted_surface_fraction"] == surface["fraction"]
+        assert columns["predicted_displacement_px_rms"] == predicted["rms"]
+        assert columns["smallest_separation_c"] == row["smallest_separation"]["c"]
+        assert columns["measured_over_predicted_surface"] == ratios["surface"]
+    # The middle aperture sees surfaces on both sides.
+    assert min(files.content["rows"][0]["smallest_separation"].values()) > 0
+
+
+def test_a_ratio_needs_both_numbers_and_a_prediction_that_is_not_zero() -> None:
+    ratios = measured(1.0, 0.14, 0.5).measured_over_predicted
+    # Causes that know nothing of each other: 1 - 0.9 * 0.8.
+    assert ratios["surface"] == pytest.approx(0.14 / 0.28)
+    assert ratios["displacement_p99"] == 2.0
+    assert ratios["displacement_rms"] == 2.5
+    nothing = measured(1.0, 0.0, None).measured_over_predicted
+    assert nothing == {"displacement_rms": None, "displacement_p99": None, "surface": 0.0}
+
+
+def test_the_curves_of_surfaces_have_a_closed_form_for_every_depth_buffer(files: ReportFiles) -> None:
+    html = files.html.read_text()
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert found
+    for curves in json.loads(found[1])["curves"]:
+        names = [line["name"] for line in curves["surface"]["data"]]
+        assert names == [
+            "D24 standard",
+            "D32F reversed",
+            "D24 standard, closed form",
+            "D32F reversed, closed form",
+            "closed form",
+        ]
+    assert "Predicted and measured" in html
+
+
 def test_the_page_is_one_file_that_asks_for_nothing(files: ReportFiles) -> None:
     html = files.html.read_text()
     own = re.sub(r"<script>.*?</script>", "", html, count=1, flags=re.DOTALL)
@@ -158,7 +204,13 @@ def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
     (row,) = made.content["rows"]
     assert row["comparison"]["surface"]["wrong"] == 0
     assert row["comparison"]["displacement_px"] is None
-    assert pq.read_table(made.parquet).to_pylist()[0]["displacement_px_rms"] is None
+    assert row["predicted_displacement_px"] is None
+    assert row["predicted_surface"]["fraction"] == 0
+    assert row["smallest_separation"] == {"c": None, "c_star": None}
+    assert set(row["measured_over_predicted"].values()) == {None}
+    flat = pq.read_table(made.parquet).to_pylist()[0]
+    assert flat["displacement_px_rms"] is None
+    assert flat["predicted_displacement_px_rms"] is None
 
 
 def test_a_report_that_fails_leaves_the_old_one_untouched(
@@ -235,10 +287,16 @@ def measured(
             "judged": 3072,
             "covered": 1000,
             "surface": {"fraction": surface},
-            "displacement_px": None if p99 is None else {"p99": p99},
+            "displacement_px": None if p99 is None else {"p99": p99, "rms": p99 / 2},
         },
         certainty={},
-        predicted=None,
+        predicted=Prediction(
+            displacement_px=Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3),
+            silhouettes=0.1,
+            snapped=0.0,
+            depth=0.2,
+            separation=Separations(c=1e-3, c_star=None),
+        ),
         times_s={},
     )
 

@@ -71,7 +71,7 @@ def test_a_mesh_lies_beside_its_scene_file(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_a_material_names_a_table(tmp_path: Path) -> None:
-    material = "[material.paint]\ncolor = [1, 0, 0]\n"
+    material = "[material.paint]\ndiffuse = [1, 0, 0]\n"
     scene = open_scene(write(tmp_path, PLATE, FRUSTUM, BOX, 'material = "paint"\n', material))
     assert scene.objects[0].material == "paint"
 

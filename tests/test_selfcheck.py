@@ -37,6 +37,7 @@ from xfrustum.scenes import (
     hard_cases,
 )
 from xfrustum.scenes.builtin import names
+from xfrustum.scenes.sampling import Sampling
 
 Triangles = NDArray[np.float64]
 
@@ -193,8 +194,8 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: 
     """In float32 the pixels of coinciding and nearly coinciding sheets come out in either order."""
 
     class Believer(Reference):
-        def trace(self, aperture: Aperture) -> HogelImage:
-            image = super().trace(aperture)
+        def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
+            image = super().trace(aperture, sampling)
             assert image.overruled is not None
             return replace(image, triangle=np.where(image.overruled, image.triangle + 1, image.triangle))
 

@@ -48,7 +48,7 @@ function choose(row) {
 }
 
 function numbers(row) {
-  const c = row.comparison, d = c.displacement_px, p = row.predicted;
+  const c = row.comparison, d = c.displacement_px, p = row.predicted.displacement_px;
   const share = (part) => (part === null ? "–" : `${part.wrong.toLocaleString()} (${short(100 * part.fraction)} %)`);
   const spread = (s) => ["rms", "p50", "p95", "p99", "max"].map((key) => `<td class="n">${short(s && s[key])}</td>`).join("");
   const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms`).join(", ");
@@ -59,7 +59,28 @@ function numbers(row) {
     <tr><td>wrong surface</td><td colspan="5">${share(c.surface)} of ${c.judged.toLocaleString()} judged pixels</td></tr>
     <tr><td>another triangle</td><td colspan="5">${share(c.triangle)}</td></tr>
     <tr><td>truth shows a surface at</td><td colspan="5">${c.covered.toLocaleString()} pixels; ${c.at_plate.toLocaleString()} drawn in the plate itself</td></tr>
+    ${light(c.radiance)}
     <tr><td>wall time</td><td colspan="5">${time}</td></tr>`;
+}
+
+function predictions(row) {
+  const c = row.comparison, p = row.predicted, d = c.displacement_px, q = p.displacement_px;
+  const line = (label, predicted, measured, ratio, part) =>
+    `<tr${part ? ' class="part"' : ""}><td>${label}</td><td class="n">${predicted}</td><td class="n">${measured}</td><td class="n">${ratio}</td></tr>`;
+  const ratio = (value) => (value === null ? "–" : value.toPrecision(3));
+  const moved = (label, key) => line(`displacement ${label}`, short(q && q[key], " px"), short(d && d[key], " px"), ratio(row.ratio["displacement_" + key]));
+  const count = (share) => { const n = share * c.judged; return n < 1000 ? Number(n.toPrecision(2)).toString() : Math.round(n).toLocaleString(); };
+  const part = (label, share) => line(label, `${count(share)}`, "", "", true);
+  const apart = (value) => {
+    if (value === null) return "nothing visible";
+    return value < data.reach ? `${short(value)} ${data.units}` : "none within the reach";
+  };
+  return `<thead><tr><th></th><th class="n">predicted</th><th class="n">measured</th><th class="n">measured / predicted</th></tr></thead>
+    ${moved("rms", "rms")}${moved("99 %", "p99")}
+    ${line("pixels with the wrong surface", count(row.predicted_surface), c.surface.wrong.toLocaleString(), ratio(row.ratio.surface))}
+    ${part("along silhouettes, displaced", p.silhouettes)}${part("edges snapped to subpixels", p.snapped)}${part("depth out of order, or lost", p.depth)}
+    ${line("smallest separation in order, farthest surface of C", apart(p.separation.c), "", "")}
+    ${line("the same of C*", apart(p.separation.c_star), "", "")}`;
 }
 
 function show() {
@@ -82,6 +103,7 @@ function show() {
     part.textContent = count === null ? "not known" : `${count.wrong.toLocaleString()} px, ${short(100 * count.fraction)} %`;
   }
   get("numbers").innerHTML = numbers(row);
+  get("predictions").innerHTML = predictions(row);
   if (drawnAperture !== state.aperture) drawPlots();
   const line = { type: "line", xref: "x", yref: "paper", x0: row.near / data.reach, x1: row.near / data.reach, y0: 0, y1: 1, line: { color: "#80868f", width: 1.2, dash: "dot" } };
   for (const name of Object.keys(data.curves[state.aperture])) Plotly.relayout(get("plot-" + name), { shapes: [line] });

@@ -9,6 +9,8 @@ The public API on one page; each command of `xfrustum` is one of these:
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
     write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
+    explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
+    make_plan(scene, apertures, Requirement())   the fewest slabs and the largest near that do -> Plan
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
 
@@ -22,8 +24,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images
+    from xfrustum.compare.plan import Plan
+    from xfrustum.compare.plan_views import Requirement
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
+    from xfrustum.reports.effects_plan import EffectsPlan, explain
+    from xfrustum.reports.planning import make_plan
     from xfrustum.reports.plate import PlateFiles, write_plate
     from xfrustum.reports.report import ReportFiles, make_report
     from xfrustum.scenes import (
@@ -46,15 +52,20 @@ __all__ = [
     "DepthFormat",
     "DepthMapping",
     "DoubleFrustum",
+    "EffectsPlan",
     "HogelImage",
     "InputError",
+    "Plan",
     "PlateFiles",
     "Rasterizer",
     "Reference",
     "ReportFiles",
+    "Requirement",
     "Scene",
     "__version__",
     "compare_images",
+    "explain",
+    "make_plan",
     "make_report",
     "open_scene",
     "read_image",
@@ -65,6 +76,11 @@ __all__ = [
 _MODULES = {
     "Comparison": "compare",
     "compare_images": "compare",
+    "EffectsPlan": "reports.effects_plan",
+    "explain": "reports.effects_plan",
+    "Plan": "compare.plan",
+    "Requirement": "compare.plan_views",
+    "make_plan": "reports.planning",
     "Rasterizer": "raster",
     "Reference": "reference",
     "ReportFiles": "reports.report",

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum import cli_checks, cli_plate
+from xfrustum import cli_checks, cli_explain, cli_light, cli_plan, cli_plate, cli_study
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
+    from xfrustum.cli_light import Light
     from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 
 BAD_INPUT = 2
@@ -49,6 +50,7 @@ def cli(context: click.Context) -> None:
 )
 @click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: five]")
 @options.tracer_option
+@cli_light.light_options(*cli_light.ALL)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
 @options.quiet_option
 @options.json_option
@@ -59,6 +61,7 @@ def report(
     apertures: tuple[tuple[int, int], ...] | None,
     depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
     tracer: str,
+    light: Light,
     out: Path | None,
     quiet: bool,
     as_json: bool,
@@ -70,7 +73,7 @@ def report(
     from xfrustum.reports.report import make_report
     from xfrustum.scenes import open_scene
 
-    opened = open_scene(scene)
+    opened = light.applied(open_scene(scene))
     files = make_report(
         opened,
         out,
@@ -78,6 +81,7 @@ def report(
         apertures=None if apertures is None else [opened.plate.aperture(*index) for index in apertures],
         depths=depths,
         tracer=tracer,
+        effects=light.effects,
         progress=not quiet,
     )
     if as_json:
@@ -85,45 +89,60 @@ def report(
             {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
         )
     else:
-        click.echo(f"{files.sentence}\n{files.html}")
+        click.echo("\n".join((files.sentence, *files.notes, str(files.html))))
 
 
 @cli.command()
 @options.scene_argument
 @options.aperture_option
 @options.tracer_option
+@cli_light.light_options(*cli_light.REFERENCE)
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
 @options.quiet_option
-def trace(scene: str, aperture: tuple[int, int] | None, tracer: str, out: Path, quiet: bool) -> None:
-    """Trace the truth of one aperture and write it as EXR."""
+def trace(
+    *, scene: str, aperture: tuple[int, int] | None, tracer: str, light: Light, out: Path, quiet: bool
+) -> None:
+    """Trace the truth of one aperture and write it as EXR.
+
+    With --tracer mitsuba and shadows or interreflection, its color is the mean of light paths, with
+    their variance in the channels variance.R, variance.G and variance.B.
+    """
     from xfrustum.reference import Reference
     from xfrustum.reports.outputs import check_writable_file
     from xfrustum.reports.tracing import trace_to_file
+    from xfrustum.reports.transported import trace_transported
     from xfrustum.scenes import open_scene
 
-    opened = open_scene(scene)
+    opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_file(out)
-    trace_to_file(Reference(opened, tracer=tracer), chosen, out, progress=not quiet)
+    reference = Reference(opened, tracer=tracer, effects=light.chosen(opened))
+    if not light.transported(opened, tracer):
+        trace_to_file(reference, chosen, out, progress=not quiet)
+    else:
+        trace_transported(reference, chosen, out, progress=not quiet)
 
 
 @cli.command()
 @options.scene_argument
 @options.aperture_option
 @options.double_frustum_options
+@cli_light.light_options(*cli_light.RASTER)
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
-def raster(scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, out: Path) -> None:
+def raster(
+    *, scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, light: Light, out: Path
+) -> None:
     """Draw one aperture with the two cameras and write it as EXR."""
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.outputs import check_writable_file
     from xfrustum.scenes import open_scene
     from xfrustum.scenes.exr import write_image
 
-    opened = open_scene(scene)
+    opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     settings.check_against(opened.frustum)
     check_writable_file(out)
-    with Rasterizer(opened) as rasterizer:
+    with Rasterizer(opened, effects=light.chosen(opened, settings.camera)) as rasterizer:
         write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
 
 
@@ -164,7 +183,16 @@ def scenes(hard: bool, as_json: bool) -> None:
         click.echo(f"{entry.name:<{width}}  {entry.triangles:>7,} triangles  {entry.purpose}")
 
 
-for _command in (cli_checks.budget, cli_checks.selfcheck, cli_checks.bench, cli_plate.plate):
+for _command in (
+    cli_checks.budget,
+    cli_checks.selfcheck,
+    cli_checks.bench,
+    cli_explain.explain,
+    cli_light.figure7,
+    cli_plan.plan,
+    cli_plate.plate,
+    cli_study.study,
+):
     cli.add_command(_command)
 
 

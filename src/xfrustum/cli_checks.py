@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from xfrustum import cli_light
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
+    from xfrustum.cli_light import Light
     from xfrustum.scenes.double_frustum import DoubleFrustum
 
 LIMIT_EXCEEDED = 1
@@ -21,23 +23,34 @@ LIMIT_EXCEEDED = 1
 @options.scene_argument
 @options.aperture_option
 @options.double_frustum_options
+@cli_light.light_options("supersample", "multisample", "aperture", "shadows", "interreflection", "samples")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for pictures of causes and links.")
+@options.quiet_option
 @options.json_option
 def budget(
-    scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, out: Path | None, as_json: bool
+    *,
+    scene: str,
+    aperture: tuple[int, int] | None,
+    settings: DoubleFrustum,
+    light: Light,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
-    """Charge every wrong pixel of one image to its cause."""
-    from xfrustum.reports.budgeting import budget_of, table, write_budget
+    """Charge every wrong pixel of one image to its cause, and take its radiance error apart."""
+    from xfrustum.reports import radiance_budgeting
+    from xfrustum.reports.budgeting import budget_of, summary, table, write_budget
     from xfrustum.scenes import open_scene
 
-    opened = open_scene(scene)
+    opened = light.applied(open_scene(scene))
     charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
+    radiance = radiance_budgeting.radiance_budget_of(opened, chain, progress=not quiet)
     if out is not None:
-        write_budget(charged, chain, out)
+        write_budget(charged, chain, out, radiance)
     if as_json:
-        options.print_json(charged.summary())
+        options.print_json(summary(charged, radiance))
     else:
-        click.echo(table(charged))
+        click.echo(f"{table(charged)}\n{radiance_budgeting.table(radiance)}")
 
 
 @click.command()

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xfrustum import cli_light
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
+    from xfrustum.cli_light import Light
     from xfrustum.scenes.double_frustum import DoubleFrustum
 
 Span = tuple[int, int] | None
@@ -53,6 +55,7 @@ def _span(text: str) -> Span:
 @options.scene_argument
 @click.option("--apertures", "blocks", type=Blocks(), help="Such as 0-80,30;*,0-5.  [default: all]")
 @options.double_frustum_options
+@cli_light.light_options(*cli_light.RASTER)
 @click.option(
     "--color",
     type=click.Choice(["uint8", "float16", "float32"]),
@@ -69,6 +72,7 @@ def plate(
     scene: str,
     blocks: tuple[tuple[Span, Span], ...] | None,
     settings: DoubleFrustum,
+    light: Light,
     color: str,
     ids: bool,
     out: Path,
@@ -78,14 +82,15 @@ def plate(
     """Draw a plate, or blocks of it, into a Zarr group with one chunk for each hogel.
 
     What is there already is kept: stopped at any moment and called again, it goes on where it was.
+    Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1.
     """
     from xfrustum.reports.plate import all_apertures, blocks_of_apertures, write_plate
     from xfrustum.scenes import open_scene
     from xfrustum.scenes.plate_content import ColorType, PlateContent
 
-    opened = open_scene(scene)
+    opened = light.applied(open_scene(scene))
     chosen = all_apertures(opened.plate) if blocks is None else blocks_of_apertures(opened.plate, blocks)
-    content = PlateContent(color=ColorType(color), ids=ids)
+    content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings.camera))
     files = write_plate(opened, settings, out, chosen, content, progress=not quiet)
     if as_json:
         options.print_json({"out": files.out, "drawn": files.drawn, "found": files.found})

@@ -1,0 +1,36 @@
+"""How pictures are shown, here and on every page: clipped to what a screen has, sRGB, 8 bits.
+
+No tone mapping beyond that: what is brighter than one is shown as one, and the same radiance looks
+the same in every picture.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEVELS = 255
+"""Steps of an 8-bit channel."""
+
+_KNEE, _ENCODED_KNEE = 0.0031308, 0.04045
+"""Where the curve's straight part ends (IEC 61966-2-1), in linear radiance and encoded."""
+
+
+def encoded(radiance: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return linear radiance as a screen shows it: clipped to 0..1, through the sRGB curve.
+
+    Black where radiance is NaN.
+    """
+    linear = np.clip(np.nan_to_num(np.asarray(radiance, dtype=np.float64), posinf=1.0), 0.0, 1.0)
+    return np.where(linear <= _KNEE, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def decoded(shown: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the linear radiance of sRGB values from 0 to 1."""
+    shown = np.asarray(shown, dtype=np.float64)
+    return np.where(shown <= _ENCODED_KNEE, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+
+
+def through_8_bits(radiance: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the linear radiance that is left of a picture after 8-bit output."""
+    return decoded(np.rint(LEVELS * encoded(radiance)) / LEVELS)

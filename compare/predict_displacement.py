@@ -1,0 +1,134 @@
+"""Closed form of displacement: where each point is drawn, from the truth alone (design, section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.film import pixel_centers, shows_point_on_film
+from xfrustum.scenes.double_frustum import Camera, DoubleFrustum, Offset, Pivot
+from xfrustum.scenes.frustum import Frustum
+from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
+
+Floats = NDArray[np.float64]
+
+
+def displacement_field(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return the true minus the drawn position of the surface point that each truth pixel shows.
+
+    Parameters
+    ----------
+    truth
+        The true image of an aperture.
+    frustum
+        The scene's: its reach and screen.
+    settings
+        How the two cameras draw; the depth buffer plays no part.
+
+    Returns
+    -------
+    (H, W, 2) columns to the right and rows down, in pixels, with the sign of `displacement`; NaN
+    where the truth shows no surface, where it lies in the plate, and where no camera draws it: the
+    other side of a camera alone, and closer than n without an offset.
+    """
+    return displacements(TruePoints.of(truth), frustum, settings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TruePoints:
+    """Surface points where the truth shows them.
+
+    Attributes
+    ----------
+    height
+        (...) signed heights z in scene units; NaN where there is no surface off the plate.
+    from_middle
+        (..., 2) columns and rows from the middle of the film: W/2 u and -H/2 v.
+    camera
+        The true frustum.
+    """
+
+    height: Floats
+    from_middle: Floats
+    camera: HogelCamera
+
+    @classmethod
+    def of(cls, truth: HogelImage) -> TruePoints:
+        """Return the points of all pixels, (H, W)."""
+        width, rows = truth.camera.resolution
+        return cls(
+            height=np.where(shows_point_on_film(truth), truth.height, np.nan).astype(np.float64),
+            from_middle=pixel_centers(truth.camera) - [(width - 1) / 2, (rows - 1) / 2],
+            camera=truth.camera,
+        )
+
+    def at(self, pixels: NDArray[Any]) -> TruePoints:
+        """Return some of them, by a mask or by indices of the flattened image."""
+        chosen = pixels.ravel()
+        return TruePoints(
+            height=self.height.ravel()[chosen],
+            from_middle=self.from_middle.reshape(-1, 2)[chosen],
+            camera=self.camera,
+        )
+
+    def shown(self) -> TruePoints:
+        """Return those that are surface points off the plate."""
+        return self.at(np.isfinite(self.height))
+
+
+def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return the displacement of some points, (..., 2) in pixels; see `displacement_field`.
+
+    Notes
+    -----
+    Both cameras see a point at height z from a distance w = |z| + n. In coordinates sheared about
+    the aperture the point lies |z| t u off the axis, so that it is drawn at
+
+        u_d = u |z| / w                     fit angle; fit zf multiplies by (zf + n) / zf
+        u_d = (u |z| - n k / t) / w         pivot camera, likewise
+
+    The camera's own center, by the second line, misses the axis by n k: C sees the point at
+    x' - n k, and C* at -(x' + n k), which with its turned film is the same shift. True minus drawn is
+    therefore, without a difference of nearly equal numbers,
+
+        u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
+
+    All that holds in the first slab. The cameras of the others stand in the aperture: no displacement.
+    """
+    height = np.abs(points.height)
+    near = settings.near if settings.offset is Offset.PLATE else 0.0
+    fitted = settings.fitted_height(frustum)
+    per_fit = 0.0 if fitted is None else 1 / fitted
+    bent = near / (height + near)
+    if settings.slabs:
+        bent[~in_first_slab(points.height, frustum, settings)] = 0.0
+    field = points.from_middle * (bent * (1 - height * per_fit))[..., None]
+    if settings.pivot is Pivot.CAMERA:
+        camera = points.camera
+        sides = [camera.resolution[0] / 2, -camera.resolution[1] / 2]
+        film_units = np.asarray(camera.shear) / camera.half_extent * sides
+        field += (bent * (1 + near * per_fit))[..., None] * film_units
+    if settings.camera is not Camera.BOTH or settings.offset is Offset.NONE:
+        field[~is_drawn(points.height, settings)] = np.nan
+    return field
+
+
+def in_first_slab(
+    height: NDArray[np.floating], frustum: Frustum, settings: DoubleFrustum
+) -> NDArray[np.bool_]:
+    """Return which surfaces at some heights the slab that touches the plate draws."""
+    toward, behind = (settings.sections(reach)[0][1] for reach in frustum.reach)
+    return np.asarray((height <= toward) & (height >= -behind))
+
+
+def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> NDArray[np.bool_]:
+    """Return which surfaces at some heights off the plate some camera draws."""
+    drawn: NDArray[np.bool_] = np.isfinite(height)
+    if settings.camera is not Camera.BOTH:
+        drawn &= (height < 0) == (settings.camera is Camera.C)
+    if settings.offset is Offset.NONE:
+        drawn &= np.abs(height) >= settings.near
+    return drawn

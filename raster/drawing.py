@@ -1,0 +1,116 @@
+"""A scene on the GPU, drawn by the passes of an image into a target (paper, sections 3 and 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import moderngl
+from OpenGL import GL
+
+from xfrustum.raster.depth_formats import MAPPINGS
+from xfrustum.raster.materials import Shading
+from xfrustum.raster.mesh import Mesh
+from xfrustum.raster.passes import Pass
+from xfrustum.raster.programs import assign, picture_defines, program, reflection_defines, set_camera
+from xfrustum.raster.reflection import Environment
+from xfrustum.raster.targets import Target
+from xfrustum.scenes.double_frustum import DepthMapping
+from xfrustum.scenes.effects import Effect
+from xfrustum.scenes.scene import Scene
+
+Drawn = tuple[moderngl.Program, moderngl.VertexArray]
+"""A program, and the mesh for it."""
+
+
+class Drawing:
+    """A scene's mesh and, once a picture in color is asked for, its materials and lights on the GPU.
+
+    Parameters
+    ----------
+    context
+        The current context, also whenever something is drawn.
+    scene
+        At least one triangle.
+    effects
+        What is simulated: the shaders are made of these alone.
+    """
+
+    def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
+        self._context = context
+        self._scene = scene
+        self._effects = effects
+        self._mesh = Mesh(context, scene)
+        self._programs: dict[tuple[str, tuple[tuple[str, str], ...]], Drawn] = {}
+
+    @cached_property
+    def _shading(self) -> Shading:
+        return Shading(self._context, self._scene, self._effects)
+
+    @cached_property
+    def _environment(self) -> Environment:
+        return Environment(self._context, self._scene)
+
+    def draw(self, target: Target, passes: Sequence[Pass], mapping: DepthMapping, *, color: bool) -> None:
+        """Draw an image: every camera's picture, then every camera's reflections over it.
+
+        Parameters
+        ----------
+        target
+            Into which.
+        passes
+            The cameras, from the back.
+        mapping
+            Of depth.
+        color
+            Whether to shade; identities are drawn always.
+        """
+        # Every aperture comes through here alone; for many of them see plate_renderer.
+        target.begin()
+        for number, camera in enumerate(passes):
+            target.clear_depth(camera.test.clear)
+            self._picture(target, number, camera, mapping, color=color)
+        if color and Effect.REFLECTION in self._effects and passes:
+            target.begin_reflection()
+            for number, camera in enumerate(passes):
+                self._reflect(target, number, camera)
+
+    def _picture(
+        self, target: Target, number: int, camera: Pass, mapping: DepthMapping, *, color: bool
+    ) -> None:
+        how = MAPPINGS[mapping]
+        shaders, mesh = self._drawn("hogel.frag", picture_defines(how, self._effects if color else None))
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = camera.test.function
+        GL.glClipControl(GL.GL_LOWER_LEFT, how.clip_control)
+        self._look(target, number, camera, shaders)
+        if color:
+            self._shading.bind(shaders)
+        mesh.render()
+
+    def _reflect(self, target: Target, number: int, camera: Pass) -> None:
+        samples = {"MULTISAMPLED": "1"} if target.samples > 1 else {}
+        defines = {**samples, **reflection_defines(self._effects)}
+        shaders, mesh = self._drawn("reflection.frag", defines)
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = (moderngl.ONE, moderngl.ONE)
+        self._environment.bind(target)
+        self._look(target, number, camera, shaders)
+        self._shading.bind(shaders)
+        assign(shaders, sample_count=target.samples)
+        for first, count in self._environment.reflecting:
+            assign(shaders, first_triangle=first)
+            mesh.render(vertices=3 * count, first=3 * first)
+
+    def _look(self, target: Target, number: int, camera: Pass, shaders: moderngl.Program) -> None:
+        """Set what both kinds of passes must know of a camera."""
+        self._context.front_face = camera.front_face
+        self._mesh.bind()
+        set_camera(shaders, number, camera, target.size)
+
+    def _drawn(self, fragment: str, defines: dict[str, str]) -> Drawn:
+        key = (fragment, tuple(sorted(defines.items())))
+        if key not in self._programs:
+            made = program(self._context, fragment, defines)
+            self._programs[key] = (made, self._mesh.drawn_by(made))
+        return self._programs[key]

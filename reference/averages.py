@@ -1,0 +1,90 @@
+"""Color averaged over the boxes of pixels and over apertures; every line of it is certified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.bands import in_parallel
+from xfrustum.reference.certify import Certifier, FirstSurfaces
+from xfrustum.reference.lines import Pencil, crossed_frustum
+from xfrustum.reference.shading import Hits, Shader
+from xfrustum.scenes.hogel_image import NOTHING
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.sampling import Sampling
+from xfrustum.scenes.scene import Scene
+
+BOX_SIDE = 8
+"""Points along each side of a pixel with which the box of multisampling is integrated. A straight edge
+that runs along the rows or columns of points is off by at most half a row, 1/16 of the pixel; others are
+off by less."""
+
+LEAST_PIXELS = 1 << 14
+"""Points that are shaded at once, if there are as many: with fewer, starting costs more than shading."""
+
+AVERAGED_PIXELS = 1 << 22
+"""Pixels whose sums are held at once: bounds the memory, 24 bytes a pixel."""
+
+
+def averages(sampling: Sampling) -> bool:
+    """Return whether the color of a pixel is a mean at all."""
+    return sampling != Sampling()
+
+
+def points_per_side(sampling: Sampling) -> int:
+    """Return how many points along each side of a pixel its color is the mean of.
+
+    A rasterizer's multisampling places its points where the driver likes. It estimates the mean over
+    the pixel's box, and that is what it is answered with.
+    """
+    return sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
+
+
+def mean_color(
+    scene: Scene, shader: Shader, apertures: Sequence[Aperture], side: int, rows: range
+) -> NDArray[np.float64]:
+    """Return linear RGB (rows, W, 3): the mean over some apertures and over side x side points per pixel.
+
+    The points are the pixel centers of an image of `side` times the resolution.
+    """
+    width, height = scene.frustum.resolution
+    total = np.zeros((len(rows), width, 3))
+    for aperture in apertures:
+        fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width * side, height * side))
+        certifier = Certifier(scene.triangles, fine)
+
+        def band(some: range, fine: Pencil = fine, certifier: Certifier = certifier) -> NDArray[np.float64]:
+            color = _color(scene, shader, certifier.decide(some), fine, some)
+            return np.asarray(color.reshape(len(some), width, side, -1).sum(axis=2))
+
+        row = 0
+        fine_rows = range(rows.start * side, rows.stop * side)
+        for part in in_parallel(band, fine.resolution, rows=fine_rows, least_pixels=LEAST_PIXELS):
+            # Row by row, so that the sums do not depend on how the bands were cut.
+            for line in part:
+                total[row // side] += line
+                row += 1
+    return total / (len(apertures) * side * side)
+
+
+def _color(
+    scene: Scene, shader: Shader, decided: FirstSurfaces, pencil: Pencil, rows: range
+) -> NDArray[np.float64]:
+    """Return linear RGB, or gray, of what the lines of some rows meet first, black where that is nothing."""
+    directions = pencil.directions(slice(rows.start, rows.stop)).reshape(-1, 3)
+    covered = np.flatnonzero(decided.triangle != NOTHING)
+    triangle, direction = decided.triangle.ravel()[covered], directions[covered]
+    s = decided.s.ravel()[covered]
+    hits = Hits(
+        triangle=triangle,
+        normal=scene.normals[triangle],
+        position=np.asarray(pencil.center) + s[:, None] * direction,
+        direction=direction,
+    )
+    found = shader.radiance(hits)
+    color = np.zeros((len(directions), found.shape[1]))
+    color[covered] = found
+    return color

@@ -1,0 +1,107 @@
+"""`xfrustum plan`: which settings to draw with, what they keep, and the command that draws so."""
+
+from __future__ import annotations
+
+import shlex
+import textwrap
+from collections.abc import Sequence
+from itertools import chain
+
+from scipy.stats import qmc
+
+from xfrustum.compare.plan import Plan, plan, steps
+from xfrustum.compare.plan_search import DepthBuffer
+from xfrustum.compare.plan_views import Requirement
+from xfrustum.compare.predict_depth import MISORDERED
+from xfrustum.reports.progress import progress_bar
+from xfrustum.scenes.plate import Aperture, Plate
+from xfrustum.scenes.scene import Scene
+
+LINE = 100
+"""Characters a line of a reason."""
+
+
+def make_plan(
+    scene: Scene,
+    apertures: Sequence[Aperture] | None = None,
+    requirement: Requirement | None = None,
+    choices: Sequence[DepthBuffer] | None = None,
+    *,
+    progress: bool = False,
+) -> Plan:
+    """Plan how to draw some apertures of a scene, and measure the plan.
+
+    Parameters
+    ----------
+    apertures
+        None for the middle one.
+    requirement
+        None for the usual.
+    choices
+        Depth buffers to choose from, None for all.
+    progress
+        Show a progress bar on standard error.
+
+    Raises
+    ------
+    InputError
+        There is no usable OpenGL.
+    """
+    chosen = list(apertures or [scene.plate.middle])
+    with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
+        return plan(scene, chosen, requirement, choices, bar.update)
+
+
+def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
+    """Return some apertures all over a plate: the middle, the corners, then a low-discrepancy pattern.
+
+    Fewer where the plate has fewer. The first of a larger number are those of a smaller.
+    """
+    columns, rows = plate.hogels
+    count = min(count, columns * rows)
+    corners = [(0, 0), (columns - 1, rows - 1), (columns - 1, 0), (0, rows - 1)]
+    chosen = dict.fromkeys([plate.middle.index, *corners])
+    pattern = qmc.Halton(2, scramble=False)
+    while len(chosen) < count:
+        points = qmc.scale(pattern.random(count), [0, 0], [columns, rows]).astype(int)
+        chosen |= dict.fromkeys(map(tuple, points.tolist()))
+    return [plate.aperture(*index) for index in list(chosen)[:count]]
+
+
+def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: Requirement) -> str:
+    """Return a plan as aligned lines that end in the command that draws so."""
+    lines = [textwrap.fill(made.reason, LINE)]
+    settings = made.settings
+    if settings is None or made.predicted is None or made.measured is None:
+        return lines[0]
+    cuts = ", ".join(f"{height:g}" for height in made.slabs) or "none"
+    lines += [f"near {made.near:g} {scene.units}, cuts {cuts}, {settings.depth_label}", ""]
+    separation = requirement.separation_in(scene.frustum)
+    rows = [
+        ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
+        ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
+        (f"sheets {separation:.3g} apart misordered", "of the pixels", MISORDERED, "misordered"),
+        ("sheets are ordered from", scene.units, separation, "separation"),
+    ]
+    width = max(len(title) for title, *_ in rows)
+    lines.append(f"{'':<{width}}  {'at most':>9}  {'predicted':>9}  {'measured':>9}")
+    for title, unit, limit, key in rows:
+        predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
+        lines.append(f"{title:<{width}}  {limit:>9.3g}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
+    verdict = "holds" if made.within else "DOES NOT HOLD"
+    count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
+    return "\n".join(
+        [*lines, f"The plan {verdict}, measured at {count}.", "", command(made, scene, apertures)]
+    )
+
+
+def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
+    """Return the command that draws the first of some apertures as planned."""
+    assert made.near is not None
+    words = ["xfrustum", "raster", scene.source or scene.name]
+    if apertures[0] != scene.plate.middle:
+        words += ["--aperture", f"{apertures[0].column},{apertures[0].row}"]
+    words += ["--near", f"{made.near:g}", "--depth", str(made.depth), "--mapping", str(made.mapping)]
+    if made.slabs:
+        words += ["--slabs", ",".join(f"{height:g}" for height in made.slabs)]
+    return shlex.join(chain(words, ["--out", "raster.exr"]))

@@ -1,0 +1,153 @@
+"""What a scene calls for, and why: decided before anything runs, from the scene alone.
+
+These are the local effects, whose omission does not change the picture where nothing calls for them.
+Light transport and band limiting change it: they are settings of the scene (`Sampling`, `Transport`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from xfrustum.scenes.double_frustum import Camera
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.material import Material
+from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.slabs import slab
+
+
+class Effect(StrEnum):
+    """What can be simulated or left out."""
+
+    C = "c"
+    C_STAR = "c-star"
+    SMOOTH_NORMALS = "smooth-normals"
+    VERTEX_COLORS = "vertex-colors"
+    TEXTURES = "textures"
+    AMBIENT = "ambient"
+    DIFFUSE = "diffuse"
+    SPECULAR = "specular"
+    REFLECTION = "reflection"
+
+
+ALL_EFFECTS = frozenset(Effect)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """One effect, used or left out, and the fact in the scene that decided it."""
+
+    effect: Effect
+    used: bool
+    reason: str
+
+
+def decide(scene: Scene, camera: Camera = Camera.BOTH) -> tuple[Decision, ...]:
+    """Return what a scene calls for, effect by effect.
+
+    Parameters
+    ----------
+    camera
+        Which of the two cameras is asked for.
+    """
+    facts = (
+        _camera(scene, Effect.C, camera),
+        _camera(scene, Effect.C_STAR, camera),
+        _attribute(Effect.SMOOTH_NORMALS, _has_smooth_triangles(scene), "normals of its own"),
+        _attribute(Effect.VERTEX_COLORS, _has_colors(scene), "colors at its vertices"),
+        _attribute(Effect.TEXTURES, scene.surface.texture_of_triangle is not None, "a texture"),
+        *(_term(scene, term) for term in (Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR)),
+        _reflection(scene),
+    )
+    return tuple(facts)
+
+
+def needed(scene: Scene, camera: Camera = Camera.BOTH) -> frozenset[Effect]:
+    """Return the effects that `decide` says are used."""
+    return frozenset(decision.effect for decision in decide(scene, camera) if decision.used)
+
+
+def chosen(scene: Scene, names: str, camera: Camera = Camera.BOTH) -> frozenset[Effect]:
+    """Return the effects that people ask for: `auto`, `all`, or names between commas.
+
+    Raises
+    ------
+    InputError
+        No such effect.
+    """
+    if names == "auto":
+        return needed(scene, camera)
+    if names == "all":
+        return ALL_EFFECTS
+    return frozenset(_named(name.strip()) for name in names.split(","))
+
+
+def _named(name: str) -> Effect:
+    try:
+        return Effect(name)
+    except ValueError as error:
+        raise InputError(f"no effect is called {name!r}; there are auto, all, {', '.join(Effect)}") from error
+
+
+def _camera(scene: Scene, effect: Effect, camera: Camera) -> Decision:
+    """C draws what is behind the plate, C* what is before it."""
+    if camera is not Camera.BOTH and camera.value != effect.value:
+        return Decision(effect=effect, used=False, reason=f"camera {camera} alone is asked for")
+    reach_viewer, reach_back = scene.frustum.reach
+    behind = effect is Effect.C
+    side = Camera.C if behind else Camera.C_STAR
+    count = slab(scene, side, (0.0, reach_back if behind else reach_viewer)).triangles
+    subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
+    where = f"{'behind' if behind else 'before'} the plate within the reach"
+    return Decision(effect=effect, used=count > 0, reason=f"{subject} {where}")
+
+
+def _has_smooth_triangles(scene: Scene) -> bool:
+    normals = scene.surface.vertex_normals
+    if normals is None:
+        return False
+    has_normal = np.asarray(np.isfinite(normals).all(axis=1))
+    return bool(has_normal[scene.faces].all(axis=1).any())
+
+
+def _has_colors(scene: Scene) -> bool:
+    colors = scene.surface.vertex_colors
+    return colors is not None and bool((colors != 1).any())
+
+
+def _attribute(effect: Effect, present: bool, what: str) -> Decision:
+    return Decision(effect=effect, used=present, reason=f"{'a' if present else 'no'} mesh has {what}")
+
+
+def _term(scene: Scene, term: Effect) -> Decision:
+    """Decide on one term of the Phong model: it needs a coefficient, and but for ambient a light."""
+    owners = _owners(scene, lambda material: max(getattr(material, term.value)) > 0)
+    if not owners:
+        return Decision(effect=term, used=False, reason=f"no object's material has {_A[term]} coefficient")
+    if term is not Effect.AMBIENT and not any(max(light.color) > 0 for light in scene.appearance.lights):
+        return Decision(effect=term, used=False, reason="there is no light")
+    return Decision(effect=term, used=True, reason=f"{owners} {_A[term]} coefficient")
+
+
+_A = {Effect.AMBIENT: "an ambient", Effect.DIFFUSE: "a diffuse", Effect.SPECULAR: "a specular"}
+
+
+def _reflection(scene: Scene) -> Decision:
+    environment = scene.appearance.environment
+    if environment is None:
+        return Decision(effect=Effect.REFLECTION, used=False, reason="there is no environment to reflect")
+    if environment.strength == 0 or not environment.radiance.any():
+        return Decision(effect=Effect.REFLECTION, used=False, reason="the environment is black")
+    owners = _owners(scene, lambda material: max(material.reflectivity) > 0)
+    if not owners:
+        return Decision(effect=Effect.REFLECTION, used=False, reason="no object's material is reflective")
+    return Decision(effect=Effect.REFLECTION, used=True, reason=f"{owners} a reflectivity")
+
+
+def _owners(scene: Scene, shows: Callable[[Material], bool]) -> str:
+    """Say how many objects' materials show something, as the start of a sentence; nothing if none does."""
+    count = sum(1 for material in scene.materials if shows(material))
+    return {0: "", 1: "one object's material has"}.get(count, f"{count} objects' materials have")

@@ -1,0 +1,57 @@
+"""Phong materials: what a surface does with light (paper, section 3, figure 3).
+
+Parameters only; the two answers shade with formulas of their own. CONVENTIONS.md, "Light", has the model.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from xfrustum.scenes.errors import InputError
+
+Color = tuple[float, float, float]
+"""Linear RGB."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """A Phong material with a mirror over it.
+
+    Attributes
+    ----------
+    ambient, diffuse, specular
+        Linear RGB coefficients, each at least 0. Ambient and diffuse are multiplied by the mesh's
+        vertex color and texture, where it has them; specular is not.
+    exponent
+        Of the specular term, above 0: the larger, the smaller the highlight.
+    reflectivity
+        Share of the environment's radiance that is added, linear RGB, each 0 to 1.
+
+    Raises
+    ------
+    InputError
+        A coefficient outside its range.
+    """
+
+    ambient: Color = (0.1, 0.1, 0.1)
+    diffuse: Color = (0.6, 0.6, 0.6)
+    specular: Color = (0.0, 0.0, 0.0)
+    exponent: float = 20.0
+    reflectivity: Color = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("ambient", "diffuse", "specular", "reflectivity"):
+            color = getattr(self, name)
+            if not all(math.isfinite(part) and part >= 0 for part in color):
+                raise InputError(f"{name} must be three numbers of at least 0, not {list(color)}")
+        if max(self.reflectivity) > 1:
+            raise InputError(f"reflectivity must lie between 0 and 1, not {list(self.reflectivity)}")
+        if not (math.isfinite(self.exponent) and self.exponent > 0):
+            raise InputError(f"exponent must be a positive number, not {self.exponent}")
+
+
+DEFAULT_MATERIAL = Material(
+    ambient=(0.1, 0.1, 0.1), diffuse=(0.6, 0.6, 0.6), specular=(0.2, 0.2, 0.2), exponent=20.0
+)
+"""Gray, with a soft highlight: of every object that names no material."""

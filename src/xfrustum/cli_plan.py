@@ -1,0 +1,62 @@
+"""The command that plans: which settings keep what is required."""
+
+# ruff: noqa: PLC0415, PLR0913 - commands import what they need when they run; options are parameters
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from xfrustum import cli_options as options
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping
+
+
+@click.command()
+@options.scene_argument
+@options.aperture_option
+@click.option("--apertures", type=click.IntRange(1), help="That many, all over the plate, instead.")
+@click.option("--tolerance-px", type=float, default=0.5, show_default=True, help="99 % of displacement.")
+@click.option("--separation", type=float, help="Of sheets to be ordered.  [default: reach/1000]")
+@click.option("--max-wrong", type=float, default=1e-3, show_default=True, help="Share wrong by depth.")
+@click.option("--depth", type=options.Name("DepthFormat"), help="Depth buffer format.  [default: any]")
+@click.option("--mapping", type=options.Name("DepthMapping"), help="Depth mapping.  [default: any]")
+@options.quiet_option
+@options.json_option
+def plan(
+    *,
+    scene: str,
+    aperture: tuple[int, int] | None,
+    apertures: int | None,
+    tolerance_px: float,
+    separation: float | None,
+    max_wrong: float,
+    depth: DepthFormat | None,
+    mapping: DepthMapping | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Find the fewest slabs, then the largest near, that keep what is required; measure the plan."""
+    from xfrustum.compare.plan import depth_buffers
+    from xfrustum.compare.plan_views import Requirement
+    from xfrustum.reports.planning import make_plan, spread_apertures, table
+    from xfrustum.scenes import open_scene
+
+    if aperture is not None and apertures is not None:
+        raise click.UsageError(
+            "--aperture names one aperture and --apertures asks for many: give one of them"
+        )
+    requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
+    opened = open_scene(scene)
+    chosen = (
+        [options.chosen_aperture(opened, aperture)]
+        if apertures is None
+        else spread_apertures(opened.plate, apertures)
+    )
+    made = make_plan(opened, chosen, requirement, depth_buffers(depth, mapping), progress=not quiet)
+    if as_json:
+        options.print_json(made.summary())
+    else:
+        click.echo(table(made, opened, chosen, requirement))

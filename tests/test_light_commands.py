@@ -1,0 +1,186 @@
+"""Light on the command line: which effects, how many samples, which transport; and the paper's figure 7."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from xfrustum.cli import main
+from xfrustum.compare.display import encoded
+from xfrustum.compare.radiance_budget import LOCAL_LINKS
+from xfrustum.scenes.exr import read_image
+
+SCENE = """
+name = "two boxes"
+[plate]
+size = [8.0, 6.0]
+hogels = [5, 3]
+[frustum]
+resolution = [40, 30]
+fov_deg = [50.0, 40.0]
+reach = [50.0, 50.0]
+[material.shiny]
+diffuse = [0.4, 0.3, 0.2]
+specular = [0.5, 0.5, 0.5]
+exponent = 30.0
+[[light]]
+direction = [-1.0, 2.0, 3.0]
+[[object]]
+shape = "box"
+scale = 9.0
+rotate_deg = [20.0, 30.0, 0.0]
+translate = [2.0, 0.0, -24.0]
+material = "shiny"
+[[object]]
+shape = "sphere"
+scale = 4.0
+translate = [-3.0, 1.0, -14.0]
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "boxes.toml").write_text(SCENE)
+    return tmp_path
+
+
+def printed(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def run(*arguments: str) -> None:
+    assert main([*arguments]) == 0
+
+
+def test_all_effects_and_those_called_for_are_the_same_picture() -> None:
+    for effects in ("auto", "all"):
+        run("raster", "boxes.toml", "--near", "0.1", "--effects", effects, "--out", f"{effects}.exr")
+        run("trace", "boxes.toml", "--effects", effects, "--quiet", "--out", f"true-{effects}.exr")
+    for kind in ("", "true-"):
+        auto, all_ = read_image(f"{kind}auto.exr"), read_image(f"{kind}all.exr")
+        for name in ("color", "triangle", "position"):
+            np.testing.assert_array_equal(getattr(auto, name), getattr(all_, name))
+
+
+def test_effects_by_name_leave_out_the_others() -> None:
+    run("raster", "boxes.toml", "--near", "0.1", "--out", "all.exr")
+    run("raster", "boxes.toml", "--near", "0.1", "--effects", "c,ambient", "--out", "dark.exr")
+    dark, full = read_image("dark.exr"), read_image("all.exr")
+    np.testing.assert_array_equal(dark.triangle, full.triangle)
+    assert dark.color is not None and full.color is not None
+    shown = dark.covered
+    np.testing.assert_allclose(dark.color[shown], 0.1, atol=1e-6)
+    assert (full.color[shown] > 0.2).any()
+
+
+def test_samples_average_color_and_nothing_else() -> None:
+    run("raster", "boxes.toml", "--near", "0.1", "--out", "once.exr")
+    run(
+        "raster",
+        "boxes.toml",
+        "--near",
+        "0.1",
+        "--supersample",
+        "3",
+        "--aperture-samples",
+        "2",
+        "--out",
+        "x.exr",
+    )
+    once, many = read_image("once.exr"), read_image("x.exr")
+    np.testing.assert_array_equal(once.triangle, many.triangle)
+    np.testing.assert_array_equal(once.position, many.position)
+    assert once.color is not None and many.color is not None
+    assert np.abs(once.color - many.color).max() > 0.05
+
+
+def test_light_paths_bring_their_variance_to_the_comparison(capsys: pytest.CaptureFixture[str]) -> None:
+    paths = ("--tracer", "mitsuba", "--interreflection", "--samples", "8")
+    run("trace", "boxes.toml", *paths, "--quiet", "--out", "noisy.exr")
+    noisy = read_image("noisy.exr")
+    assert noisy.camera.light_paths == 8
+    assert noisy.variance is not None and noisy.variance.max() > 0 and noisy.variance.min() == 0
+    run(
+        "raster", "boxes.toml", "--near", "1e-4", "--depth", "d32f", "--mapping", "reversed", "--out", "r.exr"
+    )
+    capsys.readouterr()
+    run("compare", "noisy.exr", "r.exr", "--json")
+    noise = printed(capsys)["radiance"]["noise"]
+    assert noise["tests"] == 3 * 40 * 30 and noise["without_noise"] > 0
+    assert noise["bias"] < 0, "the raster lacks light"
+    run("trace", "boxes.toml", "--quiet", "--out", "exact.exr")
+    run("compare", "exact.exr", "r.exr", "--json")
+    assert printed(capsys)["radiance"]["noise"] is None
+
+
+def test_the_budget_has_radiance_by_link(capsys: pytest.CaptureFixture[str]) -> None:
+    run("budget", "boxes.toml", "--near", "1", "--json", "--out", "budget")
+    told = printed(capsys)
+    assert told["links"] and told["judged"] == 40 * 30
+    links = [link["name"] for link in told["radiance"]["links"]]
+    assert links == [*LOCAL_LINKS, "clipping", "8-bit output"]
+    assert told["radiance"]["links"][0]["rms"] > told["radiance"]["links"][-1]["rms"] > 0
+    assert json.loads(Path("budget/budget.json").read_text()) == told
+    assert {f"radiance-{name.replace(' ', '-')}.png" for name in (*links, "total")} <= {
+        path.name for path in Path("budget").iterdir()
+    }
+    run("budget", "boxes.toml", "--near", "1")
+    assert "radiance changes by" in capsys.readouterr().out
+
+
+def test_figure_7_is_one_page_and_three_pictures(capsys: pytest.CaptureFixture[str]) -> None:
+    run("figure7", "asymmetric", "--near", "0.01", "--out", "seven")
+    assert capsys.readouterr().out.strip() == "seven/index.html"
+    assert sorted(path.name for path in Path("seven").iterdir()) == [
+        "both.png",
+        "c-star.png",
+        "c.png",
+        "index.html",
+    ]
+    page = Path("seven/index.html").read_text()
+    assert not re.search(r"https?:|//cdn|@import|url\(", page)
+    assert page.count("data:image/png;base64,") == 4
+    c, c_star, both = (np.asarray(Image.open(f"seven/{name}.png")) for name in ("c", "c-star", "both"))
+    # C* overlays C: where it shows a surface, both show it; elsewhere both show what C shows.
+    overlay = np.where(c_star[..., 3:] > 0, c_star, c)
+    np.testing.assert_array_equal(overlay, both)
+    assert (c[..., 3] > 0).any() and (c_star[..., 3] > 0).any()
+    assert not ((c[..., 3] > 0).all() or (c_star[..., 3] > 0).all())
+    run(
+        "raster", "asymmetric", "--near", "0.01", "--depth", "d32f", "--mapping", "reversed", "--out", "x.exr"
+    )
+    drawn = read_image("x.exr")
+    assert drawn.color is not None
+    expected = np.rint(255 * encoded(drawn.color)).astype(np.uint8)
+    np.testing.assert_array_equal(both[..., :3][drawn.covered], expected[drawn.covered])
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("trace boxes.toml --shadows --out x.exr", "mitsuba"),
+        ("trace boxes.toml --samples 1 --tracer mitsuba --shadows --out x.exr", "--samples"),
+        ("raster boxes.toml --near 1 --effects shiny --out x.exr", "shiny"),
+        ("trace boxes.toml --effects diffuse,shiny --out x.exr", "shiny"),
+        ("report boxes.toml --near 1 --effects shiny --out x", "shiny"),
+        ("raster boxes.toml --near 1 --aperture-samples 0 --out x.exr", "--aperture-samples"),
+        ("raster boxes.toml --near 1 --supersample 100000 --out x.exr", "supersample"),
+        ("figure7 no-such-scene", "no-such-scene"),
+        ("figure7 boxes.toml --near 60", "near"),
+    ],
+)
+def test_bad_light_is_one_line_and_nothing_is_written(
+    line: str, word: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.split()) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and word in said.err and len(said.err.splitlines()) == 1
+    assert [path.name for path in folder.iterdir()] == ["boxes.toml"]

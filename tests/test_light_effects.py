@@ -1,0 +1,226 @@
+"""What a scene calls for, and why: every effect turned on and off by the one fact that decides it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from xfrustum.cli import main
+from xfrustum.reports.effects_cost import cost
+from xfrustum.reports.effects_plan import explain
+from xfrustum.reports.effects_table import summary, table
+from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
+from xfrustum.scenes.appearance import Appearance
+from xfrustum.scenes.effects import ALL_EFFECTS, Effect, chosen, decide, needed
+from xfrustum.scenes.light import DirectionalLight, Environment
+from xfrustum.scenes.material import Material
+from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.slabs import slabs
+
+CORNERS = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
+DARK = Material(ambient=(0,) * 3, diffuse=(0,) * 3)
+SKY = Environment(radiance=np.ones((2, 4, 3), dtype=np.float32))
+LAMP = DirectionalLight(direction=(0, 0, 1))
+BASE = frozenset({Effect.C, Effect.AMBIENT, Effect.DIFFUSE})
+
+
+def sheet(z: float = -5.0, **attributes: object) -> SceneObject:
+    corners = SceneObject(
+        name="sheet", vertices=CORNERS + np.array([0, 0, z]), faces=np.array([[0, 1, 2]]), material="m"
+    )
+    return replace(corners, **attributes)  # type: ignore[arg-type]  # names are checked by the dataclass
+
+
+def scene(
+    *parts: SceneObject,
+    material: Material | None = None,
+    lights: tuple[DirectionalLight, ...] = (LAMP,),
+    environment: Environment | None = None,
+) -> Scene:
+    return Scene(
+        name="one",
+        plate=Plate(size=(8, 8), hogels=(8, 8)),
+        frustum=Frustum(resolution=(16, 16), reach=(10.0, 20.0), fov=(1.0, 1.0)),
+        objects=parts or (sheet(),),
+        appearance=Appearance(
+            materials={"m": material or Material()}, lights=lights, environment=environment
+        ),
+    )
+
+
+def because(asked: Scene, effect: Effect, camera: Camera = Camera.BOTH) -> str:
+    [decision] = [d for d in decide(asked, camera) if d.effect is effect]
+    return decision.reason
+
+
+def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:
+    normals = np.tile([0.0, 0, 1], (3, 1))
+    colors = np.full((3, 3), 0.5)
+    textured = replace(
+        sheet(),
+        uv=np.zeros((3, 2)),
+        textures=(np.zeros((1, 1, 4), dtype=np.uint8),),
+        texture_of_triangle=np.zeros(1, dtype=np.int32),
+    )
+    shiny, mirror = Material(specular=(0, 0, 0.1)), Material(reflectivity=(0, 0.1, 0))
+    assert needed(scene()) == BASE
+    for asked, effect in (
+        (scene(sheet(vertex_normals=normals)), Effect.SMOOTH_NORMALS),
+        (scene(sheet(vertex_colors=colors)), Effect.VERTEX_COLORS),
+        (scene(textured), Effect.TEXTURES),
+        (scene(material=shiny), Effect.SPECULAR),
+        (scene(material=mirror, environment=SKY), Effect.REFLECTION),
+        (scene(sheet(), sheet(z=5.0)), Effect.C_STAR),
+    ):
+        assert needed(asked) == BASE | {effect}
+
+
+def test_each_missing_fact_turns_it_off_again() -> None:
+    flat = np.tile([0.0, 0, 1], (3, 1))
+    flat[1] = np.nan
+    mirror = Material(reflectivity=(0.1,) * 3)
+    black = Environment(radiance=np.zeros((2, 4, 3), dtype=np.float32))
+    for asked, effect, reason in (
+        (scene(sheet(vertex_normals=flat)), Effect.SMOOTH_NORMALS, "no mesh has normals of its own"),
+        (
+            scene(sheet(vertex_colors=np.ones((3, 3)))),
+            Effect.VERTEX_COLORS,
+            "no mesh has colors at its vertices",
+        ),
+        (scene(material=DARK), Effect.AMBIENT, "no object's material has an ambient coefficient"),
+        (scene(material=DARK), Effect.DIFFUSE, "no object's material has a diffuse coefficient"),
+        (scene(lights=()), Effect.DIFFUSE, "there is no light"),
+        (scene(lights=(replace(LAMP, color=(0, 0, 0)),)), Effect.DIFFUSE, "there is no light"),
+        (scene(material=mirror), Effect.REFLECTION, "there is no environment to reflect"),
+        (scene(material=mirror, environment=black), Effect.REFLECTION, "the environment is black"),
+        (
+            scene(material=mirror, environment=replace(SKY, strength=0)),
+            Effect.REFLECTION,
+            "the environment is black",
+        ),
+        (scene(environment=SKY), Effect.REFLECTION, "no object's material is reflective"),
+        (scene(sheet(z=-30.0)), Effect.C, "nothing lies behind the plate within the reach"),
+        (scene(sheet(z=15.0)), Effect.C_STAR, "nothing lies before the plate within the reach"),
+    ):
+        assert effect not in needed(asked)
+        assert because(asked, effect) == reason
+
+
+def test_ambient_needs_no_light() -> None:
+    assert needed(scene(lights=())) == {Effect.C, Effect.AMBIENT}
+
+
+def test_reasons_count_in_words_that_fit() -> None:
+    assert because(scene(), Effect.C) == "one triangle lies behind the plate within the reach"
+    assert because(scene(sheet(), sheet()), Effect.C) == "2 triangles lie behind the plate within the reach"
+    assert because(scene(), Effect.AMBIENT) == "one object's material has an ambient coefficient"
+    assert (
+        because(scene(sheet(), sheet()), Effect.DIFFUSE) == "2 objects' materials have a diffuse coefficient"
+    )
+    assert because(scene(), Effect.C, Camera.C_STAR) == "camera c-star alone is asked for"
+    assert needed(scene(), Camera.C_STAR) == BASE - {Effect.C}
+
+
+def test_an_empty_scene_calls_for_nothing() -> None:
+    empty = replace(scene(), objects=())
+    assert needed(empty) == frozenset()
+    assert all(decision.reason for decision in decide(empty))
+
+
+def test_effects_are_chosen_by_name() -> None:
+    assert chosen(scene(), "auto") == BASE
+    assert chosen(scene(), "all") == ALL_EFFECTS
+    assert chosen(scene(), "c, diffuse") == {Effect.C, Effect.DIFFUSE}
+    with pytest.raises(InputError, match="no effect is called 'shine'; there are auto, all, c, c-star"):
+        chosen(scene(), "c,shine")
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(
+    heights=st.lists(st.floats(-25, 15), min_size=1, max_size=4),
+    cuts=st.lists(st.integers(1, 9), max_size=3, unique=True).map(sorted),
+)
+def test_slabs_follow_each_other_and_together_have_every_triangle_within_the_reach(
+    heights: list[float], cuts: list[int]
+) -> None:
+    asked = scene(*(sheet(z=z) for z in heights))
+    found = slabs(asked, DoubleFrustum(near=0.1, slabs=tuple(float(cut) for cut in cuts)))
+    signed = [
+        (-slab.heights[1], -slab.heights[0]) if slab.camera is Camera.C else slab.heights for slab in found
+    ]
+    assert (signed[0][0], signed[-1][1]) == (-20.0, 10.0)
+    assert [high for _, high in signed[:-1]] == [low for low, _ in signed[1:]]
+    for slab, (low, high) in zip(found, signed, strict=True):
+        assert slab.triangles == sum(low <= z <= high for z in heights)
+
+
+def test_the_plan_says_cameras_slabs_passes_samples_and_tracer() -> None:
+    asked = replace(
+        scene(sheet(), material=Material(reflectivity=(0.1,) * 3), environment=SKY),
+        sampling=Sampling(supersample=3, aperture=5),
+        transport=Transport(shadows=True, samples=7),
+    )
+    plan = summary(
+        explain(asked, settings=DoubleFrustum(near=0.1, slabs=(4.0, 6.0)), tracer="mitsuba", repeat=0)
+    )
+    assert plan["cameras"] == ["c"]
+    assert [slab["triangles"] for slab in plan["slabs"]] == [0, 1, 0, 0, 0, 0]
+    assert plan["slabs"][1]["heights"] == [4.0, 6.0]
+    assert [(p["camera"], p["heights"], p["draws"]) for p in plan["passes"]] == [
+        ("c", [4.0, 6.0], "surfaces"),
+        ("c", [4.0, 6.0], "reflections"),
+    ]
+    assert plan["samples"] == {"pixel": 9, "multisample": 1, "aperture": 5}
+    assert plan["transport"] == {"shadows": True, "interreflection": False, "samples": 7}
+    assert plan["tracer"] == "mitsuba"
+    used = {row["name"] for row in plan["effects"] if row["used"]}
+    assert used == {*BASE, "reflection", "antialiasing", "band-limiting", "shadows"}
+    assert all(row["cost_s"] == {"raster": None, "reference": None} for row in plan["effects"])
+
+
+def test_costs_are_measured_for_every_effect_where_it_has_one() -> None:
+    plan = explain(scene(), repeat=1)
+    rows = {row["name"]: row["cost_s"] for row in summary(plan)["effects"]}
+    assert {name for name, costs in rows.items() if costs["reference"] is None} == {"c", "c-star"}
+    assert {name for name, costs in rows.items() if costs["raster"] is None} == {"shadows", "interreflection"}
+    assert all(value > 0 for value in summary(plan)["image_s"].values())
+    text = table(plan)
+    assert "no mesh has a texture" in text
+    assert "slab 0 to 20 units behind the plate, camera c: 1 triangle\n" in text
+    assert "slab 0 to 10 units before the plate, camera c-star: empty, skipped\n" in text
+    assert "measured here: 1 times" in text
+
+
+def test_a_cost_is_the_median_difference_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first pair warms up; one slow pair out of three does not matter."""
+    times = iter([90.0, 80.0, 5.0, 3.0, 50.0, 3.0, 7.0, 4.0])
+    monkeypatch.setattr("xfrustum.reports.effects_cost._seconds", lambda image: next(times))
+    found = cost(lambda: None, lambda: None, 3)
+    assert (found.seconds, found.without) == (3.0, 3.0)
+    assert found.resolved
+
+
+def test_a_cost_within_the_noise_is_not_told_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter([0.0, 0.0, 4.0, 3.0, 5.0, 6.0, 7.0, 4.0])
+    monkeypatch.setattr("xfrustum.reports.effects_cost._seconds", lambda image: next(times))
+    assert not cost(lambda: None, lambda: None, 3).resolved
+
+
+def test_explain_on_the_command_line_prints_one_json_object(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "grating", "--repeat", "0", "--json", "--slabs", "40,50"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed) >= {"effects", "cameras", "slabs", "passes", "samples", "tracer"}
+    assert [(slab["camera"], slab["triangles"] > 0) for slab in printed["slabs"]] == [
+        ("c", True), ("c", False), ("c", False), ("c-star", True), ("c-star", False), ("c-star", False)
+    ]  # fmt: skip
+    [band] = [row for row in printed["effects"] if row["name"] == "band-limiting"]
+    assert band["used"]
+    assert band["reason"] == "16 sub-apertures are asked for"
+    assert main(["explain", "car", "--camera", "c", "--repeat", "0"]) == 0
+    assert "camera c alone is asked for" in capsys.readouterr().out
+    assert main(["explain", "car", "--slabs", "400", "--repeat", "0"]) == 2

@@ -1,0 +1,365 @@
+"""Bezier patches: triangles within a stated distance of the surface, without cracks, with its normals."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from xfrustum.scenes import InputError, SceneObject, open_scene
+from xfrustum.scenes.bezier import evenly, normals, second_derivative_bounds, steps_for, surface
+from xfrustum.scenes.meshes import load_mesh
+from xfrustum.scenes.patches import load_patches, read_patches
+from xfrustum.scenes.tessellation import cut, matched_steps, tessellate
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-12
+"""A few hundred operations of doubles on values of size ten."""
+
+PRINTED = math.sqrt(3) * 0.5e-6
+"""A mesh file with six decimals moves a vertex by half a unit of the last one along each axis."""
+
+NETS = st.tuples(st.integers(1, 3), st.integers(1, 3)).flatmap(
+    lambda degrees: npst.arrays(np.float64, (degrees[0] + 1, degrees[1] + 1, 3), elements=st.floats(-3, 3))
+)
+
+
+def vertex_normals(part: SceneObject) -> Array:
+    assert part.vertex_normals is not None
+    return part.vertex_normals
+
+
+def paraboloid() -> Array:
+    """Return the net of (u, v, u^2 + 2 u v): second derivatives 2, 2 and 0 everywhere."""
+    third = np.arange(3) / 2
+    x, y = np.meshgrid(third, third, indexing="ij")
+    square = np.array([0.0, 0.0, 1.0])[:, None]
+    return np.stack([x, y, square + 2 * x * y], axis=-1)
+
+
+def distances(points: Array, triangles: Array) -> Array:
+    """Return how far points (N, 3) are from the nearest of some triangles (T, 3, 3)."""
+    nearest = np.full(len(points), np.inf)
+    for a, b, c in triangles:
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal)
+        best = np.full(len(points), np.inf)
+        if length > 0:
+            unit = normal / length
+            height = (points - a) @ unit
+            foot = points - height[:, None] * unit
+            inside = np.all(
+                [np.cross(q - p, foot - p) @ unit >= 0 for p, q in ((a, b), (b, c), (c, a))], axis=0
+            )
+            best = np.where(inside, np.abs(height), np.inf)
+        for p, q in ((a, b), (b, c), (c, a)):
+            along = np.clip((points - p) @ (q - p) / max((q - p) @ (q - p), 1e-300), 0, 1)
+            best = np.minimum(best, np.linalg.norm(points - p - along[:, None] * (q - p), axis=1))
+        nearest = np.minimum(nearest, best)
+    return nearest
+
+
+def chord_errors(nets: list[Array], part: SceneObject, steps: list[tuple[int, int]], samples: int) -> Array:
+    """Return, for each patch, how far its surface is from its own triangles, densely sampled.
+
+    A distance to fewer triangles than all is an upper bound: each sample looks at those of its own cell.
+    """
+    found = []
+    start = 0
+    for net, (a, b) in zip(nets, steps, strict=True):
+        grid = part.vertices[start : start + (a + 1) * (b + 1)].reshape(a + 1, b + 1, 3)
+        start += (a + 1) * (b + 1)
+        u = (np.arange(a)[:, None] + (np.arange(samples) + 0.5) / samples).ravel() / a
+        v = (np.arange(b)[:, None] + (np.arange(samples) + 0.5) / samples).ravel() / b
+        points = surface(net, u, v).reshape(a, samples, b, samples, 3).swapaxes(1, 2).reshape(a * b, -1, 3)
+        p, q, r, s = (grid[i : a + i, j : b + j].reshape(-1, 3) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+        worst = 0.0
+        for cell in range(a * b):
+            two = np.array([[p[cell], q[cell], r[cell]], [p[cell], r[cell], s[cell]]])
+            worst = max(worst, float(distances(points[cell], two).max()))
+        found.append(worst)
+    return np.array(found)
+
+
+def teapot(shared_data: Path) -> list[Array]:
+    return read_patches(shared_data / "data" / "teapot.bpt")
+
+
+def test_a_surface_of_known_polynomials_is_evaluated_exactly() -> None:
+    u, v = evenly(7), evenly(5)
+    points = surface(paraboloid(), u, v)
+    x, y = np.meshgrid(u, v, indexing="ij")
+    np.testing.assert_allclose(points, np.stack([x, y, x**2 + 2 * x * y], axis=-1), atol=1e-15)
+    direction = np.stack([-(2 * x + 2 * y), -2 * x, np.ones_like(x)], axis=-1)
+    expected = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    np.testing.assert_allclose(normals(paraboloid(), u, v), expected, atol=1e-14)
+
+
+def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
+    """A parabolic arch of height 1/4: the middle one of n level chords lies 1/(4 n^2) below its top."""
+    net = np.array([[[u, v, z] for v in (0.0, 1.0)] for u, z in ((0.0, 0.0), (0.5, 0.5), (1.0, 0.0))])
+    assert second_derivative_bounds(net) == (2.0, 0.0, 0.0)
+    for count in (1, 3, 7):
+        sagitta = 1 / (4 * count**2)
+        assert steps_for(net, sagitta * (1 + ROUNDING)) == (count, 1)
+        [error] = chord_errors([net], cut([net], [(count, 1)], name="arch"), [(count, 1)], 41)
+        assert error == pytest.approx(sagitta, rel=1e-3)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(net=NETS, tolerance=st.sampled_from([1.0, 0.3, 0.1]))
+def test_any_patch_keeps_its_chord_tolerance(net: Array, tolerance: float) -> None:
+    try:
+        part = tessellate([net], tolerance, name="any")
+    except InputError:  # all of it in one point
+        return
+    [error] = chord_errors([net], part, [steps_for(net, tolerance)], 4)
+    assert error <= tolerance + ROUNDING
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(net=NETS)
+def test_second_derivatives_stay_within_their_bounds(net: Array) -> None:
+    """By second differences of the surface itself, which are means of the derivatives."""
+    step = 2.0**-6
+    at = np.asarray(np.arange(1, 64) * step, dtype=np.float64)
+    middle = surface(net, at, at)
+    bounds = second_derivative_bounds(net)
+    f_uu = (surface(net, at - step, at) - 2 * middle + surface(net, at + step, at)) / step**2
+    f_vv = (surface(net, at, at - step) - 2 * middle + surface(net, at, at + step)) / step**2
+    corners = (
+        surface(net, at + i * step, at + j * step) * (i * j) for i, j in itertools.product((-1, 1), repeat=2)
+    )
+    f_uv = np.sum(list(corners), axis=0) / (4 * step**2)
+    for measured, bound in zip((f_uu, f_uv, f_vv), bounds, strict=True):
+        assert np.linalg.norm(measured, axis=-1).max() <= bound + 1e-9
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    net=npst.arrays(np.float64, (4, 7, 3), elements=st.floats(-3, 3)), turns=st.tuples(*[st.booleans()] * 4)
+)
+def test_patches_that_share_an_edge_share_its_points_to_the_last_bit(
+    net: Array, turns: tuple[bool, bool, bool, bool]
+) -> None:
+    """Two halves of one net of 4 x 7 points, each read in another direction and order."""
+    assume(len(np.unique(net[:, 3], axis=0)) > 1)
+    pair = [net[:, :4], net[:, 3:]]
+    for index, (swap, reverse) in enumerate((turns[:2], turns[2:])):
+        if reverse:
+            pair[index] = pair[index][::-1]
+        if swap:
+            pair[index] = pair[index].swapaxes(0, 1)
+    try:
+        part = tessellate(pair, 0.2, name="pair")
+    except InputError:  # both without area
+        return
+    steps = matched_steps(pair, [steps_for(half, 0.2) for half in pair])
+    first = (steps[0][0] + 1) * (steps[0][1] + 1)
+    borders = []
+    for half, (u, v), (swap, reverse), column in zip(
+        np.split(part.vertices, [first]), steps, (turns[:2], turns[2:]), (-1, 0), strict=True
+    ):
+        grid = half.reshape(u + 1, v + 1, 3)
+        grid = grid.swapaxes(0, 1) if swap else grid
+        borders.append((grid[::-1] if reverse else grid)[:, column])
+    np.testing.assert_array_equal(borders[0], borders[1])
+
+
+def test_the_border_of_a_closed_set_of_patches_is_closed(shared_data: Path) -> None:
+    """Joined by position alone, the teapot's border is made of edges of its patches that nobody shares."""
+    nets = teapot(shared_data)
+    part = tessellate(nets, 0.02, name="teapot")
+    points, joined = np.unique(part.vertices, axis=0, return_inverse=True)
+    faces = joined.reshape(-1)[part.faces]
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    border = points[np.unique(unique[count == 1])]
+    owners: dict[bytes, int] = {}
+    sides = [side for net in nets for side in (net[:, 0], net[:, -1], net[0], net[-1])]
+    for side in sides:
+        key = min(side.tolist(), side[::-1].tolist())
+        owners[np.array(key).tobytes()] = owners.get(np.array(key).tobytes(), 0) + 1
+    lone = [np.frombuffer(key).reshape(-1, 1, 3) for key, number in owners.items() if number == 1]
+    curves = np.concatenate([surface(side, np.linspace(0, 1, 2001), np.zeros(1))[:, 0] for side in lone])
+    # Half of the distance between two of 2,001 points on curves shorter than five.
+    assert cKDTree(curves).query(border)[0].max() < 5 / 2000
+
+
+def test_a_collapsed_edge_has_the_normal_of_the_limit() -> None:
+    """A cone's tip has no normal, but each line up to it has one; a dome's top has one for all."""
+    ring = np.array([[1.0, 0.0], [1.0, 0.55], [0.55, 1.0], [0.0, 1.0]])
+    heights = {"cone": (0.0, 1 / 3, 2 / 3, 1.0), "dome": (0.0, 0.6, 1.0, 1.0)}
+    for kind, rise in heights.items():
+        net = np.array([[[*(ring[i] * (1 - j / 3)), rise[j]] for j in range(4)] for i in range(4)])
+        found = normals(net, evenly(6), evenly(5))
+        assert np.isfinite(found).all()
+        if kind == "dome":
+            np.testing.assert_allclose(found[:, -1], [[0, 0, 1]] * 7, atol=1e-15)
+        else:
+            # On a cone the normal is the same all the way up.
+            np.testing.assert_allclose(found[:, -1], found[:, 0], atol=1e-14)
+        for turned, expected in ((net[:, ::-1], found[:, ::-1]), (net.swapaxes(0, 1), found.swapaxes(0, 1))):
+            u, v = (evenly(expected.shape[axis] - 1) for axis in (0, 1))
+            np.testing.assert_allclose(normals(turned, u, v), -expected, atol=1e-14)
+
+
+def test_normals_lie_on_the_side_that_the_winding_faces(shared_data: Path) -> None:
+    part = tessellate(teapot(shared_data), 1e-3, name="teapot")
+    a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
+    agree = np.einsum("fx,fcx->fc", np.cross(b - a, c - a), vertex_normals(part)[part.faces])
+    assert np.isfinite(vertex_normals(part)).all()
+    assert (agree > 0).all()
+
+
+def test_the_teapot_cut_ten_by_ten_is_the_mesh_of_the_teapot(shared_data: Path) -> None:
+    """(x, y, z) of the patches is (x, z, -y) of the mesh: the same points and as many triangles."""
+    part = cut(teapot(shared_data), [(10, 10)] * 32, name="teapot")
+    mesh = load_mesh(shared_data / "data" / "teapot.obj")
+    x, y, z = part.vertices.T
+    turned = np.stack([x, z, -y], axis=1)
+    assert len(part.faces) == len(mesh.faces) == 6320
+    assert cKDTree(turned).query(mesh.vertices)[0].max() <= PRINTED
+    assert cKDTree(mesh.vertices).query(turned)[0].max() <= PRINTED
+
+
+def test_the_teapot_from_patches_matches_its_mesh_within_the_chord_error_of_that(shared_data: Path) -> None:
+    """The mesh's chord error by the same bound at 10 x 10, patch by patch; the patches' own is known."""
+    nets, tolerance = teapot(shared_data), 2e-3
+    fine = tessellate(nets, tolerance, name="teapot")
+    bounds = [second_derivative_bounds(net) for net in nets]
+    chord = max((f_uu + 2 * f_uv + f_vv) / 800 for f_uu, f_uv, f_vv in bounds)
+    mesh = load_mesh(shared_data / "data" / "teapot.obj")
+    x, y, z = mesh.vertices[mesh.faces].transpose(2, 0, 1)
+    triangles = np.stack([x, -z, y], axis=-1)
+    centers = cKDTree(triangles.mean(axis=1))
+    radius = np.linalg.norm(triangles - triangles.mean(axis=1, keepdims=True), axis=2).max()
+    picked = np.random.default_rng(1).choice(len(fine.vertices), 150, replace=False)
+    worst = 0.0
+    for point in fine.vertices[picked]:
+        near = centers.query_ball_point(point, radius + chord + tolerance)
+        worst = max(worst, float(distances(point[None], triangles[near])[0]))
+    assert 0.01 * chord < worst <= chord + PRINTED
+
+
+def test_the_teapot_keeps_every_tolerance_and_is_not_cut_much_too_fine(shared_data: Path) -> None:
+    nets = teapot(shared_data)
+    for tolerance in (0.3, 0.1, 0.03):
+        part = tessellate(nets, tolerance, name="teapot")
+        steps = matched_steps(nets, [steps_for(net, tolerance) for net in nets])
+        error = chord_errors(nets, part, steps, 4).max()
+        # Control points bound second derivatives from above, up to several times where they vary.
+        assert tolerance / 20 < error <= tolerance
+
+
+def test_the_distance_to_the_surface_falls_with_the_square_of_the_steps(shared_data: Path) -> None:
+    nets = teapot(shared_data)[::5]
+    counts = (4, 8, 16)
+    errors = []
+    for count in counts:
+        steps = [(count, count)] * len(nets)
+        errors.append(chord_errors(nets, cut(nets, steps, name="teapot"), steps, 4).max())
+    orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
+    # The largest second derivative is looked for at the middles of finer and finer cells.
+    assert all(1.7 < order < 2.3 for order in orders), orders
+
+
+def test_a_finer_tolerance_takes_triangles_in_inverse_proportion(shared_data: Path) -> None:
+    nets = teapot(shared_data)
+    counts = [len(tessellate(nets, tolerance, name="t").faces) for tolerance in (4e-3, 2e-3, 1e-3)]
+    assert all(1.8 < fine / coarse < 2.2 for coarse, fine in itertools.pairwise(counts))
+
+
+HEAD = (
+    "[plate]\nsize = [8, 6]\nhogels = [8, 6]\n"
+    "[frustum]\nresolution = [8, 8]\nfov_deg = [60, 60]\nreach = [50, 50]\n"
+)
+
+
+def patch_text(net: Array) -> str:
+    rows, columns = net.shape[:2]
+    return f"{rows - 1} {columns - 1}\n" + "".join(
+        f"{x!r} {y!r} {z!r}\n" for x, y, z in net.reshape(-1, 3).tolist()
+    )
+
+
+@pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
+def test_the_chord_tolerance_of_a_scene_file_is_a_length_of_the_scene(tmp_path: Path, scale: float) -> None:
+    (tmp_path / "one.bpt").write_text("1\n" + patch_text(paraboloid()))
+    entry = f'[[object]]\nmesh = "one.bpt"\nscale = {scale}\n'
+    path = tmp_path / "scene.toml"
+    counts = []
+    for tolerance in (0.01, 0.01 * scale):
+        path.write_text(HEAD + entry + f"chord_tolerance = {tolerance}\n")
+        counts.append(len(open_scene(str(path)).faces))
+    steps = steps_for(paraboloid(), 0.01 / scale), steps_for(paraboloid(), 0.01)
+    assert counts == [2 * u * v for u, v in steps]
+
+
+def test_without_a_tolerance_it_is_relative_to_the_size(tmp_path: Path) -> None:
+    counts = set()
+    for size in (1e-3, 1.0, 1e3):
+        (tmp_path / "one.bpt").write_text("1\n" + patch_text(paraboloid() * size))
+        counts.add(len(load_patches(tmp_path / "one.bpt").faces))
+    assert len(counts) == 1
+
+
+def test_degrees_and_order_of_points_are_those_of_the_file(tmp_path: Path) -> None:
+    nets = [
+        np.random.default_rng(seed).normal(size=shape) for seed, shape in enumerate([(2, 4, 3), (4, 3, 3)])
+    ]
+    (tmp_path / "two.bpt").write_text("2\n" + "".join(patch_text(net) for net in nets))
+    for found, net in zip(read_patches(tmp_path / "two.bpt"), nets, strict=True):
+        np.testing.assert_array_equal(found, net)
+
+
+GOOD = "1\n" + patch_text(paraboloid())
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "ends before the number of patches"),
+        ("no\n", "the number of patches must be a whole number of at least 1, not 'no'"),
+        ("0\n", "at least 1"),
+        ("2" + GOOD[1:], "ends before a degree of patch 1"),
+        (GOOD[:-20], "ends within the control points of patch 0"),
+        (GOOD + "3 3\n", "goes on after 1 patches"),
+        (GOOD.replace("2 2", "0 2"), "a degree of patch 0 must be"),
+        (GOOD.replace("2 2", "2.5 2"), "not '2.5'"),
+        (GOOD.replace("0.5", "half", 1), "a control point of patch 0 is not a number"),
+        (GOOD.replace("0.5", "nan", 1), "NaN or infinite"),
+        (GOOD.replace("0.5", "1e999", 1), "NaN or infinite"),
+        ("1\n1 1\n" + "2 3 4\n" * 4, "all control points are the same"),
+        ("1\n1 1\n" + "0 0 0\n1 1 1\n" * 2, "no triangles"),
+    ],
+)
+def test_a_damaged_patch_file_is_one_line_that_names_it(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "bad.bpt").write_text(text)
+    (tmp_path / "scene.toml").write_text(HEAD + '[[object]]\nmesh = "bad.bpt"\n')
+    with pytest.raises(InputError) as caught:
+        open_scene(str(tmp_path / "scene.toml"))
+    message = str(caught.value)
+    assert "\n" not in message
+    for words in ("object[0].mesh", "bad.bpt", told):
+        assert words in message
+
+
+def test_unreadable_patch_files_and_senseless_tolerances_are_input_errors(tmp_path: Path) -> None:
+    (tmp_path / "bytes.bpt").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "good.bpt").write_text(GOOD)
+    with pytest.raises(InputError, match="no such patch file"):
+        load_patches(tmp_path / "none.bpt")
+    with pytest.raises(InputError, match="not a text of Bezier patches"):
+        load_patches(tmp_path / "bytes.bpt")
+    with pytest.raises(InputError, match="choose a larger chord_tolerance"):
+        load_patches(tmp_path / "good.bpt", chord_tolerance=1e-15)
