@@ -79,7 +79,8 @@ class Drawing:
         self, target: Target, number: int, camera: Pass, mapping: DepthMapping, *, color: bool
     ) -> None:
         how = MAPPINGS[mapping]
-        shaders, mesh = self._drawn("hogel.frag", picture_defines(how, self._effects if color else None))
+        defines = picture_defines(how, self._effects if color else None)
+        shaders, mesh = self._drawn("hogel.frag", {**defines, **(self._shading.defines if color else {})})
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = camera.test.function
         GL.glClipControl(GL.GL_LOWER_LEFT, how.clip_control)
@@ -90,7 +91,7 @@ class Drawing:
 
     def _reflect(self, target: Target, number: int, camera: Pass) -> None:
         samples = {"MULTISAMPLED": "1"} if target.samples > 1 else {}
-        defines = {**samples, **reflection_defines(self._effects)}
+        defines = {**samples, **reflection_defines(self._effects), **self._shading.defines}
         shaders, mesh = self._drawn("reflection.frag", defines)
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = (moderngl.ONE, moderngl.ONE)

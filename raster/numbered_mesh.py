@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.scene import read_only
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,6 +32,11 @@ class NumberedMesh:
 
     source: NDArray[np.int64]
     faces: NDArray[np.uint32]
+
+    def ends(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+        """Return (N, ..) at the vertices that end triangles what belongs to these, (F, ..); others zero."""
+        others = np.zeros((len(self.source) - len(values), *values.shape[1:]), values.dtype)
+        return np.concatenate((values, others))
 
 
 def number_triangles(faces: NDArray[np.int64]) -> NumberedMesh:

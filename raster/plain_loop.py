@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from types import TracebackType
+from typing import Any
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.context import open_context
@@ -15,6 +17,7 @@ from xfrustum.raster.materials import Shading
 from xfrustum.raster.mesh import ATTRIBUTES, NORMALS, attribute_of
 from xfrustum.raster.numbered_mesh import number_triangles
 from xfrustum.raster.passes import Pass, cameras_in_order, pass_of
+from xfrustum.raster.plate_geometry import FORMATS, flat_attributes
 from xfrustum.raster.plate_program import (
     HOGEL,
     HOGELS_BINDING,
@@ -22,7 +25,7 @@ from xfrustum.raster.plate_program import (
     picture_program,
 )
 from xfrustum.raster.plate_targets import LayeredTarget, TargetFormat
-from xfrustum.raster.programs import set_camera
+from xfrustum.raster.programs import picture_defines, set_camera
 from xfrustum.raster.room import check_room
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.effects import Effect, needed
@@ -67,19 +70,23 @@ class PlainLoop:
             )
             self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
             self._shading = Shading(context, scene, effects)
-            source, faces = np.arange(len(scene.vertices)), scene.faces.astype(np.uint32)
-            self._program = picture_program(context, self._mapping, effects, 1 if numbered else None)
+            faces = scene.faces.astype(np.uint32)
+            defines = {**picture_defines(self._mapping, effects), **self._shading.defines}
+            self._program = picture_program(context, defines, 1 if numbered else None)
+            attributes: dict[str, NDArray[Any]] = {name: attribute_of(scene, name) for name in ATTRIBUTES}
             self._hogel: moderngl.Buffer | None = None
             content_of_vertices = []
             if numbered:
                 mesh = number_triangles(scene.faces)
-                source, faces = mesh.source, mesh.faces
+                faces = mesh.faces
+                attributes = {name: values[mesh.source] for name, values in attributes.items()}
+                attributes |= flat_attributes(scene, mesh, self._shading.surfaces)
                 self._hogel = context.buffer(reserve=HOGEL.itemsize, dynamic=True)
                 zero = context.buffer(np.zeros(1, np.uint32).tobytes())
                 content_of_vertices.append((zero, "1u4/i", "in_hogel"))
-            for name in (name for name in ATTRIBUTES if name in self._program):
-                values = context.buffer(attribute_of(scene, name)[source].tobytes())
-                content_of_vertices.append((values, f"{ATTRIBUTES[name]}f", name))
+            for name in (name for name in attributes if name in self._program):
+                values = context.buffer(attributes[name].tobytes())
+                content_of_vertices.append((values, FORMATS[name], name))
             self._mesh = context.vertex_array(
                 self._program, content_of_vertices, index_buffer=context.buffer(faces.tobytes())
             )

@@ -8,8 +8,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.raster.mesh import ATTRIBUTES
-from xfrustum.raster.plate_geometry import PassGeometry, PlateGeometry
+from xfrustum.raster.plate_geometry import FORMATS, PassGeometry, PlateGeometry
 from xfrustum.raster.plate_program import HOGELS_BINDING
 
 
@@ -41,8 +40,9 @@ class PlateDrawing:
         self.program = program
         self._geometry, self._cameras = geometry, cameras
         numbers = np.arange(hogels, dtype=np.uint32)
-        read = [name for name in ATTRIBUTES if name in program]
-        content = [(geometry.attribute(name), f"{ATTRIBUTES[name]}f", name) for name in read]
+        content = [
+            (geometry.attribute(name), form, name) for name, form in FORMATS.items() if name in program
+        ]
         # Advances with the instance; every draw says which instance is its first.
         content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
         self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
@@ -80,6 +80,5 @@ class PlateDrawing:
             As `upload` wrote and returned them.
         """
         if draws:
-            self._geometry.bind()
             hogels.bind_to_uniform_block(HOGELS_BINDING)
             self._mesh.render_indirect(commands, count=draws)

@@ -18,13 +18,20 @@ from xfrustum.raster.clusters import (
     runs,
     triangles_in_depth,
 )
-from xfrustum.raster.mesh import NORMALS, attribute_of
+from xfrustum.raster.mesh import ATTRIBUTES, attribute_of
 from xfrustum.raster.numbered_mesh import NumberedMesh, number_triangles
 from xfrustum.raster.passes import Pass
 from xfrustum.scenes.scene import Scene
 
 SIDES, DEPTHS = slice(0, 4), slice(4, 6)
 """Of the clip planes: those that move from hogel to hogel, and those that stay."""
+
+FORMATS = {
+    **{name: f"{count}f" for name, count in ATTRIBUTES.items()},
+    "in_flat_normal": "3f",
+    "in_flat_surface": "2u4",
+}
+"""Of each attribute of hogel.vert but the hogel."""
 
 DRAW_COMMAND = np.dtype(
     [("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base_vertex", "i4"), ("hogel", "u4")]
@@ -87,21 +94,21 @@ class PlateGeometry:
         self.surfaces = self._seen_by(passes, scene, mesh, np.arange(len(scene.faces)))
         chosen = np.flatnonzero(np.zeros(0) if reflective is None else reflective)
         self.reflections = self._seen_by(passes, scene, mesh, chosen)
-        self._source, self._attributes = mesh.source, dict[str, moderngl.Buffer]()
+        self._mesh, self._attributes = mesh, dict[str, moderngl.Buffer]()
         self.indices = context.buffer(np.concatenate(self._indices).tobytes())
-        self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
         del self._indices, self._scene_vertices
 
     def attribute(self, name: str) -> moderngl.Buffer:
         """Return an attribute of all vertices, see `mesh.attribute_of`."""
         if name not in self._attributes:
-            values = attribute_of(self._scene, name)[self._source]
+            values = attribute_of(self._scene, name)[self._mesh.source]
             self._attributes[name] = self._context.buffer(values.tobytes())
         return self._attributes[name]
 
-    def bind(self) -> None:
-        """Make the normals what the shaders read."""
-        self._normals.bind_to_storage_buffer(NORMALS)
+    def carry(self, surfaces: NDArray[np.uint32]) -> None:
+        """Let vertices carry what belongs to the triangles that they end: normals, `materials.surfaces`."""
+        for name, values in flat_attributes(self._scene, self._mesh, surfaces).items():
+            self._attributes[name] = self._context.buffer(values.tobytes())
 
     def _seen_by(
         self, passes: Sequence[Pass], scene: Scene, mesh: NumberedMesh, triangles: NDArray[np.int64]
@@ -138,3 +145,11 @@ class PlateGeometry:
         commands["count"], commands["instances"] = 3 * (end - begin), 1
         commands["first"], commands["hogel"] = geometry.first + 3 * begin, hogel
         return commands
+
+
+def flat_attributes(
+    scene: Scene, mesh: NumberedMesh, surfaces: NDArray[np.uint32]
+) -> dict[str, NDArray[np.float32] | NDArray[np.uint32]]:
+    """Return what vertices carry of the triangles that they end, see surface.glsl."""
+    normals = scene.normals.astype(np.float32)
+    return {"in_flat_normal": mesh.ends(normals), "in_flat_surface": mesh.ends(surfaces)}

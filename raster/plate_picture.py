@@ -15,9 +15,9 @@ from xfrustum.raster.materials import Shading
 from xfrustum.raster.passes import Pass
 from xfrustum.raster.plate_drawing import PlateDrawing
 from xfrustum.raster.plate_geometry import PlateGeometry
-from xfrustum.raster.plate_program import hogel_block, picture_program
+from xfrustum.raster.plate_program import hogel_block, picture_program, reflection_program
 from xfrustum.raster.plate_reflection import Reflections
-from xfrustum.raster.programs import set_camera
+from xfrustum.raster.programs import picture_defines, reflection_defines, set_camera
 from xfrustum.raster.reflection import Environment, reflecting
 from xfrustum.raster.submissions import Slot
 from xfrustum.scenes.effects import Effect
@@ -72,13 +72,16 @@ class PlatePicture:
         mirrors = reflective_triangles(scene, effects)
         self._geometry = PlateGeometry(context, scene, passes, look.mapping.clip_control, mirrors)
         self._shading = Shading(context, scene, effects)
-        program = picture_program(context, look.mapping, effects, hogels)
+        self._geometry.carry(self._shading.surfaces)
+        defines = {**picture_defines(look.mapping, effects), **self._shading.defines}
+        program = picture_program(context, defines, hogels)
         picture = PlateDrawing(context, program, self._geometry, self._geometry.surfaces, hogels)
         self.drawings, self._reflections = [picture], None
         if mirrors.any():
-            self._reflections = Reflections(
-                context, self._geometry, Environment(context, scene), effects, hogels
-            )
+            defines = {**reflection_defines(effects), **self._shading.defines}
+            program = reflection_program(context, defines, hogels)
+            drawing = PlateDrawing(context, program, self._geometry, self._geometry.reflections, hogels)
+            self._reflections = Reflections(context, drawing, Environment(context, scene))
             self.drawings.append(self._reflections.drawing)
 
     @property

@@ -8,10 +8,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.raster.depth_formats import Mapping
 from xfrustum.raster.passes import Pass, lines_of_pixels
-from xfrustum.raster.programs import picture_defines, program, reflection_defines
-from xfrustum.scenes.effects import Effect
+from xfrustum.raster.programs import Defines, program
 
 HOGELS_BINDING = 0
 """Of the uniform block with what differs from hogel to hogel."""
@@ -22,31 +20,25 @@ HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3,
 """One hogel in hogels.glsl: matrices by columns, each of four numbers."""
 
 
-def picture_program(
-    context: moderngl.Context, mapping: Mapping, effects: frozenset[Effect], hogels: int | None
-) -> moderngl.Program:
+def picture_program(context: moderngl.Context, defines: Defines, hogels: int | None) -> moderngl.Program:
     """Return the program of hogel.vert and hogel.frag.
 
     Parameters
     ----------
     context
         The current context.
-    mapping
-        Of depth.
-    effects
-        What is simulated.
+    defines
+        See `programs.picture_defines` and `Shading.defines`.
     hogels
         How many one submission may have; None for the program that draws one.
     """
     many = {} if hogels is None else _many(context, hogels)
-    return program(context, "hogel.frag", {**many, **picture_defines(mapping, effects)})
+    return program(context, "hogel.frag", {**many, **defines})
 
 
-def reflection_program(
-    context: moderngl.Context, effects: frozenset[Effect], hogels: int
-) -> moderngl.Program:
-    """Return the program of hogel.vert and reflection.frag."""
-    return program(context, "reflection.frag", {**_many(context, hogels), **reflection_defines(effects)})
+def reflection_program(context: moderngl.Context, defines: Defines, hogels: int) -> moderngl.Program:
+    """Return the program of hogel.vert and reflection.frag, likewise."""
+    return program(context, "reflection.frag", {**_many(context, hogels), **defines})
 
 
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:

@@ -9,12 +9,9 @@ import moderngl
 from xfrustum.raster.materials import Shading
 from xfrustum.raster.passes import Pass
 from xfrustum.raster.plate_drawing import PlateDrawing
-from xfrustum.raster.plate_geometry import PlateGeometry
-from xfrustum.raster.plate_program import reflection_program
 from xfrustum.raster.programs import set_camera
 from xfrustum.raster.reflection import Environment
 from xfrustum.raster.submissions import Slot
-from xfrustum.scenes.effects import Effect
 
 
 class Reflections:
@@ -24,28 +21,14 @@ class Reflections:
     ----------
     context
         The current context.
-    geometry
-        The scene, with its reflective triangles.
+    drawing
+        Of the reflective triangles.
     environment
         What they reflect.
-    effects
-        What is simulated.
-    hogels
-        How many one submission may have.
     """
 
-    def __init__(
-        self,
-        context: moderngl.Context,
-        geometry: PlateGeometry,
-        environment: Environment,
-        effects: frozenset[Effect],
-        hogels: int,
-    ) -> None:
-        self._context = context
-        self._environment = environment
-        program = reflection_program(context, effects, hogels)
-        self.drawing = PlateDrawing(context, program, geometry, geometry.reflections, hogels)
+    def __init__(self, context: moderngl.Context, drawing: PlateDrawing, environment: Environment) -> None:
+        self._context, self.drawing, self._environment = context, drawing, environment
 
     def draw(
         self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], drawing: int, shading: Shading

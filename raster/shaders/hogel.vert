@@ -17,6 +17,12 @@ in uint in_hogel;
 // for it. Here a triangle has the number of its last vertex.
 flat out int numbered;
 flat out uint hogel;
+
+// What belongs to the triangle that a vertex ends, see surface.glsl.
+in vec3 in_flat_normal;
+in uvec2 in_flat_surface;
+flat out vec3 flat_normal;
+flat out uvec2 flat_surface;
 #else
 uniform mat4 clip_from_scene;
 #endif
@@ -56,6 +62,8 @@ void main() {
 #ifdef MANY
     numbered = gl_VertexID;
     hogel = in_hogel;
+    flat_normal = in_flat_normal;
+    flat_surface = in_flat_surface;
 #ifdef WITH_LAYERS
     gl_Layer = int(in_hogel);
 #endif

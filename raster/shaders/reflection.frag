@@ -50,6 +50,6 @@ void main() {
     vec3 N_star = turned_to_camera(triangle);
     vec3 C_star = toward_camera();
     vec3 R = conjugate * reflected(C_star, N_star);
-    precise vec3 reflection = materials[surfaces[triangle].x & MATERIAL].reflectance.rgb * environment_along(R);
+    precise vec3 reflection = materials[SURFACE_OF(triangle).x & MATERIAL].reflectance.rgb * environment_along(R);
     radiance = vec4(reflection, 0.0);
 }
