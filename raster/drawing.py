@@ -12,7 +12,7 @@ from xfrustum.raster.depth_formats import MAPPINGS
 from xfrustum.raster.materials import Shading
 from xfrustum.raster.mesh import Mesh
 from xfrustum.raster.passes import Pass
-from xfrustum.raster.programs import assign, defines_of, program
+from xfrustum.raster.programs import assign, picture_defines, program, reflection_defines, set_camera
 from xfrustum.raster.reflection import Environment
 from xfrustum.raster.targets import Target
 from xfrustum.scenes.double_frustum import DepthMapping
@@ -65,8 +65,7 @@ class Drawing:
         color
             Whether to shade; identities are drawn always.
         """
-        # Every aperture of a plate comes through here alone. Many of them could be drawn at once, with
-        # matrices by instance and a layer each: small images are bound by their vertices.
+        # Every aperture comes through here alone; for many of them see plate_renderer.
         target.begin()
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
@@ -80,24 +79,19 @@ class Drawing:
         self, target: Target, number: int, camera: Pass, mapping: DepthMapping, *, color: bool
     ) -> None:
         how = MAPPINGS[mapping]
-        defines = {"SHADED": "1", **defines_of(self._effects)} if color else {}
-        if how.fragment_depth:
-            defines["FRAGMENT_DEPTH"] = f"({how.fragment_depth})"
-        shaders, mesh = self._drawn("hogel.frag", defines)
+        defines = picture_defines(how, self._effects if color else None)
+        shaders, mesh = self._drawn("hogel.frag", {**defines, **(self._shading.defines if color else {})})
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = camera.test.function
         GL.glClipControl(GL.GL_LOWER_LEFT, how.clip_control)
-        near, far = camera.planes
-        assign(shaders, near=near, far=far)
         self._look(target, number, camera, shaders)
         if color:
             self._shading.bind(shaders)
         mesh.render()
 
     def _reflect(self, target: Target, number: int, camera: Pass) -> None:
-        defines = {"MULTISAMPLED": "1"} if target.samples > 1 else {}
-        if Effect.SMOOTH_NORMALS in self._effects:
-            defines |= defines_of([Effect.SMOOTH_NORMALS])
+        samples = {"MULTISAMPLED": "1"} if target.samples > 1 else {}
+        defines = {**samples, **reflection_defines(self._effects), **self._shading.defines}
         shaders, mesh = self._drawn("reflection.frag", defines)
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = (moderngl.ONE, moderngl.ONE)
@@ -113,14 +107,7 @@ class Drawing:
         """Set what both kinds of passes must know of a camera."""
         self._context.front_face = camera.front_face
         self._mesh.bind()
-        assign(
-            shaders,
-            clip_from_scene=tuple(camera.clip_from_scene.T.ravel().tolist()),
-            line_of_pixel=tuple(camera.line_of_pixel.T.ravel().tolist()),
-            conjugate=1.0 if camera.orthoscopic else -1.0,
-            pixels=tuple(float(n) for n in target.size),
-            camera=number,
-        )
+        set_camera(shaders, number, camera, target.size)
 
     def _drawn(self, fragment: str, defines: dict[str, str]) -> Drawn:
         key = (fragment, tuple(sorted(defines.items())))

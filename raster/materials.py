@@ -13,7 +13,13 @@ from xfrustum.scenes.material import Material
 from xfrustum.scenes.scene import Scene
 
 SURFACES, MATERIALS, LIGHTS = 6, 7, 8
-"""Bindings, as in surface.glsl and phong.glsl."""
+"""Bindings of storage blocks, as in surface.glsl and phong.glsl."""
+
+UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
+"""Bindings of uniform blocks, which are used where they have room."""
+
+COUNT_NAMES = {MATERIALS: "MATERIAL_COUNT", LIGHTS: "LIGHT_COUNT"}
+"""Names by which the shaders know of a uniform block how long it is."""
 
 IS_SMOOTH, IS_COLORED = np.uint32(1 << 31), np.uint32(1 << 30)
 """Flags of a triangle beside the number of its material, as in surface.glsl."""
@@ -31,6 +37,13 @@ class Shading:
     effects
         What nobody asks for is not uploaded.
 
+    Attributes
+    ----------
+    surfaces
+        What the function of that name returns.
+    defines
+        What the shaders must know of it, see `programs`.
+
     Raises
     ------
     InputError
@@ -45,17 +58,25 @@ class Shading:
         environment = scene.appearance.environment
         strength = 0.0 if environment is None else environment.strength
         materials = list(dict.fromkeys(scene.materials))
-        self._buffers = {
-            SURFACES: context.buffer(surfaces(scene, materials).tobytes()),
-            MATERIALS: context.buffer(single([description(m, strength) for m in materials]).tobytes()),
-            LIGHTS: context.buffer(single(shining).tobytes()),
+        blocks = {
+            MATERIALS: single([description(m, strength) for m in materials]),
+            LIGHTS: single(shining),
         }
+        largest = int(context.info["GL_MAX_UNIFORM_BLOCK_SIZE"])
+        few = [binding for binding, block in blocks.items() if block.nbytes <= largest]
+        self.defines = {COUNT_NAMES[binding]: str(len(blocks[binding])) for binding in few}
+        self.surfaces = surfaces(scene, materials)
+        buffers = {binding: context.buffer(block.tobytes()) for binding, block in blocks.items()}
+        self._uniform = {UNIFORM_BINDINGS[binding]: buffers.pop(binding) for binding in few}
+        self._storage = {**buffers, SURFACES: context.buffer(self.surfaces.tobytes())}
         self._textures = Textures(context, scene.surface.textures) if Effect.TEXTURES in effects else None
 
     def bind(self, program: moderngl.Program) -> None:
         """Make them what a program reads."""
-        for binding, buffer in self._buffers.items():
+        for binding, buffer in self._storage.items():
             buffer.bind_to_storage_buffer(binding)
+        for binding, buffer in self._uniform.items():
+            buffer.bind_to_uniform_block(binding)
         if self._textures is not None:
             self._textures.bind()
         assign(program, light_count=self._light_count)

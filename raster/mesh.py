@@ -5,9 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
-from OpenGL import GL
 
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.scene import Scene
 
 NORMALS = 0
@@ -50,37 +48,25 @@ class Mesh:
 
     def _attribute(self, name: str) -> moderngl.Buffer:
         if name not in self._attributes:
-            values = self._values(name).astype(np.float32)
-            self._attributes[name] = self._context.buffer(np.ascontiguousarray(values).tobytes())
+            self._attributes[name] = self._context.buffer(attribute_of(self._scene, name).tobytes())
         return self._attributes[name]
 
-    def _values(self, name: str) -> NDArray[np.float64]:
-        """Return an attribute of all vertices; zero where they have none, which no triangle then reads."""
-        if name == "in_position":
-            return self._scene.vertices
-        surface = self._scene.surface
-        found = {"in_normal": surface.vertex_normals, "in_color": surface.vertex_colors, "in_uv": surface.uv}
-        values = found[name]
-        if values is None:
-            return np.zeros((len(self._scene.vertices), ATTRIBUTES[name]))
-        return np.nan_to_num(values, nan=0.0)
 
+def attribute_of(scene: Scene, name: str) -> NDArray[np.float32]:
+    """Return an attribute of all vertices; zero where they have none, which no triangle then reads.
 
-def check_room(context: moderngl.Context, scene: Scene) -> None:
-    """Raise InputError where the device draws no so large image, or has no so large block."""
-    device = context.info["GL_RENDERER"]
-    limit = int(GL.glGetIntegerv(GL.GL_MAX_TEXTURE_SIZE))
-    size = scene.frustum.resolution
-    if max(size) > limit:
-        raise InputError(
-            f"{device} draws at most {limit} x {limit} pixels, not {size[0]} x {size[1]}; "
-            "choose a smaller frustum.resolution"
-        )
-    block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
-    # Vertices are three doubles, normals and indices three 32-bit numbers.
-    needed = max(24 * len(scene.vertices), 12 * len(scene.faces))
-    if needed > block:
-        raise InputError(
-            f"{scene.name}: {len(scene.faces):,} triangles on {len(scene.vertices):,} vertices need "
-            f"{needed >> 20} MiB in one block, {device} has {block >> 20}; draw a smaller mesh"
-        )
+    Parameters
+    ----------
+    scene
+        At least one triangle.
+    name
+        One of `ATTRIBUTES`.
+    """
+    if name == "in_position":
+        return scene.vertices.astype(np.float32)
+    surface = scene.surface
+    found = {"in_normal": surface.vertex_normals, "in_color": surface.vertex_colors, "in_uv": surface.uv}
+    values = found[name]
+    if values is None:
+        return np.zeros((len(scene.vertices), ATTRIBUTES[name]), dtype=np.float32)
+    return np.ascontiguousarray(np.nan_to_num(values, nan=0.0).astype(np.float32))

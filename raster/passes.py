@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.raster.cameras import Matrix, SlabCamera, clip_from_scene, slab_cameras
 from xfrustum.raster.depth_formats import MAPPINGS, DepthTest, farthest_wins, nearest_wins
@@ -43,12 +44,22 @@ class Pass:
 
     @property
     def line_of_pixel(self) -> Matrix:
-        """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward.
+        """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward."""
+        return lines_of_pixels(self.clip_from_scene)
 
-        The camera's position is the point without x, y and w in clip coordinates, and what lies at
-        depth w along a direction d from it has w (u, v, 1): d is what the matrix makes (u, v, 1) of.
-        """
-        return np.asarray(np.linalg.inv(self.clip_from_scene[np.ix_((0, 1, 3), (0, 1, 2))]), np.float64)
+
+def lines_of_pixels(clip_from_scene: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (.., 3, 3) directions away from cameras, scene axes, of film coordinates (u, v, 1) upward.
+
+    A camera's position is the point without x, y and w in clip coordinates, and what lies at
+    depth w along a direction d from it has w (u, v, 1): d is what the matrix makes (u, v, 1) of.
+
+    Parameters
+    ----------
+    clip_from_scene
+        (.., 4, 4) matrices.
+    """
+    return np.asarray(np.linalg.inv(clip_from_scene[..., (0, 1, 3), :3]), np.float64)
 
 
 def drawing_order(
@@ -60,6 +71,14 @@ def drawing_order(
     to the viewer and overlays. Slabs in which the scene has nothing are left out, and so are cameras
     that are not among the effects.
     """
+    cameras = cameras_in_order(scene, settings, effects)
+    return [pass_of(scene, aperture, settings, camera) for camera in cameras]
+
+
+def cameras_in_order(
+    scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[SlabCamera]:
+    """Return the cameras of every image, from the back: what belongs to the plate and to no aperture."""
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)
@@ -67,17 +86,22 @@ def drawing_order(
     cameras = [
         x for x in chosen[settings.camera] if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
     ]
-    passes = [_pass(scene, aperture, settings, camera) for camera in cameras]
-    return [camera for camera in passes if _occupied(scene, camera.heights)]
+    return [camera for camera in cameras if _occupied(scene, kept_heights(camera))]
 
 
-def _pass(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
-    mapping = MAPPINGS[settings.mapping]
+def kept_heights(camera: SlabCamera) -> tuple[float, float]:
+    """Return the lowest and highest z between a camera's near and far plane."""
     low, high = camera.heights
+    return (-high, -low) if camera.orthoscopic else (low, high)
+
+
+def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
+    """Return one camera's share of an aperture's image."""
+    mapping = MAPPINGS[settings.mapping]
     return Pass(
         clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
         planes=(camera.near, camera.far),
-        heights=(-high, -low) if camera.orthoscopic else (low, high),
+        heights=kept_heights(camera),
         test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
         front_face="ccw" if camera.orthoscopic else "cw",
         orthoscopic=camera.orthoscopic,

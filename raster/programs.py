@@ -7,6 +7,8 @@ from importlib.resources import files
 
 import moderngl
 
+from xfrustum.raster.depth_formats import Mapping as DepthMapping
+from xfrustum.raster.passes import Pass
 from xfrustum.scenes.effects import Effect
 
 SHADING = (
@@ -45,10 +47,23 @@ def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
     return {effect.name: "1" for effect in SHADING if effect in asked}
 
 
-def program(context: moderngl.Context, fragment: str, defines: Defines) -> moderngl.Program:
-    """Return the program of `hogel.vert` and a fragment shader."""
+def picture_defines(mapping: DepthMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
+    """Return the names that hogel.frag asks for: how depth is stored, and effects; None for no color."""
+    depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
+    return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
+
+
+def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
+    """Return the names that reflection.frag asks for: which normals."""
+    return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
+
+
+def program(
+    context: moderngl.Context, fragment: str, defines: Defines, vertex: str = "hogel.vert"
+) -> moderngl.Program:
+    """Return the program of two shaders."""
     return context.program(
-        vertex_shader=defined(shader("hogel.vert"), defines),
+        vertex_shader=defined(shader(vertex), defines),
         fragment_shader=defined(shader(fragment), defines),
     )
 
@@ -58,3 +73,29 @@ def assign(program: moderngl.Program, **uniforms: object) -> None:
     for name, value in uniforms.items():
         if name in program:
             program[name] = value
+
+
+def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
+    """Set what a program knows of a camera, and where many hogels have it in a block, the rest.
+
+    Parameters
+    ----------
+    program
+        Of a picture or of reflections.
+    number, camera
+        In drawing order.
+    size
+        W, H of the image in pixels.
+    """
+    near, far = camera.planes
+    assign(
+        program,
+        clip_from_scene=tuple(camera.clip_from_scene.T.ravel().tolist()),
+        near=near,
+        far=far,
+        conjugate=1.0 if camera.orthoscopic else -1.0,
+        pixels=tuple(float(n) for n in size),
+        camera=number,
+    )
+    if "line_of_pixel" in program:
+        program["line_of_pixel"] = tuple(camera.line_of_pixel.T.ravel().tolist())

@@ -13,9 +13,9 @@ from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tile
 from xfrustum.raster.cameras import FilmWindow
 from xfrustum.raster.context import describe, open_context
 from xfrustum.raster.drawing import Drawing
-from xfrustum.raster.mesh import check_room
 from xfrustum.raster.passes import Pass, drawing_order
 from xfrustum.raster.positions import DrawnBy, Positions
+from xfrustum.raster.room import check_room
 from xfrustum.raster.targets import Target
 from xfrustum.raster.timer import GpuTimer, StageTime
 from xfrustum.scenes.double_frustum import DepthFormat, DoubleFrustum
@@ -26,8 +26,8 @@ from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.sampling import Sampling, sub_apertures
 from xfrustum.scenes.scene import Scene
 
-MAX_TRIANGLES = (1 << 31) // 3
-"""Shaders index three values a triangle with signed 32-bit integers."""
+POSITION_BYTES = 24
+"""Of a vertex in double precision, as `Positions` has them."""
 
 ONCE = Sampling()
 """One point a pixel, through the middle of the aperture."""
@@ -57,10 +57,6 @@ class Rasterizer:
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
-        if len(scene.faces) > MAX_TRIANGLES:
-            raise InputError(
-                f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn"
-            )
         self.scene = scene
         self.effects = needed(scene) if effects is None else effects
         self._context = open_context()
@@ -69,7 +65,7 @@ class Rasterizer:
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
         try:
-            check_room(self._context, scene)
+            check_room(scene, self.device["renderer"], vertex_bytes=POSITION_BYTES)
         except InputError:
             self._context.release()
             raise

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import moderngl
 import numpy as np
 
-from xfrustum.raster.targets import Target
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.scene import Scene
 
 IDENTITIES, ENVIRONMENT = 0, 1
 """Texture units, as in reflection.frag and environment.glsl."""
+
+
+class Identified(Protocol):
+    """What remembers which triangle each pixel shows, and which camera drew it."""
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
 
 
 class Environment:
@@ -44,7 +52,7 @@ class Environment:
         self._map.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.reflecting = reflecting(scene)
 
-    def bind(self, target: Target) -> None:
+    def bind(self, target: Identified) -> None:
         """Make the map, and what was drawn, what the shader reads."""
         target.bind_identity(IDENTITIES)
         self._map.use(ENVIRONMENT)

@@ -4,9 +4,14 @@
 // FRAGMENT_DEPTH, where it is defined, is an expression in w, near and far: a depth mapping that
 // the hardware does not interpolate. SHADED asks for light; without it a picture is identities alone.
 
+#include "triangle.glsl"
 #ifdef SHADED
 #include "surface.glsl"
 #include "phong.glsl"
+#endif
+
+#ifdef SHADED_LATER
+#include "turned.glsl"
 #endif
 
 layout(location = 0) out uvec2 identity;
@@ -20,13 +25,16 @@ uniform float far;
 #endif
 
 void main() {
-    identity = uvec2(uint(gl_PrimitiveID) + 1u, camera);
+    identity = uvec2(uint(TRIANGLE) + 1u, camera);
+#ifdef SHADED_LATER
+    if (gl_FrontFacing) identity.y |= TURNED;
+#endif
 #ifdef FRAGMENT_DEPTH
     float w = 1.0 / gl_FragCoord.w;
     gl_FragDepth = FRAGMENT_DEPTH;
 #endif
 #ifdef SHADED
-    radiance = vec4(lit(gl_PrimitiveID), 1.0);
+    radiance = vec4(lit(TRIANGLE), 1.0);
 #else
     radiance = vec4(0.0);
 #endif

@@ -1,11 +1,35 @@
 #version 450 core
 // One camera, C or C*: which one is in the matrix alone.
+//
+// MANY draws up to so many hogels in one submission, each on a layer of its own; WITH_LAYERS where the
+// device lets a vertex choose its layer. Otherwise there is one hogel at a time.
 
+#ifdef WITH_LAYERS
+#extension GL_ARB_shader_viewport_layer_array : require
+#endif
+
+#ifdef MANY
+#include "hogels.glsl"
+in uint in_hogel;
+#define clip_from_scene hogels[in_hogel].clip_from_scene
+
+// gl_PrimitiveID would start again with every draw, and Mesa's software pipeline takes triangles apart
+// for it. Here a triangle has the number of its last vertex.
+flat out int numbered;
+flat out uint hogel;
+
+// What belongs to the triangle that a vertex ends, see surface.glsl.
+in vec3 in_flat_normal;
+in uvec2 in_flat_surface;
+flat out vec3 flat_normal;
+flat out uvec2 flat_surface;
+#else
 uniform mat4 clip_from_scene;
+#endif
 
 in vec3 in_position;  // scene units
 
-// Programs with other effects, and the reflection pass, must meet the same pixels.
+// Programs with other effects, for many hogels and for reflections must meet the same pixels.
 invariant gl_Position;
 
 // Interpolated at a point within the triangle: with several coverage samples a pixel's center may lie
@@ -34,5 +58,14 @@ void main() {
 #endif
 #ifdef TEXTURES
     uv = in_uv;
+#endif
+#ifdef MANY
+    numbered = gl_VertexID;
+    hogel = in_hogel;
+    flat_normal = in_flat_normal;
+    flat_surface = in_flat_surface;
+#ifdef WITH_LAYERS
+    gl_Layer = int(in_hogel);
+#endif
 #endif
 }

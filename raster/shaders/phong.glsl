@@ -13,7 +13,11 @@ struct Light {
     vec4 toward;  // unit
     vec4 color;
 };
+#ifdef LIGHT_COUNT
+layout(std140, binding = 2) uniform Lights { Light lights[LIGHT_COUNT]; };
+#else
 layout(std430, binding = 8) readonly buffer Lights { Light lights[]; };
+#endif
 uniform int light_count;
 
 vec3 albedo_of(uvec2 surface) {
@@ -28,7 +32,7 @@ vec3 albedo_of(uvec2 surface) {
 }
 
 vec3 lit(int triangle) {
-    uvec2 surface = surfaces[triangle];
+    uvec2 surface = SURFACE_OF(triangle);
     Material material = materials[surface.x & MATERIAL];
     precise vec3 albedo = albedo_of(surface);
     precise vec3 radiance = vec3(0.0);
@@ -40,14 +44,15 @@ vec3 lit(int triangle) {
     vec3 C_star = toward_camera();
     vec3 R_star = reflected(C_star, N_star);
     for (int i = 0; i < light_count; i++) {
-        vec3 L_star = conjugate * lights[i].toward.xyz;
+        precise vec3 L_star = conjugate * lights[i].toward.xyz;
         vec3 color = lights[i].color.rgb;
         precise float facing = dot(N_star, L_star);
 #ifdef DIFFUSE
         radiance += color * (material.diffuse.rgb * albedo * max(facing, 0.0));
 #endif
 #ifdef SPECULAR
-        precise float highlight = facing > 0.0 ? power(dot(R_star, L_star), material.specular.w) : 0.0;
+        precise float mirrored = dot(R_star, L_star);
+        precise float highlight = facing > 0.0 ? power(mirrored, material.specular.w) : 0.0;
         radiance += color * (material.specular.rgb * highlight);
 #endif
     }

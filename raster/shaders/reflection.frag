@@ -4,6 +4,7 @@
 // Which triangle a pixel shows, and which camera drew it, is decided by then and looked up. A depth test
 // for equality would add the reflections of all surfaces that tie; there is one identity.
 
+#include "triangle.glsl"
 #include "surface.glsl"
 #include "environment.glsl"
 
@@ -11,12 +12,13 @@ layout(location = 0) out vec4 radiance;  // added to what is there
 
 #ifdef MULTISAMPLED
 layout(binding = 0) uniform usampler2DMS identities;
+#elif defined(MANY)
+layout(binding = 0) uniform usampler2DArray identities;
 #else
 layout(binding = 0) uniform usampler2D identities;
 #endif
 
 uniform uint camera;
-uniform int first_triangle;  // of those drawn
 #ifdef MULTISAMPLED
 uniform int sample_count;
 #endif
@@ -30,13 +32,15 @@ int shown(int triangle) {
     for (int i = 0; i < sample_count; i++)
         if (texelFetch(identities, pixel, i).rg == identity) mask |= 1 << i;
     return mask;
+#elif defined(MANY)
+    return int(texelFetch(identities, ivec3(pixel, hogel), 0).rg == identity);
 #else
     return int(texelFetch(identities, pixel, 0).rg == identity);
 #endif
 }
 
 void main() {
-    int triangle = first_triangle + gl_PrimitiveID;
+    int triangle = TRIANGLE;
     int mask = shown(triangle);
     if (mask == 0) discard;
 #ifdef MULTISAMPLED
@@ -46,6 +50,6 @@ void main() {
     vec3 N_star = turned_to_camera(triangle);
     vec3 C_star = toward_camera();
     vec3 R = conjugate * reflected(C_star, N_star);
-    precise vec3 reflection = materials[surfaces[triangle].x & MATERIAL].reflectance.rgb * environment_along(R);
+    precise vec3 reflection = materials[SURFACE_OF(triangle).x & MATERIAL].reflectance.rgb * environment_along(R);
     radiance = vec4(reflection, 0.0);
 }

@@ -12,11 +12,23 @@
 
 #include "accurate.glsl"
 
-// Unit normals by the mesh's winding, three floats a triangle.
-layout(std430, binding = 0) readonly buffer Normals { float normals[]; };
+#ifndef FRONT_FACING
+#define FRONT_FACING gl_FrontFacing
+#endif
 
-// Of each triangle: the number of its material with two flags, and that of its texture + 1.
+// Of each triangle: its unit normal by the mesh's winding; the number of its material with two flags,
+// and that of its texture + 1.
+#if defined(MANY) && !defined(SHADED_LATER)
+flat in vec3 flat_normal;  // see hogel.vert: what vertices carry costs less than looking it up
+flat in uvec2 flat_surface;
+#define NORMAL_OF(triangle) flat_normal
+#define SURFACE_OF(triangle) flat_surface
+#else
+layout(std430, binding = 0) readonly buffer Normals { float normals[]; };
 layout(std430, binding = 6) readonly buffer Surfaces { uvec2 surfaces[]; };
+#define NORMAL_OF(triangle) vec3(normals[3 * triangle], normals[3 * triangle + 1], normals[3 * triangle + 2])
+#define SURFACE_OF(triangle) surfaces[triangle]
+#endif
 
 const uint IS_SMOOTH = 1u << 31;   // all three corners have normals of their own
 const uint IS_COLORED = 1u << 30;  // a corner's color is another than one, which does not multiply
@@ -28,10 +40,20 @@ struct Material {
     vec4 specular;     // and in w the exponent
     vec4 reflectance;  // reflectivity times the environment's strength
 };
+#ifdef MATERIAL_COUNT
+layout(std140, binding = 1) uniform Materials { Material materials[MATERIAL_COUNT]; };
+#else  // too many for a uniform block, which costs less
 layout(std430, binding = 7) readonly buffer Materials { Material materials[]; };
+#endif
 
 uniform float conjugate;     // 1 for C, -1 for C*
+#ifdef MANY
+#include "hogels.glsl"
+flat in uint hogel;
+#define line_of_pixel hogels[hogel].line_of_pixel
+#else
 uniform mat3 line_of_pixel;  // from film coordinates to the direction away from the camera, scene axes
+#endif
 uniform vec2 pixels;         // of the image
 
 #ifdef SMOOTH_NORMALS
@@ -49,12 +71,12 @@ vec3 toward_camera() {
 // N for C, and N* for C*: OpenGL finds the faces that are turned away from the camera, and they are
 // flipped. For C* these are the ones that face the viewer.
 vec3 turned_to_camera(int triangle) {
-    precise vec3 normal = vec3(normals[3 * triangle], normals[3 * triangle + 1], normals[3 * triangle + 2]);
+    precise vec3 normal = NORMAL_OF(triangle);
 #ifdef SMOOTH_NORMALS
-    bool smoothed = (surfaces[triangle].x & IS_SMOOTH) != 0u && dot(smooth_normal, smooth_normal) > 0.0;
+    bool smoothed = (SURFACE_OF(triangle).x & IS_SMOOTH) != 0u && dot(smooth_normal, smooth_normal) > 0.0;
     if (smoothed) normal = unit(smooth_normal);
 #endif
-    return gl_FrontFacing ? normal : -normal;
+    return FRONT_FACING ? normal : -normal;
 }
 
 // R: a direction reflected across a normal.

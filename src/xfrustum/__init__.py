@@ -7,6 +7,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     DoubleFrustum(near=0.1)                  one way to draw the two cameras
     Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
+    write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
     explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
     make_plan(scene, apertures, Requirement())   the fewest slabs and the largest near that do -> Plan
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from xfrustum.reference import Reference
     from xfrustum.reports.effects_plan import EffectsPlan, explain
     from xfrustum.reports.planning import make_plan
+    from xfrustum.reports.plate import PlateFiles, write_plate
     from xfrustum.reports.report import ReportFiles, make_report
     from xfrustum.reports.verdict import Verification
     from xfrustum.reports.verification import verify
@@ -57,6 +59,7 @@ __all__ = [
     "HogelImage",
     "InputError",
     "Plan",
+    "PlateFiles",
     "Rasterizer",
     "Reference",
     "ReportFiles",
@@ -72,6 +75,7 @@ __all__ = [
     "read_image",
     "verify",
     "write_image",
+    "write_plate",
 ]
 
 _MODULES = {
@@ -90,6 +94,8 @@ _MODULES = {
     "verify": "reports.verification",
     "read_image": "scenes.exr",
     "write_image": "scenes.exr",
+    "PlateFiles": "reports.plate",
+    "write_plate": "reports.plate",
 }
 
 

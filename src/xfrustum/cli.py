@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_study, cli_verify
+from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_plate, cli_study, cli_verify
 from xfrustum import cli_options as options
 
 if TYPE_CHECKING:
@@ -191,6 +191,7 @@ for _command in (
     cli_explain.explain,
     cli_light.figure7,
     cli_plan.plan,
+    cli_plate.plate,
     cli_study.study,
     cli_verify.verify,
 ):

@@ -99,3 +99,37 @@ def bench_truth(
         options.print_json(measured.summary())
     else:
         click.echo(benchmarks.table(measured))
+
+
+@bench.command("plate")
+@click.argument("scene", default="car")
+@click.option("--resolution", type=click.IntRange(1), default=128, show_default=True, help="W = H.")
+@click.option("--repeat", type=click.IntRange(1), default=5, show_default=True, help="After a warm-up.")
+@options.quiet_option
+@options.json_option
+def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
+    """Race one row of a plate, drawn many hogels at once, against plain loops."""
+    from xfrustum.reports import bench_plate as benchmarks
+    from xfrustum.scenes import open_scene
+
+    measured = benchmarks.bench_plate(open_scene(scene), resolution, repeat, progress=not quiet)
+    if as_json:
+        options.print_json(measured.summary())
+    else:
+        click.echo(benchmarks.table(measured))
+
+
+@bench.command("table1")
+@click.option("--resolution", type=click.IntRange(1), default=512, show_default=True, help="W = H.")
+@click.option("--repeat", type=click.IntRange(1), default=5, show_default=True, help="After a warm-up.")
+@options.quiet_option
+@options.json_option
+def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
+    """Measure table 1 of the paper on the project's own car."""
+    from xfrustum.reports import bench_table1 as benchmarks
+
+    measured = benchmarks.bench_table1(resolution, repeat, progress=not quiet)
+    if as_json:
+        options.print_json(measured.summary())
+    else:
+        click.echo(benchmarks.table(measured))

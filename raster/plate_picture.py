@@ -1,0 +1,190 @@
+"""What several hogels show: every camera's picture and, over all of them, light or reflections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+
+from xfrustum.raster.depth_formats import Mapping
+from xfrustum.raster.materials import Shading
+from xfrustum.raster.passes import Pass
+from xfrustum.raster.plate_drawing import PlateDrawing
+from xfrustum.raster.plate_geometry import PlateGeometry
+from xfrustum.raster.plate_light import INTERPOLATED, LateLight
+from xfrustum.raster.plate_program import hogel_block, picture_program, reflection_program
+from xfrustum.raster.plate_reflection import Reflections
+from xfrustum.raster.programs import picture_defines, reflection_defines, set_camera
+from xfrustum.raster.reflection import Environment, reflecting
+from xfrustum.raster.submissions import Slot
+from xfrustum.scenes.effects import Effect
+from xfrustum.scenes.scene import Scene
+
+PICTURE, REFLECTION = 0, 1
+"""Numbers of the drawings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """How a plate is drawn.
+
+    Attributes
+    ----------
+    mapping
+        Of depth.
+    effects
+        What is simulated.
+    hogels
+        How many one submission may have.
+    """
+
+    mapping: Mapping
+    effects: frozenset[Effect]
+    hogels: int
+
+
+class PlatePicture:
+    """A scene on the GPU with its materials and lights, and the programs that draw it.
+
+    Parameters
+    ----------
+    context
+        The current context, also whenever something is drawn.
+    scene
+        At least one triangle.
+    passes
+        Of any aperture, at least one.
+    look
+        How it is drawn.
+
+    Raises
+    ------
+    InputError
+        Textures or the environment map are larger than the device allows.
+    """
+
+    def __init__(self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], look: Look) -> None:
+        self._context, self._mapping = context, look.mapping
+        effects, hogels = look.effects, look.hogels
+        mirrors = reflective_triangles(scene, effects)
+        geometry = PlateGeometry(context, scene, passes, look.mapping.clip_control, mirrors)
+        self._shading = shading = Shading(context, scene, effects)
+        self._late: LateLight | None = None
+        self._reflections: Reflections | None = None
+        if shaded_late(scene, effects):
+            defines = {"SHADED_LATER": "1", **picture_defines(look.mapping, None)}
+            self._late = LateLight(context, scene, shading, effects, hogels)
+        else:
+            defines = {**picture_defines(look.mapping, effects), **shading.defines}
+            geometry.carry(shading.surfaces)
+        program = picture_program(context, defines, hogels)
+        self.drawings = [PlateDrawing(context, program, geometry, geometry.surfaces, hogels)]
+        if mirrors.any():
+            program = reflection_program(context, {**reflection_defines(effects), **shading.defines}, hogels)
+            drawing = PlateDrawing(context, program, geometry, geometry.reflections, hogels)
+            self._reflections = Reflections(context, drawing, Environment(context, scene))
+            self.drawings.append(drawing)
+        self.triangles_of_cameras = [part.count for part in geometry.surfaces]
+
+    @property
+    def finish_stage(self) -> str | None:
+        """What there is to do when all cameras have drawn."""
+        if self._late is not None:
+            return "light"
+        return None if self._reflections is None else "reflection"
+
+    def begin(self, slot: Slot, enabled: int) -> None:
+        """Draw into a slot from now on, over nothing.
+
+        Parameters
+        ----------
+        slot
+            Its target is cleared.
+        enabled
+            What is enabled for pictures.
+        """
+        self._context.enable_only(enabled)
+        GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
+        slot.target.begin()
+        if self._late is not None:
+            slot.target.begin_identity()
+
+    def upload(self, slot: Slot, number: int, hogels: Sequence[Pass]) -> list[int]:
+        """Say what a camera draws for the hogels, and return in how many draws, drawing by drawing."""
+        block = hogel_block(hogels)
+        slot.hogels[number].write(block.tobytes())
+        matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
+        return [
+            drawing.upload(number, matrices, commands[number])
+            for drawing, commands in zip(self.drawings, slot.commands, strict=True)
+        ]
+
+    def draw(self, slot: Slot, number: int, camera: Pass, draws: int) -> None:
+        """Draw one camera's picture for the hogels, over those of the cameras before it.
+
+        Parameters
+        ----------
+        slot
+            Into which.
+        number, camera
+            The camera, as any of the hogels has it.
+        draws
+            As uploaded.
+        """
+        drawing = self.drawings[PICTURE]
+        slot.target.clear_depth(camera.test.clear)
+        self._context.depth_func = camera.test.function
+        self._context.front_face = camera.front_face
+        set_camera(drawing.program, number, camera, slot.target.size)
+        if self._late is None:
+            self._shading.bind(drawing.program)
+        drawing.draw(slot.hogels[number], slot.commands[PICTURE][number], draws)
+
+    def finish(
+        self, slot: Slot, cameras: Sequence[Sequence[Pass]], draws: Sequence[Sequence[int]], enabled: int
+    ) -> None:
+        """Shade or add reflections, where either is left to do.
+
+        Parameters
+        ----------
+        slot
+            With the pictures.
+        cameras
+            In drawing order, each as every hogel has it.
+        draws
+            Of each camera, as uploaded.
+        enabled
+            What is enabled for pictures.
+        """
+        any_hogel = [hogels[0] for hogels in cameras]
+        over = enabled & ~moderngl.DEPTH_TEST
+        if self._late is not None:
+            self._context.enable_only(over)
+            self._late.draw(slot, any_hogel, len(cameras[0]))
+        if self._reflections is not None:
+            self._context.enable_only(over | moderngl.BLEND)
+            drawn = [counts[REFLECTION] for counts in draws]
+            self._reflections.draw(slot, any_hogel, drawn, REFLECTION, self._shading)
+
+
+def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> NDArray[np.bool_]:
+    """Return (F,) which triangles are drawn once more for their reflections."""
+    found = np.zeros(len(scene.faces), dtype=np.bool_)
+    if Effect.REFLECTION in effects:
+        for first, count in reflecting(scene):
+            found[first : first + count] = True
+    return found
+
+
+def shaded_late(scene: Scene, effects: frozenset[Effect]) -> bool:
+    """Return whether light can wait until all cameras have drawn: no reflections look up what they drew."""
+    return not effects & INTERPOLATED and not reflective_triangles(scene, effects).any()
+
+
+def looks_up(scene: Scene, effects: frozenset[Effect]) -> bool:
+    """Return whether a pass looks up what was drawn."""
+    return shaded_late(scene, effects) or bool(reflective_triangles(scene, effects).any())
