@@ -13,6 +13,9 @@ Band = TypeVar("Band")
 BAND_PIXELS = 1 << 19
 """Pixels decided at once: bounds the memory, about 400 bytes a pixel, whatever the image's size."""
 
+BUSY_PIXELS = 1 << 15
+"""A smaller band costs more to start than another processor saves."""
+
 UNDIVIDED_PIXELS = 1 << 18
 """Deciding alone runs compiled on all processors anyway: smaller bands only add launches."""
 

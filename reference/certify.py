@@ -7,7 +7,7 @@ other is first, whatever any tracer says. Everything else is decided exactly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from xfrustum.reference.lines import Pencil
 from xfrustum.reference.pairs import Pairs
 from xfrustum.reference.processors import narrow_phase
 from xfrustum.reference.rows import boxed_rows
+from xfrustum.reference.sides import Sides, sorted_by_side
 from xfrustum.scenes.hogel_image import Certainty
 
 
@@ -53,21 +54,30 @@ class Certifier:
         (F, 3, 3) corners in scene units.
     pencil
         The lines.
+    sides
+        The triangles as `sorted_by_side` sorts them for this pencil, where that has been done.
+
+    Attributes
+    ----------
+    pencil
+        The lines.
     """
 
-    def __init__(self, triangles: NDArray[np.float64], pencil: Pencil) -> None:
+    def __init__(
+        self, triangles: NDArray[np.float64], pencil: Pencil, sides: Iterable[Sides] | None = None
+    ) -> None:
         self._triangles = triangles
-        self._pencil = pencil
+        self.pencil = pencil
         self._exact = ExactPencil(triangles, pencil)
-        self._footprints = footprints(triangles, pencil, self._exact)
+        self._footprints = footprints(sides or sorted_by_side(triangles, pencil), pencil, self._exact)
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
-        phase = narrow_phase(self._pencil, rows)
-        for boxed in boxed_rows(self._triangles, self._pencil, self._footprints, rows):
+        phase = narrow_phase(self.pencil, rows)
+        for boxed in boxed_rows(self._triangles, self.pencil, self._footprints, rows):
             phase.add(boxed)
         sifted = phase.finish()
-        shape = (len(rows), self._pencil.resolution[0])
+        shape = (len(rows), self.pencil.resolution[0])
         found = FirstSurfaces(
             triangle=sifted.triangle.reshape(shape),
             s=sifted.s.reshape(shape),
@@ -81,7 +91,7 @@ class Certifier:
     def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> NDArray[np.int64]:
         """Fill in the pixels that `narrow` left open; return the companions of ties."""
         triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
-        width = self._pencil.resolution[0]
+        width = self.pencil.resolution[0]
         contenders = _not_behind(contested, base, len(triangle))
         rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[contenders.pixel - base]
         proven = (rivals == 1) & contenders.sure

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Floats, s_bounds
+from xfrustum.reference.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Floats
 from xfrustum.reference.exact import ExactPencil
 from xfrustum.reference.lines import Pencil
-
-TRIANGLES_PER_CHUNK = 1 << 14
-"""So few that intermediate results, about 1 kB per triangle, stay in the processor's caches."""
+from xfrustum.reference.sides import Sides
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,28 +38,30 @@ class Footprints:
     box: NDArray[np.int32]
 
 
-def footprints(triangles: Floats, pencil: Pencil, exact: ExactPencil) -> Footprints:
-    """Find all triangles (F, 3, 3) that may cover a pixel's center, and drop those that surely do not."""
+def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPencil) -> Footprints:
+    """Find all triangles that may cover a pixel's center, and drop those that surely do not.
+
+    Parameters
+    ----------
+    sorted_triangles
+        As `sorted_by_side` sorts them for this pencil, or for another of the same height and range.
+    pencil
+        The lines.
+    exact
+        The same in integers.
+    """
     parts: list[Footprints] = []
-    for start in range(0, len(triangles), TRIANGLES_PER_CHUNK):
-        chunk = np.arange(start, min(start + TRIANGLES_PER_CHUNK, len(triangles)))
-        # Coordinate first, corner second: minima over corners are then minima of whole arrays.
-        corners = triangles[start : start + TRIANGLES_PER_CHUNK].transpose(2, 1, 0)
-        x, y, z = np.subtract(corners, np.reshape(pencil.center, (3, 1, 1)), order="C")
-        low, high = s_bounds(z, pencil)
-        imaged = (low <= pencil.s_range[1]) & (high >= pencil.s_range[0])
-        touching = imaged & _spans_zero(x) & _spans_zero(y) & _spans_zero(z)
-        sided = imaged & ~touching
-        for side in (1, -1):
-            if side * pencil.s_range[side > 0] > 0:
-                here = np.flatnonzero(sided & ((z.min(axis=0) < 0) if side > 0 else (z.max(axis=0) > 0)))
-                box = _pixel_box(_some(x, here), _some(y, here), -_some(z, here), pencil, side)
-                hit = (box[0] <= box[1]) & (box[2] <= box[3])
-                parts.append(_footprints(chunk[here[hit]], side, box[:, hit]))
-        if touching.any():
+    center_x, center_y, _ = pencil.center
+    for chunk in sorted_triangles:
+        touching = chunk.touching(center_x, center_y)
+        for side in (every.without(touching) for every in chunk.sides):
+            box = _pixel_box(side.x - center_x, side.y - center_y, side.s, pencil, side.sign)
+            hit = (box[0] <= box[1]) & (box[2] <= box[3])
+            parts.append(_footprints(side.number[hit], side.sign, box[:, hit]))
+        if len(touching):
             width, height = pencil.resolution
             # Without area a triangle is met by no line, and here it would occupy the whole image.
-            numbers = np.array([n for n in chunk[touching].tolist() if exact.has_area(n)], dtype=np.int64)
+            numbers = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
             holds = np.array([exact.contains_center(number) for number in numbers.tolist()], dtype=np.bool_)
             whole = np.tile([[0], [width - 1], [0], [height - 1]], len(numbers))
             parts.append(_footprints(numbers, 0, whole, holds))
@@ -88,10 +89,6 @@ def _footprints(
 def _some(x: Floats, chosen: NDArray[np.int64]) -> Floats:
     # Not x[:, chosen], which would put the corners next to each other in memory.
     return np.take(x, chosen, axis=1)
-
-
-def _spans_zero(x: Floats) -> NDArray[np.bool_]:
-    return np.asarray((x.min(axis=0) <= 0) & (x.max(axis=0) >= 0))
 
 
 def _pixel_box(x: Floats, y: Floats, s: Floats, pencil: Pencil, side: int) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +15,8 @@ from xfrustum.scenes.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.scene import Scene
 
 
-def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> NDArray[np.int32]:
-    """Trace each pixel's line once, from the viewer's end through the aperture to the back.
+def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: range) -> NDArray[np.int32]:
+    """Trace each pixel's line once, from the viewer's end through the aperture to the back, in one call.
 
     Parameters
     ----------
@@ -22,33 +24,38 @@ def proposed(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> NDArr
         In float32.
     scene
         What may be met.
-    pencil
-        A crossed frustum.
+    pencils
+        At least one crossed frustum; all are as large.
     rows
-        Rows of the image.
+        Rows of each image.
 
     Returns
     -------
-    (rows, W) triangle numbers, `NOTHING` where the first hit lies beyond the reach or there is none.
+    (P, rows, W) triangle numbers, `NOTHING` where the first hit lies beyond the reach or there is none.
     """
-    center = np.asarray(pencil.center)
-    directions = pencil.directions(slice(rows.start, rows.stop)).reshape(-1, 3)
-    hits = tracer.first_hits(ray_origins(scene, center, directions, pencil.s_range[0]), directions)
-    # Tracers know no far end here; whether a first hit lies beyond it is plain geometry.
-    met = hits != NOTHING
-    corners = scene.triangles[hits[met]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    slope = np.einsum("ij,ij->i", normals, directions[met])
-    offset = np.einsum("ij,ij->i", normals, corners[:, 0] - center)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        beyond = offset / slope > pencil.s_range[1]
-    hits[met] = np.where(beyond, NOTHING, hits[met])
-    return hits.reshape(len(rows), -1)
+    some = slice(rows.start, rows.stop)
+    lines = [pencil.directions(some).reshape(-1, 3) for pencil in pencils]
+    origins = [
+        ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
+        for pencil, directions in zip(pencils, lines, strict=True)
+    ]
+    hits = tracer.first_hits(np.concatenate(origins), np.concatenate(lines)).reshape(len(pencils), -1)
+    for pencil, directions, own in zip(pencils, lines, hits, strict=True):
+        # Tracers know no far end here; whether a first hit lies beyond it is plain geometry.
+        met = own != NOTHING
+        corners = scene.triangles[own[met]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        slope = np.einsum("ij,ij->i", normals, directions[met])
+        offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = offset / slope > pencil.s_range[1]
+        own[met] = np.where(beyond, NOTHING, own[met])
+    return hits.reshape(len(pencils), len(rows), -1)
 
 
 def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:
     """Return what a tracer proposes as if it were decided: the places are those of the triangles' planes."""
-    triangle = proposed(tracer, scene, pencil, rows)
+    (triangle,) = proposed(tracer, scene, [pencil], rows)
     directions = pencil.directions(slice(rows.start, rows.stop))
     s = np.full(triangle.shape, np.nan)
     met = triangle != NOTHING

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.cone import Cones, Floats, cones
-from xfrustum.reference.footprints import TRIANGLES_PER_CHUNK, Footprints
+from xfrustum.reference.footprints import Footprints
 from xfrustum.reference.lines import Pencil
+from xfrustum.reference.sides import TRIANGLES_PER_CHUNK
 
 ROWS_PER_CHUNK = 1 << 20
 """Bounds the memory of cutting rows by edges, some 200 bytes per row of a triangle."""

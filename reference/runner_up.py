@@ -22,6 +22,7 @@ from xfrustum.reference.narrow_numpy import PAIRS_PER_CHUNK, NumpyNarrowPhase, S
 from xfrustum.reference.pairs import Pairs
 from xfrustum.reference.processors import compiled
 from xfrustum.reference.rows import Rows, boxed_rows
+from xfrustum.reference.sides import sorted_by_side
 
 
 class RunnerUpPhase(Protocol):
@@ -56,7 +57,9 @@ class RunnersUp:
     def __init__(self, triangles: NDArray[np.float64], pencil: Pencil) -> None:
         self._triangles = triangles
         self._pencil = pencil
-        self._footprints = footprints(triangles, pencil, ExactPencil(triangles, pencil))
+        self._footprints = footprints(
+            sorted_by_side(triangles, pencil), pencil, ExactPencil(triangles, pencil)
+        )
 
     def gaps(self, rows: range) -> Floats:
         """Return the gaps of some rows of the image, (rows, W); see `Reference.gaps`."""
