@@ -53,6 +53,7 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
     where it lies in the plate.
     """
-    shift = true_pixel(raster.position, camera) - pixel_centers(camera, rows)
+    shift = true_pixel(raster.position, camera)
+    shift -= pixel_centers(camera, rows)
     shift[~shows_point_on_film(raster)] = np.nan
     return shift

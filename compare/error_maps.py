@@ -97,7 +97,7 @@ def _judge(
 ) -> _Band:
     judged = judged_pixels(truth)
     shift = displacement(raster, camera, rows)
-    lengths = np.hypot(*np.moveaxis(shift[shows_point_on_film(raster)], -1, 0))
+    lengths = np.hypot(shift[..., 0], shift[..., 1])[shows_point_on_film(raster)]
     maps = ErrorMaps(
         judged=judged,
         surface=wrong_surface(truth, raster, reference) & judged if reference else None,

@@ -15,8 +15,6 @@ from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.scene import Scene
 
-Floats = NDArray[np.float64]
-
 
 def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> NDArray[np.int32]:
     """Return the object that each raster pixel shows; where that is not said, the truth's."""
@@ -38,32 +36,31 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
 
-    asked = np.flatnonzero(shows_point_on_film(raster) & ~wrong)
-    position = raster.position.reshape(-1, 3)[asked].astype(np.float64)
-    number = raster.triangle.ravel()[asked]
+    asked = shows_point_on_film(raster) & ~wrong
+    asked.ravel()[_surely_seen(truth, raster, np.flatnonzero(asked), reference.scene)] = False
+    other = np.flatnonzero(asked)
+    position = raster.position.reshape(-1, 3)[other].astype(np.float64)
+    number = raster.triangle.ravel()[other]
     tolerance = position_tolerance(reference.scene, number, position)
-    other = np.flatnonzero(~_is_seen(truth, asked, position, number, tolerance))
-    points = SurfacePoints(position=position[other], triangle=number[other], tolerance=tolerance[other])
-    wrong.ravel()[asked[other]] = reference.hidden(truth.camera.aperture, points)
+    points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
+    wrong.ravel()[other] = reference.hidden(truth.camera.aperture, points)
     return wrong
 
 
-def _is_seen(
-    truth: HogelImage,
-    pixels: NDArray[np.int64],
-    position: Floats,
-    triangle: NDArray[np.int32],
-    tolerance: Floats,
-) -> NDArray[np.bool_]:
-    """Return which drawn points are, as exactly as they are known, the ones that the truth shows there.
+def _surely_seen(
+    truth: HogelImage, raster: HogelImage, pixels: NDArray[np.int64], scene: Scene
+) -> NDArray[np.int64]:
+    """Return which pixels show, as exactly as that is known, the point that the truth shows there.
 
     What the truth has proven to be seen need not be asked again: most of a picture with a small near.
     """
     if truth.certainty is None:
-        return np.zeros(len(pixels), dtype=np.bool_)
+        return pixels[:0]
+    triangle = raster.triangle.ravel()[pixels]
     decided = truth.certainty.ravel()[pixels] <= Certainty.EXACT
-    seen = np.flatnonzero(decided & (truth.triangle.ravel()[pixels] == triangle) & (triangle != NOTHING))
-    apart = position[seen] - truth.position.reshape(-1, 3)[pixels[seen]]
-    same = np.zeros(len(pixels), dtype=np.bool_)
-    same[seen] = np.einsum("ij,ij->i", apart, apart) <= tolerance[seen] ** 2
-    return same
+    same = decided & (truth.triangle.ravel()[pixels] == triangle) & (triangle != NOTHING)
+    pixels, triangle = pixels[same], triangle[same]
+    position = raster.position.reshape(-1, 3)[pixels].astype(np.float64)
+    apart = position - truth.position.reshape(-1, 3)[pixels]
+    near = np.einsum("ij,ij->i", apart, apart) <= position_tolerance(scene, triangle, position) ** 2
+    return np.asarray(pixels[near])

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from xfrustum.compare import compare_images
+from xfrustum.compare import ErrorMaps, compare_images
 from xfrustum.compare.predict import Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -192,9 +192,14 @@ class _Bench:
         drawn = [self._draw(aperture, setting) for setting in settings]
         with ThreadPoolExecutor(PROCESSORS) as pool:
             judged = list(pool.map(self._judge, drawn))
-        for row, pictures in judged:
+            # By themselves: they belong to the page, whose price is not that of the measurement.
+            with watch.stage("pictures"):
+                pictures = pool.map(
+                    self._encoded, (image for image, _ in drawn), (maps for _, maps in judged)
+                )
+                self.pictures.extend(pictures)
+        for row, _ in judged:
             self.rows.append(row)
-            self.pictures.append(pictures)
             watch.add({stage: row.times_s[stage] for stage in row.times_s.keys() - self._trace_s.keys()})
 
     def _draw(self, aperture: Aperture, settings: DoubleFrustum) -> tuple[HogelImage, Stopwatch]:
@@ -205,7 +210,7 @@ class _Bench:
         lap.record("gpu", self._rasterizer.times["draw"].gpu_s)
         return drawn, lap
 
-    def _judge(self, measured: tuple[HogelImage, Stopwatch]) -> tuple[Measurement, SettingPictures]:
+    def _judge(self, measured: tuple[HogelImage, Stopwatch]) -> tuple[Measurement, ErrorMaps]:
         drawn, lap = measured
         settings = drawn.camera.settings
         assert settings is not None, "the rasterizer says with which settings it drew"
@@ -216,10 +221,6 @@ class _Bench:
             )
         with lap.stage("predict"):
             predicted = self._predictor.predict(settings)
-        with lap.stage("pictures"):
-            pictures = images.setting_pictures(
-                drawn, comparison.maps, self._frustum.longest_reach, self.reduction
-            )
         row = Measurement(
             aperture=drawn.camera.aperture,
             settings=settings,
@@ -228,4 +229,7 @@ class _Bench:
             predicted=predicted,
             times_s={**self._trace_s, **lap.seconds},
         )
-        return row, pictures
+        return row, comparison.maps
+
+    def _encoded(self, drawn: HogelImage, maps: ErrorMaps) -> SettingPictures:
+        return images.setting_pictures(drawn, maps, self._frustum.longest_reach, self.reduction)

@@ -112,6 +112,15 @@ class HogelImage:
         covered.flags.writeable = False
         return covered
 
+    @cached_property
+    def off_plate(self) -> NDArray[np.bool_]:
+        """Pixels that show a surface off the plate, and say where it is."""
+        # Coordinate by coordinate: numpy reduces over so short an axis ten times slower.
+        x, y, z = (self.position[..., axis] for axis in range(3))
+        found: NDArray[np.bool_] = self.covered & np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0)
+        found.flags.writeable = False
+        return found
+
     @property
     def height(self) -> NDArray[np.floating]:
         """Height above the plate, NaN where there is no surface."""

@@ -110,12 +110,20 @@ def test_the_parquet_has_one_row_per_aperture_and_setting_with_the_same_numbers(
 
 def test_times_of_every_stage_are_in_every_row_and_add_up(files: ReportFiles) -> None:
     rows, total = files.content["rows"], files.content["times_s"]
-    assert {"trace", "raster", "compare", "predict", "pictures"} <= set(rows[0]["times_s"])
+    assert {"trace", "raster", "gpu", "compare", "predict"} <= set(rows[0]["times_s"])
     for stage in ("raster", "compare"):
         assert sum(row["times_s"][stage] for row in rows) == pytest.approx(total[stage])
     assert total["trace"] == pytest.approx(
         sum(row["times_s"]["trace"] for row in rows) / len(NEARS) / len(DEPTHS)
     )
+
+
+def test_the_price_of_the_measurement_leaves_out_the_pictures_of_the_page(files: ReportFiles) -> None:
+    cost, total = files.content["cost"], files.content["times_s"]
+    assert cost["pictures_s"] == total["pictures"] > 0
+    assert cost["frames_s"] + cost["truths_s"] <= cost["wall_s"]
+    assert cost["ratio"] == pytest.approx(cost["wall_s"] / (total["raster"] + total["trace"]))
+    assert f"{cost['pictures_s']:.2f} s" in files.cost
 
 
 def test_displacement_falls_with_near_as_predicted(files: ReportFiles) -> None:
