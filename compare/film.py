@@ -29,7 +29,9 @@ def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> NDArray[np.
     u = ((points[..., 0] - camera.aperture.x) / depth - camera.shear[0]) / camera.half_extent[0]
     v = ((points[..., 1] - camera.aperture.y) / depth - camera.shear[1]) / camera.half_extent[1]
     width, height = camera.resolution
-    return np.stack(((u + 1) * width / 2 - 0.5, (1 - v) * height / 2 - 0.5), axis=-1)
+    place = np.empty((*z.shape, 2))
+    place[..., 0], place[..., 1] = (u + 1) * width / 2 - 0.5, (1 - v) * height / 2 - 0.5
+    return place
 
 
 def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> NDArray[np.float64]:

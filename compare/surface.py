@@ -37,9 +37,9 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
 
     asked = shows_point_on_film(raster) & ~wrong
-    asked.ravel()[_surely_seen(truth, raster, np.flatnonzero(asked), reference.scene)] = False
+    asked.ravel()[_surely_seen(truth, raster, asked, reference.scene)] = False
     other = np.flatnonzero(asked)
-    position = raster.position.reshape(-1, 3)[other].astype(np.float64)
+    position = raster.position.reshape(-1, 3).take(other, axis=0).astype(np.float64)
     number = raster.triangle.ravel()[other]
     tolerance = position_tolerance(reference.scene, number, position)
     points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
@@ -48,19 +48,22 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
 
 
 def _surely_seen(
-    truth: HogelImage, raster: HogelImage, pixels: NDArray[np.int64], scene: Scene
+    truth: HogelImage, raster: HogelImage, asked: NDArray[np.bool_], scene: Scene
 ) -> NDArray[np.int64]:
-    """Return which pixels show, as exactly as that is known, the point that the truth shows there.
+    """Return which of the pixels asked for show, as exactly as that is known, the point that the truth shows.
 
     What the truth has proven to be seen need not be asked again: most of a picture with a small near.
     """
     if truth.certainty is None:
-        return pixels[:0]
+        return np.zeros(0, dtype=np.int64)
+    same = asked & (truth.certainty <= Certainty.EXACT) & (truth.triangle == raster.triangle)
+    pixels = np.flatnonzero(same & (raster.triangle != NOTHING))
     triangle = raster.triangle.ravel()[pixels]
-    decided = truth.certainty.ravel()[pixels] <= Certainty.EXACT
-    same = decided & (truth.triangle.ravel()[pixels] == triangle) & (triangle != NOTHING)
-    pixels, triangle = pixels[same], triangle[same]
-    position = raster.position.reshape(-1, 3)[pixels].astype(np.float64)
-    apart = position - truth.position.reshape(-1, 3)[pixels]
-    near = np.einsum("ij,ij->i", apart, apart) <= position_tolerance(scene, triangle, position) ** 2
-    return np.asarray(pixels[near])
+    tolerance = position_tolerance(scene, triangle, np.empty((len(pixels), 3)))
+    # Most that are farther apart are so in height already: only the others need all coordinates.
+    height = raster.height.ravel()[pixels] - truth.height.ravel()[pixels]
+    level = np.flatnonzero(np.abs(height) <= tolerance)
+    pixels, tolerance = pixels[level], tolerance[level]
+    drawn = raster.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
+    apart = drawn - truth.position.reshape(-1, 3).take(pixels, axis=0)
+    return np.asarray(pixels[np.einsum("ij,ij->i", apart, apart) <= tolerance**2])

@@ -49,13 +49,20 @@ class EmbreeTracer:
         """Name and version of the tracer, for reports."""
         return {"embreex": version("embreex")}
 
-    def first_hits(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
+    def first_hits(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        until: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.int32]:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 
         Parameters
         ----------
         origins, directions
             (N, 3) scene units; directions need no unit length.
+        until
+            (N,) how far each ray goes, in lengths of its direction; None for no end.
         """
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._empty or len(origins) == 0:
@@ -63,8 +70,9 @@ class EmbreeTracer:
 
         def trace(start: int) -> None:
             part = slice(start, start + RAYS_PER_CALL)
+            ends = {} if until is None else {"dists": (until[part] * self._scale).astype(np.float32)}
             hits[part] = self._embree.run(
-                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32)
+                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32), **ends
             )
 
         if len(origins) <= RAYS_PER_CALL:

@@ -36,9 +36,13 @@ def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) 
     # Axis by axis: numpy is several times slower along rows of three.
     for axis in range(3):
         along = np.ascontiguousarray(directions[:, axis])
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            to_low = (low[axis] - clearance - center[axis]) / along
-            to_high = (high[axis] + clearance - center[axis]) / along
-        s = np.fmax(s, np.fmin(to_low, to_high))
+        entered = np.where(along > 0, low[axis] - clearance, high[axis] + clearance) - center[axis]
+        with np.errstate(over="ignore"):
+            # A line along the box's sides enters between them nowhere, or everywhere.
+            s = np.maximum(s, np.divide(entered, along, out=np.full(len(s), -np.inf), where=along != 0))
     # A line beside the box meets nothing, wherever it starts.
-    return center + np.where(np.isfinite(s), np.maximum(s, first), first)[:, None] * directions
+    s = np.where(np.isfinite(s), np.maximum(s, first), first)
+    origins = np.empty_like(directions)
+    for axis in range(3):
+        origins[:, axis] = center[axis] + s * directions[:, axis]
+    return origins

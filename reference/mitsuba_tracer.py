@@ -16,6 +16,8 @@ from xfrustum.reference.tracer import unit_scale
 from xfrustum.scenes.hogel_image import NOTHING
 from xfrustum.scenes.scene import Scene
 
+Singles = NDArray[np.float32]
+
 RAYS_PER_CALL = 1 << 20
 """Bounds the memory: some 100 bytes per ray."""
 
@@ -35,7 +37,8 @@ class MitsubaTracer:
         self._backend = backend()
         mi = self._backend.mitsuba
         # Kept, so that this tracer outlives a change of Mitsuba's variant.
-        self._ray, self._point, self._vector, self._int = mi.Ray3f, mi.Point3f, mi.Vector3f, mi.Int
+        self._ray, self._point, self._vector = mi.Ray3f, mi.Point3f, mi.Vector3f
+        self._int, self._float = mi.Int, mi.Float
         self._scale = unit_scale(scene.vertices)
         self._scene = None
         if len(scene.faces):
@@ -49,13 +52,20 @@ class MitsubaTracer:
         """Name and version of the tracer, its variant and its LLVM, for reports."""
         return self._backend.versions
 
-    def first_hits(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
+    def first_hits(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        until: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.int32]:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 
         Parameters
         ----------
         origins, directions
             (N, 3) scene units; directions need no unit length.
+        until
+            (N,) how far each ray goes, in lengths of its direction; None for no end.
         """
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._scene is None:
@@ -63,24 +73,31 @@ class MitsubaTracer:
         trace = self._one_by_one if self._backend.scalar else self._together
         for start in range(0, len(origins), RAYS_PER_CALL):
             part = slice(start, start + RAYS_PER_CALL)
+            ends = None if until is None else (until[part] * self._scale).astype(np.float32)
             hits[part] = trace(
-                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32)
+                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32), ends
             )
         return hits
 
-    def _together(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.int32]:
+    def _together(self, origins: Singles, directions: Singles, ends: Singles | None) -> NDArray[np.int32]:
         dr = self._backend.drjit
         assert self._scene is not None
         # Dr.Jit's arrays of vectors hold each coordinate in one piece.
         ray = self._ray(self._point(_coordinates(origins)), self._vector(_coordinates(directions)))
+        if ends is not None:
+            ray.maxt = self._float(ends)
         met = self._scene.ray_intersect_preliminary(ray, coherent=True)
         hits: NDArray[np.int32] = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
         return hits
 
-    def _one_by_one(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.int32]:
+    def _one_by_one(self, origins: Singles, directions: Singles, ends: Singles | None) -> NDArray[np.int32]:
         assert self._scene is not None
         trace = self._scene.ray_intersect_preliminary
-        met = (trace(self._ray(o, d)) for o, d in zip(origins.tolist(), directions.tolist(), strict=True))
+        rays = [self._ray(o, d) for o, d in zip(origins.tolist(), directions.tolist(), strict=True)]
+        if ends is not None:
+            for ray, end in zip(rays, ends.tolist(), strict=True):
+                ray.maxt = end
+        met = [trace(ray) for ray in rays]
         return np.array([m.prim_index if m.is_valid() else NOTHING for m in met], dtype=np.int32)
 
 

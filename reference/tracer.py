@@ -20,13 +20,20 @@ class Tracer(Protocol):
     def versions(self) -> dict[str, str]:
         """Names and versions for reports."""
 
-    def first_hits(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
+    def first_hits(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        until: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.int32]:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 
         Parameters
         ----------
         origins, directions
             (N, 3) scene units; directions need no unit length.
+        until
+            (N,) how far each ray goes, in lengths of its direction; None for no end.
         """
 
 

@@ -49,11 +49,16 @@ def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) 
     points
         Where to look.
     """
-    relative = points.position - np.asarray(pencil.center)
-    s_point = -relative[:, 2]
-    directions = relative / s_point[:, None]
+    s_point = pencil.center[2] - points.position[:, 2]
+    directions = np.empty_like(points.position)
+    # Axis by axis: numpy is several times slower along rows of three.
+    for axis in range(3):
+        directions[:, axis] = (points.position[:, axis] - pencil.center[axis]) / s_point
     origins = ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
-    hits = tracer.first_hits(origins, directions)
+    # What is met nearer to the point than half its tolerance is the point's own, and need not be met.
+    length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
+    until = s_point + (origins[:, 2] - pencil.center[2]) - points.tolerance / (2 * length)
+    hits = tracer.first_hits(origins, directions, np.maximum(until, 0.0))
     met = np.flatnonzero((hits != NOTHING) & (hits != points.triangle))
     corners = scene.triangles[hits[met]]
     normals = _normals(corners)

@@ -62,6 +62,11 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
         figure.add_hline(
             y=limit, line={"color": INK, "dash": "dot", "width": 1}, annotation_text=f"{limit:g} px"
         )
+    _lay_out(figure)
+    return figure
+
+
+def _lay_out(figure: go.Figure) -> None:
     style(figure)
     figure.update_layout(height=520)
     figure.update_layout(margin={"l": 78})
@@ -79,7 +84,6 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
         exponentformat="power",
         dtick=1,
     )
-    return figure
 
 
 def _family(option: Option) -> str:
