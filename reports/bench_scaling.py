@@ -146,8 +146,12 @@ class AxisScaling:
         """Where each tracer overtakes the rasterizer of this axis, by name of the tracer."""
         raster = next(name for name in self.measured if name in RASTERIZERS)
         return {
-            name: Overtaking.of(self.axis.counts, self.costs(raster, SECONDS), self.costs(name, SECONDS))
-            for name in self.measured
+            name: Overtaking.of(
+                self.axis.counts,
+                [point.seconds for point in self.measured[raster]],
+                [point.seconds for point in points],
+            )
+            for name, points in self.measured.items()
             if name not in RASTERIZERS
         }
 

@@ -27,6 +27,8 @@ NEARLY_LINEAR: Range = (0.6, 1.2)
 """Proportional plus a constant that is not yet negligible at the large end."""
 SUBLINEAR: Range = (-0.1, 0.5)
 """A logarithm has exponents near zero; caches that a growing structure no longer fits into add to them."""
+ROWS_AND_PIXELS: Range = (0.4, 1.1)
+"""Between the root, exponent a half, and proportional, less a constant."""
 FLAT: Range = (-0.15, 0.15)
 """Nothing grows; what is left is noise."""
 
@@ -97,8 +99,8 @@ EXPECTED: dict[tuple[str, str], dict[str, Expectation]] = {
         **_all(SUBLINEAR, _TREE, EMBREE, MITSUBA),
         **_all(
             NEARLY_LINEAR,
-            "every triangle is projected onto the film so that none is left out, and this outweighs the "
-            "pixels in the end: {each} each",
+            "every triangle is projected onto the film so that none is left out, also those too small to "
+            "meet a pixel's line, and this outweighs the pixels in the end: {each} each",
             CERTIFIED,
             TRUTH,
         ),
@@ -110,10 +112,11 @@ EXPECTED: dict[tuple[str, str], dict[str, Expectation]] = {
             "transform of the triangles in the end: {each} each",
             RASTER,
         ),
-        **_all(LINEAR, "each pixel is a ray of its own: {each} each", EMBREE, MITSUBA),
+        **_all(LINEAR, "each pixel is a ray and gets point, normal and color: {each} each", EMBREE, MITSUBA),
         **_all(
-            NEARLY_LINEAR,
-            "triangles are projected once, and every pixel within each is decided: {each} each",
+            ROWS_AND_PIXELS,
+            "each triangle is cut into rows, whose number grows as the root of that of the pixels, and each "
+            "pixel within them is decided: {each} each",
             CERTIFIED,
         ),
         **_all(
@@ -142,7 +145,7 @@ EXPECTED: dict[tuple[str, str], dict[str, Expectation]] = {
     (PIXELS, MEMORY): {
         **_all(NEARLY_LINEAR, _IMAGE_KEPT, RASTER, EMBREE, MITSUBA, TRUTH),
         **_all(
-            SUBLINEAR,
+            FLAT,
             "rows are decided in bands of a bounded number of pixels, and each is dropped: {growth} times "
             "for {sizes} times the pixels",
             CERTIFIED,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from xfrustum.reports.timing import Spread
 
 LARGE_END = 3
 """Sizes at the large end that the local exponent is fitted to: there constants no longer dominate."""
@@ -73,14 +74,14 @@ class Overtaking:
     smallest, largest
         The range.
     tracing_first
-        Whether tracing is faster at the smallest size.
+        Whether tracing is faster before the first crossing; None where runs of both overlap at every size.
     crossings
         In ascending order.
     """
 
     smallest: float
     largest: float
-    tracing_first: bool
+    tracing_first: bool | None
     crossings: tuple[Crossing, ...]
 
     @property
@@ -92,22 +93,35 @@ class Overtaking:
         return last.size if last.tracing_wins else None
 
     @classmethod
-    def of(cls, sizes: Sequence[float], raster: Sequence[float], traced: Sequence[float]) -> Overtaking:
-        """Compare two curves of positive costs at the same ascending sizes."""
-        lead = [math.log(one / other) for one, other in zip(raster, traced, strict=True)]
-        crossings = []
-        for (low, before), (high, after) in itertools.pairwise(zip(sizes, lead, strict=True)):
-            if (before > 0) != (after > 0):
-                share = before / (before - after)
-                size = math.exp(math.log(low) + share * math.log(high / low))
-                crossings.append(Crossing(size=size, tracing_wins=after > 0))
-        return cls(
-            smallest=sizes[0], largest=sizes[-1], tracing_first=lead[0] > 0, crossings=tuple(crossings)
-        )
+    def of(cls, sizes: Sequence[float], raster: Sequence[Spread], traced: Sequence[Spread]) -> Overtaking:
+        """Compare two curves at the same ascending sizes.
+
+        Only a size at which every run of one is faster than every run of the other says who is ahead;
+        the medians say where the lead changed before.
+        """
+        lead = [math.log(one.median / other.median) for one, other in zip(raster, traced, strict=True)]
+        first: bool | None = None
+        ahead: bool | None = None
+        crossings, change = [], sizes[0]
+        for place, (one, other) in enumerate(zip(raster, traced, strict=True)):
+            if place and (lead[place - 1] > 0) != (lead[place] > 0):
+                share = lead[place - 1] / (lead[place - 1] - lead[place])
+                change = sizes[place - 1] * (sizes[place] / sizes[place - 1]) ** share
+            if one.lowest <= other.highest and other.lowest <= one.highest:
+                continue
+            tracing = lead[place] > 0
+            if ahead is None:
+                first = tracing
+            elif tracing != ahead:
+                crossings.append(Crossing(size=change, tracing_wins=tracing))
+            ahead = tracing
+        return cls(smallest=sizes[0], largest=sizes[-1], tracing_first=first, crossings=tuple(crossings))
 
     def sentence(self, unit: str) -> str:
         """Say who is faster from where on; `unit` names the sizes."""
         ends = f"from {round(self.smallest):,} to {round(self.largest):,} {unit}"
+        if self.tracing_first is None:
+            return f"neither is faster by more than runs differ, {ends}"
         if not self.crossings:
             return f"{_name(self.tracing_first)} is faster everywhere {ends}"
         parts = [f"{_name(self.tracing_first)} is faster at first"]

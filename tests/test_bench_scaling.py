@@ -17,7 +17,7 @@ from xfrustum.reports import bench_scaling
 from xfrustum.reports.bench_scaling import FULL, LIMIT_MIB, QUICK
 from xfrustum.reports.scaling_contestants import CONTESTANTS, RASTERIZERS, UnavailableError, contestants_along
 from xfrustum.reports.scaling_expected import EXPECTED, MEMORY, SECONDS, finding
-from xfrustum.reports.scaling_fit import Crossing, Exponents, Overtaking
+from xfrustum.reports.scaling_fit import Exponents, Overtaking
 from xfrustum.reports.scaling_page import staged
 from xfrustum.reports.scaling_process import Job, Measured, measure, measure_apart, peak_mib
 from xfrustum.reports.scaling_table import table
@@ -42,32 +42,47 @@ def test_a_constant_that_dominates_small_sizes_shows_less_at_the_large_end() -> 
     assert found.overall < found.large_end < 1
 
 
+def runs(*medians: float, spread: float = 1.0) -> list[Spread]:
+    return [Spread.of([median / spread, median, median * spread]) for median in medians]
+
+
 def test_curves_that_cross_do_so_where_the_power_laws_are_equal() -> None:
-    raster = [1e-3 * size for size in SIZES]
-    traced = [20 * size**0.25 for size in SIZES]
+    raster = runs(*(1e-3 * size for size in SIZES))
+    traced = runs(*(20 * size**0.25 for size in SIZES))
     found = Overtaking.of(SIZES, raster, traced)
     # 1e-3 s = 20 s^(1/4) at s = 20000^(4/3).
     assert found.from_size == pytest.approx(20000 ** (4 / 3))
-    assert found.crossings == (Crossing(size=pytest.approx(20000 ** (4 / 3)), tracing_wins=True),)
+    assert [one.tracing_wins for one in found.crossings] == [True]
     assert found.sentence("triangles") == "rasterizing is faster at first, tracing from 540,000 triangles on"
 
 
 def test_the_other_way_round_rasterizing_overtakes_and_tracing_never_does() -> None:
-    found = Overtaking.of(SIZES, [2.0] * 4, [1.0, 1.0, 4.0, 4.0])
+    found = Overtaking.of(SIZES, runs(2, 2, 2, 2), runs(1, 1, 4, 4))
     assert found.from_size is None
-    assert found.crossings == (Crossing(size=pytest.approx(10**5.5), tracing_wins=False),)
+    assert [one.tracing_wins for one in found.crossings] == [False]
+    assert found.crossings[0].size == pytest.approx(10**5.5)
     assert found.sentence("pixels") == "tracing is faster at first, rasterizing from 320,000 pixels on"
 
 
 def test_curves_that_do_not_cross_have_no_crossover() -> None:
-    slower = Overtaking.of(SIZES, [1.0] * 4, [2.0] * 4)
+    everywhere = "is faster everywhere from 10,000 to 10,000,000 triangles"
+    slower = Overtaking.of(SIZES, runs(1, 1, 1, 1), runs(2, 2, 2, 2))
     assert slower.from_size is None and not slower.crossings
-    assert (
-        slower.sentence("triangles") == "rasterizing is faster everywhere from 10,000 to 10,000,000 triangles"
-    )
-    faster = Overtaking.of(SIZES, [2.0] * 4, [1.0] * 4)
+    assert slower.sentence("triangles") == f"rasterizing {everywhere}"
+    faster = Overtaking.of(SIZES, runs(2, 2, 2, 2), runs(1, 1, 1, 1))
     assert faster.from_size == SIZES[0] and not faster.crossings
-    assert faster.sentence("triangles") == "tracing is faster everywhere from 10,000 to 10,000,000 triangles"
+    assert faster.sentence("triangles") == f"tracing {everywhere}"
+
+
+def test_curves_that_overlap_do_not_cross_where_their_runs_cannot_be_told_apart() -> None:
+    raster = runs(1.0, 1.0, 1.0, 1.0, spread=1.2)
+    to_and_fro = Overtaking.of(SIZES, raster, runs(1.1, 0.9, 1.1, 0.9, spread=1.2))
+    assert to_and_fro.tracing_first is None and to_and_fro.from_size is None and not to_and_fro.crossings
+    assert "neither is faster" in to_and_fro.sentence("triangles")
+    # The lead that lasts began at the last change of the medians.
+    found = Overtaking.of(SIZES, raster, runs(2.0, 0.9, 1.25, 0.5, spread=1.2))
+    assert len(found.crossings) == 1 and found.crossings[0].tracing_wins
+    assert 1e6 < found.crossings[0].size < 1e7
 
 
 @pytest.mark.parametrize("power,as_expected", [(1.0, True), (0.3, False), (1.4, False)])
