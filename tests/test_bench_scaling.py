@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from xfrustum.cli import main
 from xfrustum.reference import Reference
 from xfrustum.reports import bench_scaling
-from xfrustum.reports.bench_scaling import FULL, LIMIT_MIB, QUICK
+from xfrustum.reports.bench_scaling import LIMIT_MIB
 from xfrustum.reports.scaling_contestants import CONTESTANTS, RASTERIZERS, UnavailableError, contestants_along
 from xfrustum.reports.scaling_expected import EXPECTED, MEMORY, SECONDS, finding
+from xfrustum.reports.scaling_extent import FULL, QUICK
 from xfrustum.reports.scaling_fit import Exponents, Overtaking
 from xfrustum.reports.scaling_page import staged
 from xfrustum.reports.scaling_process import Job, Measured, measure, measure_apart, peak_mib

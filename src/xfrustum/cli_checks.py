@@ -144,10 +144,10 @@ def bench_scaling(*, quick: bool, out: Path | None, quiet: bool, as_json: bool) 
     """Measure how time and memory grow with triangles, pixels and hogels, and where tracing overtakes."""
     from xfrustum.reports import bench_scaling as benchmarks
     from xfrustum.reports import scaling_page, scaling_table
+    from xfrustum.reports.scaling_extent import FULL, QUICK
 
-    extent = benchmarks.QUICK if quick else benchmarks.FULL
     with scaling_page.staged(out) as write:
-        measured = benchmarks.bench_scaling(extent, progress=not quiet)
+        measured = benchmarks.bench_scaling(QUICK if quick else FULL, progress=not quiet)
         write(measured)
     if as_json:
         options.print_json(measured.summary())
