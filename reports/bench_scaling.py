@@ -17,7 +17,7 @@ from xfrustum.reports.scaling_contestants import (
 from xfrustum.reports.scaling_expected import MEMORY, SECONDS, Finding, finding
 from xfrustum.reports.scaling_extent import FULL, Axis, Extent
 from xfrustum.reports.scaling_fit import Overtaking
-from xfrustum.reports.scaling_process import ENOUGH_S, FEWEST, Measured, measure_apart
+from xfrustum.reports.scaling_process import ENOUGH_S, FEWEST, Job, Measured, measure_apart
 from xfrustum.reports.tables import json_ready
 
 LIMIT_MIB = 8192.0
@@ -159,21 +159,26 @@ class _Field:
     made_of: dict[str, str] = field(default_factory=dict)
 
     def measure(self, axis: Axis, repeat: int, bar: Any) -> AxisScaling:
-        measured: dict[str, tuple[Measured, ...]] = {}
-        for name in contestants_along(axis.unit):
-            points = []
-            for size in axis.sizes:
+        measured: dict[str, list[Measured]] = {name: [] for name in contestants_along(axis.unit)}
+        # Size by size, so that those who are compared have the same slow minutes.
+        for size in axis.sizes:
+            for name, points in measured.items():
+                if name not in self.unavailable:
+                    self._point(axis.job(name, size, repeat), points)
                 bar.update()
-                if name in self.unavailable:
-                    continue
-                try:
-                    points.append(measure_apart(axis.job(name, size, repeat)))
-                    self.made_of |= points[-1].made_of
-                except UnavailableError as reason:
-                    self.unavailable[name] = str(reason)
-            if name not in self.unavailable:
-                measured[name] = tuple(points)
-        return AxisScaling(axis=axis, measured=measured)
+        return AxisScaling(
+            axis=axis,
+            measured={
+                name: tuple(points) for name, points in measured.items() if name not in self.unavailable
+            },
+        )
+
+    def _point(self, job: Job, points: list[Measured]) -> None:
+        try:
+            points.append(measure_apart(job))
+            self.made_of |= points[-1].made_of
+        except UnavailableError as reason:
+            self.unavailable[job.contestant] = str(reason)
 
 
 def bench_scaling(extent: Extent = FULL, *, progress: bool = False) -> ScalingBenchmark:
