@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -45,7 +46,8 @@ class Expectation:
         Its range.
     because
         The reason, to be formatted with what was measured: `each`, what one more triangle, pixel or
-        hogel costs at the large end; `sizes` and `growth`, how many times the size and the cost grew.
+        hogel costs at the large end; `sizes` and `growth`, how many times the size and the cost grew;
+        `log`, the local exponent of a logarithm at the largest size.
     """
 
     low: float
@@ -82,8 +84,8 @@ def _all(span: Range, because: str, *contestants: str) -> dict[str, Expectation]
 
 
 _TREE = (
-    "a ray visits about log n nodes of a tree and a pixel shows one triangle however many there are: "
-    "{sizes} times the triangles cost {growth} times the time"
+    "a ray visits about log n nodes of a tree, which alone would have an exponent of {log} there, and a "
+    "pixel shows one triangle however many there are: {sizes} times the triangles cost {growth} times the time"
 )
 _ONE_BY_ONE = "hogels are traced one by one and share nothing but the structure: {each} each"
 _TRIANGLES_KEPT = (
@@ -176,6 +178,7 @@ def finding(
         exponents=exponents,
         expected=(expectation.low, expectation.high),
         sentence=expectation.because.format(
+            log=f"{1 / math.log(sizes[-1]):.2f}",
             each=_seconds(each) if quantity == SECONDS else _bytes(each * 2**20),
             sizes=f"{sizes[-1] / sizes[0]:,.0f}",
             growth=f"{exponents.growth:.3g}",
