@@ -85,7 +85,8 @@ def _all(span: Range, because: str, *contestants: str) -> dict[str, Expectation]
 
 _TREE = (
     "a ray visits about log n nodes of a tree, which alone would have an exponent of {log} there, and a "
-    "pixel shows one triangle however many there are: {sizes} times the triangles cost {growth} times the time"
+    "pixel shows one triangle however many there are: {sizes} times the triangles cost {growth} times the "
+    "time"
 )
 _ONE_BY_ONE = "hogels are traced one by one and share nothing but the structure: {each} each"
 _TRIANGLES_KEPT = (
