@@ -133,3 +133,23 @@ def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) ->
         options.print_json(measured.summary())
     else:
         click.echo(benchmarks.table(measured))
+
+
+@bench.command("scaling")
+@click.option("--quick", is_flag=True, help="Small sizes once, to see that everything runs.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for a page of curves.")
+@options.quiet_option
+@options.json_option
+def bench_scaling(*, quick: bool, out: Path | None, quiet: bool, as_json: bool) -> None:
+    """Measure how time and memory grow with triangles, pixels and hogels, and where tracing overtakes."""
+    from xfrustum.reports import bench_scaling as benchmarks
+    from xfrustum.reports import scaling_page, scaling_table
+    from xfrustum.reports.scaling_extent import FULL, QUICK
+
+    with scaling_page.staged(out) as write:
+        measured = benchmarks.bench_scaling(QUICK if quick else FULL, progress=not quiet)
+        write(measured)
+    if as_json:
+        options.print_json(measured.summary())
+    else:
+        click.echo(scaling_table.table(measured))

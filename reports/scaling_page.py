@@ -1,0 +1,115 @@
+"""`xfrustum bench scaling` as a page: the curves of every axis, logarithmic both ways, and their reasons."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import plotly.graph_objects as go
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from xfrustum.reports.bench_scaling import AxisScaling, ScalingBenchmark
+from xfrustum.reports.figures import COLORS, MARKERS, style
+from xfrustum.reports.outputs import Staging
+from xfrustum.reports.scaling_contestants import CONTESTANTS
+from xfrustum.reports.scaling_expected import MEMORY, SECONDS
+from xfrustum.reports.scaling_table import growth_sentence, memory_sentence
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+@contextmanager
+def staged(out: Path | None) -> Iterator[Callable[[ScalingBenchmark], None]]:
+    """Prove that a folder can be written, and give what writes index.html and scaling.json to it.
+
+    Parameters
+    ----------
+    out
+        None where nothing is to be written.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    if out is None:
+        yield lambda _: None
+        return
+    with Staging(out, ["index.html", "scaling.json"]) as staging:
+
+        def write(measured: ScalingBenchmark) -> None:
+            text = json.dumps(measured.summary(), allow_nan=False, indent=1)
+            (staging.folder / "scaling.json").write_text(text + "\n", encoding="utf-8")
+            (staging.folder / "index.html").write_text(_page(measured), encoding="utf-8")
+            staging.commit()
+
+        yield write
+
+
+def scaling_figure(one: AxisScaling, quantity: str) -> go.Figure:
+    """Draw seconds of a run, or peak MiB, of every contestant along an axis."""
+    figure = go.Figure()
+    for place, name in enumerate(CONTESTANTS):
+        if name not in one.measured:
+            continue
+        points = one.measured[name]
+        if quantity == SECONDS:
+            values = [point.seconds.median for point in points]
+            spread = {
+                "type": "data",
+                "symmetric": False,
+                "array": [point.seconds.highest - point.seconds.median for point in points],
+                "arrayminus": [point.seconds.median - point.seconds.lowest for point in points],
+                "thickness": 0.8,
+                "width": 0,
+            }
+        else:
+            values, spread = [point.peak_mib for point in points], None
+        figure.add_scatter(
+            x=one.axis.counts,
+            y=values,
+            error_y=spread,
+            name=name,
+            mode="lines+markers",
+            marker={"symbol": MARKERS[place], "size": 8, "color": COLORS[place]},
+            hovertemplate="%{x:,}: %{y:.3g}<extra>" + name + "</extra>",
+        )
+    style(figure)
+    figure.update_layout(height=420)
+    figure.update_xaxes(title=one.axis.unit, type="log", dtick=1, exponentformat="power")
+    figure.update_yaxes(
+        title="seconds a run" if quantity == SECONDS else "peak memory of the process, MiB",
+        type="log",
+        exponentformat="power",
+    )
+    return figure
+
+
+def _page(measured: ScalingBenchmark) -> str:
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    figures = {
+        f"{one.axis.unit}-{quantity}": scaling_figure(one, quantity).to_plotly_json()
+        for one in measured.axes
+        for quantity in (SECONDS, MEMORY)
+    }
+    sentences = {
+        one.axis.unit: {
+            quantity: [growth_sentence(name, found) for name, found in one.findings(quantity).items()]
+            for quantity in (SECONDS, MEMORY)
+        }
+        for one in measured.axes
+    }
+    return environment.get_template("scaling.html.j2").render(
+        scaling=measured,
+        sentences=sentences,
+        memory=memory_sentence(measured),
+        meanings={name: one.meaning for name, one in CONTESTANTS.items()},
+        figures=Markup(json.dumps(figures).replace("<", "\\u003c")),
+        plotly_js=Markup(get_plotlyjs()),
+    )

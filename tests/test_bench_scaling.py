@@ -1,0 +1,266 @@
+"""What growth and crossovers are, of curves that are known; how fast anything is, is no test's business."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from xfrustum.cli import main
+from xfrustum.reference import Reference
+from xfrustum.reports import bench_scaling
+from xfrustum.reports.bench_scaling import LIMIT_MIB
+from xfrustum.reports.scaling_contestants import CONTESTANTS, RASTERIZERS, UnavailableError, contestants_along
+from xfrustum.reports.scaling_expected import EXPECTED, MEMORY, SECONDS, finding
+from xfrustum.reports.scaling_extent import FULL, QUICK
+from xfrustum.reports.scaling_fit import Exponents, Overtaking
+from xfrustum.reports.scaling_page import staged
+from xfrustum.reports.scaling_process import Job, Measured, measure, measure_apart, peak_mib
+from xfrustum.reports.scaling_table import table
+from xfrustum.reports.timing import Spread
+from xfrustum.scenes import NOTHING, InputError
+from xfrustum.scenes.globes import GLOBES, REACH, globes
+
+SIZES = (1e4, 1e5, 1e6, 1e7)
+AXES = {axis.unit: axis for axis in FULL.axes}
+
+
+@pytest.mark.parametrize("power", [0.0, 0.3, 1.0, 1.5])
+def test_a_fit_recovers_the_exponent_of_a_power_law(power: float) -> None:
+    found = Exponents.of(SIZES, [3e-4 * size**power for size in SIZES])
+    assert found.overall == pytest.approx(power, abs=1e-12)
+    assert found.large_end == pytest.approx(power, abs=1e-12)
+    assert found.growth == pytest.approx(1000**power)
+
+
+def test_a_constant_that_dominates_small_sizes_shows_less_at_the_large_end() -> None:
+    found = Exponents.of(SIZES, [1.0 + 1e-5 * size for size in SIZES])
+    assert found.overall < found.large_end < 1
+
+
+def runs(*medians: float, spread: float = 1.0) -> list[Spread]:
+    return [Spread.of([median / spread, median, median * spread]) for median in medians]
+
+
+def test_curves_that_cross_do_so_where_the_power_laws_are_equal() -> None:
+    raster = runs(*(1e-3 * size for size in SIZES))
+    traced = runs(*(20 * size**0.25 for size in SIZES))
+    found = Overtaking.of(SIZES, raster, traced)
+    # 1e-3 s = 20 s^(1/4) at s = 20000^(4/3).
+    assert found.from_size == pytest.approx(20000 ** (4 / 3))
+    assert [one.tracing_wins for one in found.crossings] == [True]
+    assert found.sentence("triangles") == "rasterizing is faster at first, tracing from 540,000 triangles on"
+
+
+def test_the_other_way_round_rasterizing_overtakes_and_tracing_never_does() -> None:
+    found = Overtaking.of(SIZES, runs(2, 2, 2, 2), runs(1, 1, 4, 4))
+    assert found.from_size is None
+    assert [one.tracing_wins for one in found.crossings] == [False]
+    assert found.crossings[0].size == pytest.approx(10**5.5)
+    assert found.sentence("pixels") == "tracing is faster at first, rasterizing from 320,000 pixels on"
+
+
+def test_curves_that_do_not_cross_have_no_crossover() -> None:
+    everywhere = "is faster everywhere from 10,000 to 10,000,000 triangles"
+    slower = Overtaking.of(SIZES, runs(1, 1, 1, 1), runs(2, 2, 2, 2))
+    assert slower.from_size is None and not slower.crossings
+    assert slower.sentence("triangles") == f"rasterizing {everywhere}"
+    faster = Overtaking.of(SIZES, runs(2, 2, 2, 2), runs(1, 1, 1, 1))
+    assert faster.from_size == SIZES[0] and not faster.crossings
+    assert faster.sentence("triangles") == f"tracing {everywhere}"
+
+
+def test_curves_that_overlap_do_not_cross_where_their_runs_cannot_be_told_apart() -> None:
+    raster = runs(1.0, 1.0, 1.0, 1.0, spread=1.2)
+    to_and_fro = Overtaking.of(SIZES, raster, runs(1.1, 0.9, 1.1, 0.9, spread=1.2))
+    assert to_and_fro.tracing_first is None and to_and_fro.from_size is None and not to_and_fro.crossings
+    assert "neither is faster" in to_and_fro.sentence("triangles")
+    # The lead that lasts began at the last change of the medians.
+    found = Overtaking.of(SIZES, raster, runs(2.0, 0.9, 1.25, 0.5, spread=1.2))
+    assert len(found.crossings) == 1 and found.crossings[0].tracing_wins
+    assert 1e6 < found.crossings[0].size < 1e7
+
+
+@pytest.mark.parametrize("power,as_expected", [(1.0, True), (0.3, False), (1.4, False)])
+def test_an_exponent_outside_the_range_of_its_sentence_is_flagged(power: float, as_expected: bool) -> None:
+    found = finding("triangles", SECONDS, "raster", SIZES, [1e-7 * size**power for size in SIZES])
+    assert found.as_expected is as_expected
+    if as_expected:
+        assert found.sentence == "both cameras transform every triangle, shown or not: 100 ns each"
+
+
+def test_every_contestant_has_an_expectation_along_each_of_its_axes() -> None:
+    for (axis, quantity), expected in EXPECTED.items():
+        assert set(expected) == set(contestants_along(axis)), (axis, quantity)
+        assert all(one.low < one.high for one in expected.values())
+    assert set(EXPECTED) == {(axis, quantity) for axis in AXES for quantity in (SECONDS, MEMORY)}
+
+
+@pytest.mark.parametrize("triangles", [n for n in (1000, 4000, *AXES["triangles"].sizes) if n <= 1_000_000])
+def test_globes_have_exactly_as_many_triangles_as_they_say(triangles: int) -> None:
+    scene = globes(triangles, (8, 8))
+    assert len(scene.faces) == triangles
+    # Neither slivers without area nor anything beyond the reach.
+    assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
+    assert np.abs(scene.vertices[:, 2]).max() < REACH
+
+
+def test_globes_lie_before_across_and_behind_the_plate() -> None:
+    low, high = globes(1000, (8, 8)).height_ranges
+    assert (low > 0).any() and (high < 0).any() and ((low < 0) & (high > 0)).any()
+
+
+def test_every_vertex_lies_on_its_ellipsoid_whatever_the_number() -> None:
+    for triangles in (1000, 32_000):
+        for part, (center, semi_axes) in zip(globes(triangles, (8, 8)).objects, GLOBES, strict=True):
+            radius = np.linalg.norm((part.vertices - np.array(center)) / np.array(semi_axes), axis=1)
+            # The unit globe's coordinates are rounded to 1e-6 of its diameter.
+            np.testing.assert_allclose(radius, 1, atol=2 * math.sqrt(3) * 0.5e-6)
+
+
+def test_silhouettes_of_globes_do_not_depend_on_the_number() -> None:
+    """Pixels change only within what the coarsest facets cut off."""
+    size = (128, 128)
+
+    def shown(triangles: int) -> NDArray[np.int32]:
+        scene = globes(triangles, size)
+        return Reference(scene).propose(scene.plate.middle).object
+
+    fine = shown(320_000)
+    assert set(np.unique(fine)) == {NOTHING, *range(len(GLOBES))}
+    # The length of all outlines in pixels, in steps along rows and columns: never less than it is.
+    outline = np.count_nonzero(fine[1:] != fine[:-1]) + np.count_nonzero(fine[:, 1:] != fine[:, :-1])
+    # 40 sectors cut off 1 - cos(pi / 40) of a semi-axis, and none is longer than half of the film.
+    cut_off_px = (1 - math.cos(math.pi / 40)) * size[0] / 2
+    for triangles in (10_000, 32_000):
+        assert np.count_nonzero(shown(triangles) != fine) <= cut_off_px * outline
+    # Ten sectors cut off sixteen times as much: the bound tells.
+    assert np.count_nonzero(shown(1000) != fine) > cut_off_px * outline
+
+
+@pytest.mark.parametrize("triangles", [0, 10, 9999, 10_010, 10_000_001])
+def test_a_number_that_globes_cannot_share_evenly_is_refused(triangles: int) -> None:
+    with pytest.raises(InputError, match="cannot be shared"):
+        globes(triangles, (8, 8))
+
+
+def test_an_axis_changes_one_thing() -> None:
+    for axis in FULL.axes:
+        jobs = [asdict(axis.job("embree", size, 1)) for size in axis.sizes]
+        changed = {key for key in jobs[0] if len({job[key] for job in jobs}) > 1}
+        assert len(changed) == 1
+        assert list(axis.sizes) == sorted(set(axis.sizes))
+    assert AXES["triangles"].sizes[-1] == 10_000_000 and AXES["pixels"].counts[-1] == 4096**2
+    assert AXES["apertures"].sizes[-1] == 81
+
+
+def test_a_process_of_its_own_answers_and_its_memory_is_its_own() -> None:
+    """A child inherits what getrusage calls the most memory; a large parent must not show in it."""
+    ballast = np.ones(2**26)
+    assert peak_mib() > ballast.nbytes / 2**20
+    found = measure_apart(Job(contestant="embree", triangles=1000, resolution=16, hogels=1, repeat=3))
+    assert found.triangles == 1000 and found.seconds.repetitions == 3 and "embreex" in found.made_of
+    assert 0 < found.imported_mib <= found.scene_mib <= found.peak_mib < ballast.nbytes / 2**20
+
+
+def test_what_a_process_refuses_is_an_input_error_here() -> None:
+    with pytest.raises(InputError, match="cannot be shared"):
+        measure_apart(Job(contestant="embree", triangles=9999, resolution=16, hogels=1, repeat=1))
+    with pytest.raises(InputError, match="ended with 1"):
+        measure_apart(Job(contestant="nobody", triangles=1000, resolution=16, hogels=1, repeat=1))
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every point be measured in this process, whose memory then means nothing."""
+
+    def in_this_process(job: Job) -> Measured:
+        return replace(measure(job), imported_mib=1.0)
+
+    monkeypatch.setattr(bench_scaling, "measure_apart", in_this_process)
+
+
+@pytest.mark.usefixtures("here")
+def test_quick_returns_all_there_is_as_json_and_as_a_page(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "scaling"
+    assert main(["bench", "scaling", "--quick", "--quiet", "--json", "--out", str(out)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["axes"]) == {"triangles", "pixels", "apertures"}
+    for axis in QUICK.axes:
+        one = found["axes"][axis.unit]
+        names = set(contestants_along(axis.unit)) - set(found["unavailable"])
+        assert one["sizes"] == list(axis.sizes) and set(one["contestants"]) == names
+        for points in one["contestants"].values():
+            assert len(points) == len(axis.sizes)
+            for point in points:
+                spread = point["seconds"]
+                assert 0 < spread["lowest"] <= spread["median"] <= spread["highest"]
+                assert point["set_up_s"] >= 0 and 0 < point["scene_mib"] <= point["peak_mib"]
+        for quantity in (SECONDS, MEMORY):
+            growth = one["growth"][quantity]
+            assert set(growth) == names
+            assert all(
+                {"exponent", "exponent_large_end", "as_expected", "sentence"} <= set(of)
+                for of in growth.values()
+            )
+        assert set(one["tracing_overtakes"]) == names - set(RASTERIZERS)
+    memory = found["memory_with_most_triangles"]
+    assert memory["triangles"] == QUICK.axes[0].sizes[-1] and memory["limit_mib"] == LIMIT_MIB
+    assert found["asymptotic"] is False and set(found["meanings"]) == set(CONTESTANTS)
+    assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
+    assert json.loads((out / "scaling.json").read_text()) == found
+    assert "apertures-memory" in (out / "index.html").read_text()
+
+
+@pytest.mark.usefixtures("here")
+def test_the_table_names_every_contestant_size_and_reason() -> None:
+    measured = bench_scaling.bench_scaling(replace(QUICK, axes=QUICK.axes[:1]))
+    text = table(measured)
+    lines = text.splitlines()
+    for name, points in measured.axes[0].measured.items():
+        assert points[-1].triangles == 4000
+        assert sum(line.startswith(f"  {name}: ") for line in lines) >= 2
+    assert "every contestant fits in 8 GiB" in text or "need more than 8 GiB" in text
+    assert "imported alone" in text and "too small for exponents" in text
+
+
+def test_a_contestant_that_does_not_run_here_is_named_and_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def pretend(job: Job) -> Measured:
+        asked.append(job.contestant)
+        if job.contestant == "mitsuba":
+            raise UnavailableError("not on this machine")
+        return Measured(
+            seconds=Spread.of([1e-3 * (job.triangles or 1)]),
+            set_up_s=0.0,
+            imported_mib=100.0,
+            scene_mib=200.0,
+            peak_mib=9000.0 if job.contestant == "truth" else 300.0,
+            triangles=job.triangles or 1,
+            made_of={},
+        )
+
+    monkeypatch.setattr(bench_scaling, "measure_apart", pretend)
+    measured = bench_scaling.bench_scaling(replace(QUICK, axes=QUICK.axes[:1]))
+    assert measured.unavailable == {"mitsuba": "not on this machine"}
+    # Size by size, and nobody is asked again who is not here.
+    others = ["raster", "embree", "certified", "truth"]
+    assert asked == ["raster", "embree", "mitsuba", "certified", "truth", *others]
+    assert "mitsuba" not in measured.axes[0].measured
+    text = table(measured)
+    assert "mitsuba: not here, not on this machine" in text
+    assert "truth need more than 8 GiB; the most takes truth, 9,000 MiB" in text
+
+
+def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="not a folder"), staged(tmp_path / "file"):
+        raise AssertionError("nothing may be measured")
