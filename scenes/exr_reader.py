@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import Imath
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.exr_channels import (
@@ -22,10 +22,14 @@ from xfrustum.scenes.exr_channels import (
     NORMAL,
     OBJECT,
     POSITION,
+    RENDERING_ATTRIBUTE,
+    RENDERING_JSON,
     TRIANGLE,
     VARIANCE,
 )
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
+
+Described = TypeVar("Described")
 
 _NUMPY_TYPES = {
     Imath.PixelType.UINT: np.uint32,
@@ -55,8 +59,9 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
         Missing, damaged, without a camera, or of another size than its camera's.
     """
     path = Path(path)
-    planes, attribute = _read_planes(path)
-    found = camera if attribute is None or partial else _read_camera(path, attribute)
+    planes, header = _read_planes(path)
+    own = None if partial else _described(path, header, CAMERA_ATTRIBUTE, CAMERA_JSON)
+    found = own or camera
     if found is None:
         raise InputError(f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for")
     if not planes:
@@ -84,11 +89,12 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
         color=_vectors(path, planes, COLOR),
         variance=_vectors(path, planes, VARIANCE),
         certainty=None if certainty is None else certainty.astype(np.uint8),
+        rendering=None if partial else _described(path, header, RENDERING_ATTRIBUTE, RENDERING_JSON),
     )
 
 
-def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], bytes | None]:
-    """Return the contract's channels that the file has, (H, W) each, and its camera's text."""
+def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Return the contract's channels that the file has, (H, W) each, and its header."""
     if not path.is_file():
         raise InputError(f"{path}: no such image file")
     try:
@@ -111,20 +117,25 @@ def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], bytes | None]:
         name: np.frombuffer(data, dtype=_NUMPY_TYPES[channel.type.v]).reshape(shape)
         for (name, channel), data in zip(present.items(), raw, strict=True)
     }
-    return planes, header.get(CAMERA_ATTRIBUTE)
+    return planes, header
 
 
-def _read_camera(path: Path, attribute: bytes) -> HogelCamera:
-    """Return the camera that an image's attribute describes."""
+def _described(
+    path: Path, header: dict[str, Any], name: str, kind: TypeAdapter[Described]
+) -> Described | None:
+    """Return what an attribute of the header describes; None where there is no such attribute."""
+    if name not in header:
+        return None
     try:
-        return CAMERA_JSON.validate_json(attribute)
+        return kind.validate_json(header[name])
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"]) or "JSON"
         reason = f"{key}: {first['msg']}"
     except InputError as error:
         reason = str(error)
-    raise InputError(f"{path}: its {CAMERA_ATTRIBUTE} attribute is not a camera ({reason}); write it again")
+    what = name.removeprefix("xfrustum:")
+    raise InputError(f"{path}: its {name} attribute is not a {what} ({reason}); write it again")
 
 
 def _vectors(

@@ -14,7 +14,10 @@ from PIL import Image
 from xfrustum.cli import main
 from xfrustum.compare.display import encoded
 from xfrustum.compare.radiance_budget import LOCAL_LINKS
+from xfrustum.scenes.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.exr import read_image
+from xfrustum.scenes.rendering import Rendering
+from xfrustum.scenes.sampling import Sampling, Transport
 
 SCENE = """
 name = "two boxes"
@@ -100,6 +103,19 @@ def test_samples_average_color_and_nothing_else() -> None:
     np.testing.assert_array_equal(once.position, many.position)
     assert once.color is not None and many.color is not None
     assert np.abs(once.color - many.color).max() > 0.05
+
+
+def test_the_header_says_what_made_the_picture() -> None:
+    samples = ("--supersample", "2", "--aperture-samples", "3")
+    sampling = Sampling(supersample=2, aperture=3)
+    run("raster", "boxes.toml", "--near", "0.1", "--effects", "diffuse,c", *samples, "--out", "r.exr")
+    assert read_image("r.exr").rendering == Rendering.of((Effect.C, Effect.DIFFUSE), sampling)
+    run("trace", "boxes.toml", "--effects", "ambient", *samples, "--quiet", "--out", "t.exr")
+    assert read_image("t.exr").rendering == Rendering.of([Effect.AMBIENT], sampling)
+    paths = ("--tracer", "mitsuba", "--shadows", "--samples", "2", "--quiet")
+    run("trace", "boxes.toml", *paths, "--out", "p.exr")
+    transport = Transport(shadows=True, samples=2)
+    assert read_image("p.exr").rendering == Rendering.of(ALL_EFFECTS, Sampling(), transport)
 
 
 def test_light_paths_bring_their_variance_to_the_comparison(capsys: pytest.CaptureFixture[str]) -> None:

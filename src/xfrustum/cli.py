@@ -112,13 +112,16 @@ def trace(
     from xfrustum.reports.tracing import trace_to_file
     from xfrustum.reports.transported import trace_transported
     from xfrustum.scenes import open_scene
+    from xfrustum.scenes.rendering import Rendering
 
     opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_file(out)
-    reference = Reference(opened, tracer=tracer, effects=light.chosen(opened))
+    effects = light.chosen(opened)
+    reference = Reference(opened, tracer=tracer, effects=effects)
     if not light.transported(opened, tracer):
-        trace_to_file(reference, chosen, out, progress=not quiet)
+        rendering = Rendering.of(effects, opened.sampling)
+        trace_to_file(reference, chosen, out, rendering=rendering, progress=not quiet)
     else:
         trace_transported(reference, chosen, out, progress=not quiet)
 
