@@ -28,6 +28,7 @@ from xfrustum.scenes.exr_channels import (
     VARIANCE,
 )
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.quiet import without_messages_of_failure
 
 Described = TypeVar("Described")
 
@@ -98,26 +99,40 @@ def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     if not path.is_file():
         raise InputError(f"{path}: no such image file")
     try:
-        if not OpenEXR.isOpenExrFile(str(path)):
-            raise InputError(f"{path}: is not an OpenEXR image")
-        file = OpenEXR.InputFile(str(path))
-        header = file.header()
-        if not file.isComplete():
-            raise OSError("rows are missing")
-        window = header["dataWindow"]
-        shape = (window.max.y - window.min.y + 1, window.max.x - window.min.x + 1)
-        present = {name: header["channels"][name] for name in CHANNELS if name in header["channels"]}
-        for name, channel in present.items():
-            if (channel.xSampling, channel.ySampling) != (1, 1):
-                raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
-        raw = file.channels(list(present)) if present else []
+        # OpenEXR prints beside what it raises.
+        with without_messages_of_failure():
+            header, raw = _read_raw(path)
+            width, height = _size(header)
     except (OSError, RuntimeError, KeyError, TypeError) as error:  # as OpenEXR meets the damage
         raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
     planes = {
-        name: np.frombuffer(data, dtype=_NUMPY_TYPES[channel.type.v]).reshape(shape)
-        for (name, channel), data in zip(present.items(), raw, strict=True)
+        name: np.frombuffer(data, dtype=_NUMPY_TYPES[header["channels"][name].type.v]).reshape(height, width)
+        for name, data in raw.items()
     }
     return planes, header
+
+
+def _read_raw(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """Return the header, and the contract's channels as they are stored."""
+    if not OpenEXR.isOpenExrFile(str(path)):
+        raise InputError(f"{path}: is not an OpenEXR image")
+    file = OpenEXR.InputFile(str(path))
+    header = file.header()
+    if not file.isComplete():
+        raise OSError("rows are missing")
+    present = [name for name in CHANNELS if name in header["channels"]]
+    for name in present:
+        channel = header["channels"][name]
+        if (channel.xSampling, channel.ySampling) != (1, 1):
+            raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
+    raw = file.channels(present) if present else []
+    return header, dict(zip(present, raw, strict=True))
+
+
+def _size(header: dict[str, Any]) -> tuple[int, int]:
+    """Return W, H of the pixels that a file has."""
+    window = header["dataWindow"]
+    return window.max.x - window.min.x + 1, window.max.y - window.min.y + 1
 
 
 def _described(

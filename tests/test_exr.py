@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from xfrustum.scenes import (
 )
 from xfrustum.scenes.effects import Effect
 from xfrustum.scenes.exr import ImageWriter, read_image, write_image
+from xfrustum.scenes.quiet import without_messages_of_failure
 from xfrustum.scenes.rendering import Rendering
 from xfrustum.scenes.sampling import Sampling, Transport
 
@@ -273,3 +275,29 @@ def test_missing_other_and_cut_off_files_are_input_errors(tmp_path: Path) -> Non
         (tmp_path / "cut.exr").write_bytes(whole[:size])
         with pytest.raises(InputError, match="OpenEXR image"):
             read_image(tmp_path / "cut.exr")
+
+
+def test_of_a_damaged_file_openexr_itself_prints_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "image.exr"
+    write_image(path, an_image())
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    for damaged in (whole[:middle], whole[:-5], whole[:middle] + bytes(16) + whole[middle + 16 :]):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="damaged"):
+            read_image(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_messages_are_dropped_where_the_work_fails_and_kept_where_it_does_not(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with without_messages_of_failure():
+        os.write(2, b"a warning\n")
+    with pytest.raises(OSError, match="broken"), without_messages_of_failure():
+        os.write(2, b"broken, says the library\n")
+        raise OSError("broken")
+    os.write(2, b"afterwards\n")
+    assert capfd.readouterr().err == "a warning\nafterwards\n"
