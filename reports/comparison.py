@@ -14,7 +14,7 @@ from xfrustum.reports.outputs import Staging
 from xfrustum.reports.tables import json_ready
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.exr import read_image
+from xfrustum.scenes.exr import image_size, read_image
 from xfrustum.scenes.hogel_image import HogelCamera
 from xfrustum.scenes.scene import Scene
 
@@ -46,6 +46,13 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
     InputError
         A file is missing or no hogel image, or the images do not belong together.
     """
+    # Before anything is said about cameras: it is the files that differ, whatever they say of theirs.
+    (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
+    if (width, height) != (other_width, other_height):
+        raise InputError(
+            f"{truth} is {width} x {height} and {raster} is {other_width} x {other_height}; "
+            "make both of one scene, at one resolution"
+        )
     true_image = read_image(truth)
     # Where an image says nothing of its camera, it is taken to answer for the truth's.
     raster_image = read_image(raster, true_image.camera)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,6 +32,7 @@ from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.quiet import without_messages_of_failure
 
 Described = TypeVar("Described")
+Found = TypeVar("Found")
 
 _NUMPY_TYPES = {
     Imath.PixelType.UINT: np.uint32,
@@ -94,39 +96,51 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
     )
 
 
+def image_size(path: str | Path) -> tuple[int, int]:
+    """Return W, H of an image file, whatever it says of its camera.
+
+    Raises
+    ------
+    InputError
+        Missing or damaged.
+    """
+    return _guarded(Path(path), lambda file: _size(file.header()))
+
+
 def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Return the contract's channels that the file has, (H, W) each, and its header."""
+
+    def read(file: OpenEXR.InputFile) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        header = file.header()
+        if not file.isComplete():
+            raise OSError("rows are missing")
+        width, height = _size(header)
+        present = {name: header["channels"][name] for name in CHANNELS if name in header["channels"]}
+        for name, channel in present.items():
+            if (channel.xSampling, channel.ySampling) != (1, 1):
+                raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
+        raw = file.channels(list(present)) if present else []
+        planes = {
+            name: np.frombuffer(data, dtype=_NUMPY_TYPES[channel.type.v]).reshape(height, width)
+            for (name, channel), data in zip(present.items(), raw, strict=True)
+        }
+        return planes, header
+
+    return _guarded(path, read)
+
+
+def _guarded(path: Path, read: Callable[[OpenEXR.InputFile], Found]) -> Found:
+    """Return what is read of a file; whatever OpenEXR makes of damage is an InputError."""
     if not path.is_file():
         raise InputError(f"{path}: no such image file")
     try:
         # OpenEXR prints beside what it raises.
         with without_messages_of_failure():
-            header, raw = _read_raw(path)
-            width, height = _size(header)
-    except (OSError, RuntimeError, KeyError, TypeError) as error:  # as OpenEXR meets the damage
+            if not OpenEXR.isOpenExrFile(str(path)):
+                raise InputError(f"{path}: is not an OpenEXR image")
+            return read(OpenEXR.InputFile(str(path)))
+    except (OSError, RuntimeError, KeyError, TypeError) as error:
         raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
-    planes = {
-        name: np.frombuffer(data, dtype=_NUMPY_TYPES[header["channels"][name].type.v]).reshape(height, width)
-        for name, data in raw.items()
-    }
-    return planes, header
-
-
-def _read_raw(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Return the header, and the contract's channels as they are stored."""
-    if not OpenEXR.isOpenExrFile(str(path)):
-        raise InputError(f"{path}: is not an OpenEXR image")
-    file = OpenEXR.InputFile(str(path))
-    header = file.header()
-    if not file.isComplete():
-        raise OSError("rows are missing")
-    present = [name for name in CHANNELS if name in header["channels"]]
-    for name in present:
-        channel = header["channels"][name]
-        if (channel.xSampling, channel.ySampling) != (1, 1):
-            raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
-    raw = file.channels(present) if present else []
-    return header, dict(zip(present, raw, strict=True))
 
 
 def _size(header: dict[str, Any]) -> tuple[int, int]:

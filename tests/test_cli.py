@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+import OpenEXR
 import pytest
 
 import xfrustum
@@ -133,6 +134,23 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
     monkeypatch.chdir(moved)
     assert main(["compare", *images, "--json"]) == 0
     assert one_object(capsys.readouterr().out)["surface"] is not None
+
+
+@pytest.mark.parametrize("silent", ["truth.exr", "raster.exr", None])
+def test_images_of_different_size_are_both_named_with_their_sizes(
+    silent: str | None, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whichever of them, if any, says nothing of its camera."""
+    Path("boxes.toml").write_text(SCENE.replace("[48, 32]", "[40, 36]"))
+    assert main(["raster", "boxes.toml", "--near", "0.5", "--out", "raster.exr"]) == 0
+    if silent is not None:
+        file = OpenEXR.File(silent, separate_channels=True)
+        planes = {name: channel.pixels.copy() for name, channel in file.channels().items()}
+        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, planes).write(silent)
+    assert main(["compare", *images]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert "truth.exr is 48 x 32 and raster.exr is 40 x 36" in printed.err
 
 
 @pytest.mark.parametrize("change", ["gone", "other"])
