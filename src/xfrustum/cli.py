@@ -97,7 +97,7 @@ def report(
 @options.aperture_option
 @options.tracer_option
 @cli_light.light_options(*cli_light.REFERENCE)
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
 @options.quiet_option
 def trace(
     *, scene: str, aperture: tuple[int, int] | None, tracer: str, light: Light, out: Path, quiet: bool
@@ -108,7 +108,7 @@ def trace(
     their variance in the channels variance.R, variance.G and variance.B.
     """
     from xfrustum.reference import Reference
-    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.reports.outputs import check_writable_image
     from xfrustum.reports.tracing import trace_to_file
     from xfrustum.reports.transported import trace_transported
     from xfrustum.scenes import open_scene
@@ -116,7 +116,7 @@ def trace(
 
     opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
-    check_writable_file(out)
+    check_writable_image(out)
     effects = light.chosen(opened)
     reference = Reference(opened, tracer=tracer, effects=effects)
     if not light.transported(opened, tracer):
@@ -131,20 +131,20 @@ def trace(
 @options.aperture_option
 @options.double_frustum_options
 @cli_light.light_options(*cli_light.RASTER)
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
 def raster(
     *, scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, light: Light, out: Path
 ) -> None:
     """Draw one aperture with the two cameras and write it as EXR."""
     from xfrustum.raster import Rasterizer
-    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.reports.outputs import check_writable_image
     from xfrustum.scenes import open_scene
     from xfrustum.scenes.exr import write_image
 
     opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     settings.check_against(opened.frustum)
-    check_writable_file(out)
+    check_writable_image(out)
     with Rasterizer(opened, effects=light.chosen(opened, settings.camera)) as rasterizer:
         write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
 
