@@ -70,18 +70,23 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
-    note = f"scene {camera.scene} cannot be opened; {unseen}"
     # As named, then beside the image: a folder of both may have been moved as one.
     beside = (folder / camera.scene, folder / Path(camera.scene).name)
+    other, reasons = "", {}
     for name in dict.fromkeys((camera.scene, *map(str, beside))):
         try:
             scene = open_scene(name)
-        except InputError:
+        except InputError as error:
+            reasons[name] = str(error)
             continue
         if scene.content_hash == camera.scene_hash:
             return scene, ""
-        note = f"scene {name} is not the one that the truth was traced from; {unseen}"
-    return None, note
+        other = name
+    if other:
+        return None, f"scene {other} is not the one that the truth was traced from; {unseen}"
+    # That a place has no such file says less than what is wrong with a file that is there.
+    told = max(reasons, key=lambda name: Path(name).is_file())
+    return None, f"scene {camera.scene} cannot be opened ({reasons[told]}); {unseen}"
 
 
 def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:

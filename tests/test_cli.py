@@ -153,19 +153,39 @@ def test_images_of_different_size_are_both_named_with_their_sizes(
     assert "truth.exr is 48 x 32 and raster.exr is 40 x 36" in printed.err
 
 
-@pytest.mark.parametrize("change", ["gone", "other"])
+def test_of_a_scene_moved_and_broken_compare_tells_what_is_wrong_with_it(
+    images: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not that the place that the image names has no such file."""
+    (tmp_path / "moved").mkdir()
+    Path("boxes.toml").unlink()
+    (tmp_path / "moved/boxes.toml").write_text("plate = 1\n")
+    for name in images:
+        Path(name).rename(tmp_path / "moved" / name)
+    assert main(["compare", *(f"moved/{name}" for name in images)]) == 0
+    assert "(moved/boxes.toml: plate must be" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", ["gone", "other", "broken"])
 def test_without_its_scene_compare_leaves_surface_open_and_says_why(
     change: str, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     if change == "gone":
         Path("boxes.toml").unlink()
     else:
-        Path("boxes.toml").write_text(SCENE.replace("scale = 12.0", "scale = 12.5"))
+        old, new = ("scale = 12.0", "scale = 12.5") if change == "other" else ("fov_deg", "fovdeg")
+        Path("boxes.toml").write_text(SCENE.replace(old, new))
     assert main(["compare", *images, "--json"]) == 0
     printed = capsys.readouterr()
     assert one_object(printed.out)["surface"] is None
     assert printed.err.startswith("xfrustum: note: scene ")
-    assert ("cannot be opened" if change == "gone" else "not the one") in printed.err
+    reason = {
+        "gone": "boxes.toml: no such scene file)",
+        "other": "not the one",
+        "broken": "boxes.toml: unknown key frustum.fovdeg; the nearest valid key is frustum.fov_deg)",
+    }
+    assert reason[change] in printed.err
+    assert ("cannot be opened" in printed.err) == (change != "other")
     assert printed.err.count("\n") == 1
     assert main(["compare", *images]) == 0
     assert "not known" in capsys.readouterr().out
