@@ -118,6 +118,28 @@ def test_the_header_says_what_made_the_picture() -> None:
     assert read_image("p.exr").rendering == Rendering.of(ALL_EFFECTS, Sampling(), transport)
 
 
+@pytest.mark.parametrize("asked_by", ["option", "scene"])
+def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder: Path) -> None:
+    """As in `report` and `budget`, which never ask who traces."""
+    options = ["--interreflection", "--samples", "2"]
+    if asked_by == "scene":
+        (folder / "boxes.toml").write_text(SCENE + "[transport]\ninterreflection = true\nsamples = 2\n")
+        options = []
+    run("trace", "boxes.toml", *options, "--quiet", "--out", "paths.exr")
+    assert read_image("paths.exr").camera.light_paths == 2
+
+
+def test_a_tracer_or_effects_that_are_asked_for_leave_the_scenes_transport_out(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "boxes.toml").write_text(SCENE + "[transport]\nshadows = true\n")
+    for option, value in (("--tracer", "embree"), ("--effects", "diffuse")):
+        run("trace", "boxes.toml", option, value, "--quiet", "--out", "local.exr")
+        said = capsys.readouterr().err
+        assert said.startswith(f"xfrustum: note: {option}") and "leaves out" in said and said.count("\n") == 1
+        assert read_image("local.exr").camera.light_paths is None
+
+
 def test_light_paths_bring_their_variance_to_the_comparison(capsys: pytest.CaptureFixture[str]) -> None:
     paths = ("--tracer", "mitsuba", "--interreflection", "--samples", "8")
     run("trace", "boxes.toml", *paths, "--quiet", "--out", "noisy.exr")
@@ -182,7 +204,8 @@ def test_figure_7_is_one_page_and_three_pictures(capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("line", "word"),
     [
-        ("trace boxes.toml --shadows --out x.exr", "mitsuba"),
+        ("trace boxes.toml --tracer embree --shadows --out x.exr", "leave out --tracer embree"),
+        ("trace boxes.toml --effects diffuse --shadows --out x.exr", "leave out --effects"),
         ("trace boxes.toml --samples 1 --tracer mitsuba --shadows --out x.exr", "--samples"),
         ("raster boxes.toml --near 1 --effects shiny --out x.exr", "shiny"),
         ("trace boxes.toml --effects diffuse,shiny --out x.exr", "shiny"),

@@ -95,16 +95,16 @@ def report(
 @cli.command()
 @options.scene_argument
 @options.aperture_option
-@options.tracer_option
+@options.free_tracer_option
 @cli_light.light_options(*cli_light.REFERENCE)
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
 @options.quiet_option
 def trace(
-    *, scene: str, aperture: tuple[int, int] | None, tracer: str, light: Light, out: Path, quiet: bool
+    *, scene: str, aperture: tuple[int, int] | None, tracer: str | None, light: Light, out: Path, quiet: bool
 ) -> None:
     """Trace the truth of one aperture and write it as EXR.
 
-    With --tracer mitsuba and shadows or interreflection, its color is the mean of light paths, with
+    With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
     their variance in the channels variance.R, variance.G and variance.B.
     """
     from xfrustum.reference import Reference
@@ -118,8 +118,9 @@ def trace(
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_image(out)
     effects = light.chosen(opened)
-    reference = Reference(opened, tracer=tracer, effects=effects)
-    if not light.transported(opened, tracer):
+    who, transported = light.tracer(opened, tracer)
+    reference = Reference(opened, tracer=who, effects=effects)
+    if not transported:
         rendering = Rendering.of(effects, opened.sampling)
         trace_to_file(reference, chosen, out, rendering=rendering, progress=not quiet)
     else:

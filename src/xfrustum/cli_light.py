@@ -45,7 +45,7 @@ _OPTIONS = {
         help="Points of the aperture's area (band limiting).  [default: the scene's]",
     ),
     "shadows": click.option(
-        "--shadows/--no-shadows", default=None, help="Light transport by Mitsuba.  [default: the scene's]"
+        "--shadows/--no-shadows", default=None, help="Light transport, by Mitsuba.  [default: the scene's]"
     ),
     "interreflection": click.option("--interreflection/--no-interreflection", default=None, help="Likewise."),
     "samples": click.option(
@@ -94,23 +94,37 @@ class Light:
 
         return chosen(scene, self.effects, camera or Camera.BOTH)
 
-    def transported(self, scene: Scene, tracer: str) -> bool:
-        """Return whether light transport is to be traced, which only Mitsuba does.
+    def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
+        """Return who traces, and whether that is light paths, which only Mitsuba does.
+
+        Parameters
+        ----------
+        scene
+            With these settings applied.
+        given
+            The tracer that the command line names; None chooses the one that can do what is asked for.
 
         Raises
         ------
         click.UsageError
-            The command line asks for it, but for another tracer, or not for all effects.
+            Light transport is asked for, but of another tracer, or not with all effects.
         """
-        asked = scene.transport.shadows or scene.transport.interreflection
-        if asked and tracer == "mitsuba" and self.effects != "auto":
-            raise click.UsageError("light paths take every effect: leave out --effects, or light transport")
-        if not asked or tracer == "mitsuba":
-            return asked
-        if self.shadows or self.interreflection:
-            raise click.UsageError(f"{tracer} traces no light transport; add --tracer mitsuba")
-        click.echo("xfrustum: note: shadows and interreflection are left out; see --tracer mitsuba", err=True)
-        return False
+        transport = scene.transport
+        if not (transport.shadows or transport.interreflection):
+            return given or "embree", False
+        insisted = bool(self.shadows or self.interreflection)
+        local_effects = self.effects != "auto"
+        if given == "mitsuba" or (given is None and (insisted or not local_effects)):
+            if local_effects:
+                raise click.UsageError(
+                    "light paths have all effects: leave out --effects, or light transport"
+                )
+            return "mitsuba", True
+        if insisted:
+            raise click.UsageError(f"{given} traces no light transport; leave out --tracer {given}")
+        cause = f"--tracer {given}" if given else "--effects"
+        click.echo(f"xfrustum: note: {cause} leaves out the scene's shadows and interreflection", err=True)
+        return given or "embree", False
 
 
 def _given(settings: dict[str, Any]) -> dict[str, Any]:

@@ -221,6 +221,9 @@ aperture_option = click.option(
 tracer_option = click.option(
     "--tracer", type=Tracer(), default="embree", show_default=True, help="Who traces."
 )
+free_tracer_option = click.option(
+    "--tracer", type=Tracer(), help="Who traces.  [default: embree; mitsuba for light transport]"
+)
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 
