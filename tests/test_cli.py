@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NoReturn
 
@@ -303,6 +307,39 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("xfrustum: error: ")
+
+
+@pytest.mark.parametrize(
+    ("stop", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
+    stop: signal.Signals, status: int, word: str, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "xfrustum", "report", "car", "--quiet", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not any(tmp_path.iterdir()):
+            time.sleep(0.01)
+        assert any(tmp_path.iterdir()), "the report has begun"
+        # As `timeout` does; the second must not stop the cleaning up.
+        for _ in range(2 if stop is signal.SIGTERM else 1):
+            os.kill(process.pid, stop)
+        _, said = process.communicate()
+    assert process.returncode == status
+    assert said.strip() == f"xfrustum: {word}"
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_command_called_from_python_leaves_the_programs_own_signals_alone() -> None:
+    handlers: list[object] = []
+
+    def own(*_: object) -> None: ...
+
+    for before in (own, signal.SIG_DFL):
+        signal.signal(signal.SIGTERM, before)
+        with ThreadPoolExecutor() as pool:
+            assert (main(["scenes"]), pool.submit(main, ["scenes"]).result()) == (0, 0)
+        handlers.append(signal.getsignal(signal.SIGTERM))
+    assert handlers == [own, signal.SIG_DFL]
 
 
 def test_every_public_name_can_be_had_from_the_package() -> None:

@@ -13,6 +13,7 @@ import click
 
 from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_plate, cli_study, cli_verify
 from xfrustum import cli_options as options
+from xfrustum.cli_termination import Terminated, terminated_like_interrupted
 
 if TYPE_CHECKING:
     from xfrustum.cli_light import Light
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 BAD_INPUT = 2
 INTERRUPTED = 130
 """128 + SIGINT, what shells expect of a program that was stopped by Ctrl-C."""
+
+TERMINATED = 143
+"""128 + SIGTERM, likewise."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
@@ -212,12 +216,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # Importing the scenes for their one exception would cost `--help` a second.
     try:
-        status = cli.main(args=arguments, prog_name="xfrustum", standalone_mode=False)
+        with terminated_like_interrupted():
+            status = cli.main(args=arguments, prog_name="xfrustum", standalone_mode=False)
     except click.ClickException as error:
         return _refuse(error.format_message())
-    except click.Abort:
-        click.echo("xfrustum: interrupted", err=True)
-        return INTERRUPTED
+    except click.Abort as error:
+        terminated = isinstance(error.__cause__, Terminated)
+        click.echo(f"xfrustum: {'terminated' if terminated else 'interrupted'}", err=True)
+        return TERMINATED if terminated else INTERRUPTED
     except Exception as error:
         from xfrustum.scenes.errors import InputError
 
