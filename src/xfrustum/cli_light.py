@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from xfrustum import cli_options as options
+from xfrustum.cli_numbers import Positive, Samples
 
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import Camera
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-_COUNT = click.IntRange(1)
+_COUNT = Samples()
 _OPTIONS = {
     "effects": click.option(
         "--effects",
@@ -150,7 +151,7 @@ def light_options(*names: str) -> Callable[[Command], Command]:
 @click.command()
 @click.argument("scene", default="car-studio")
 @options.aperture_option
-@click.option("--near", type=float, help="Offset of both cameras.  [default: 1e-6 of the reach]")
+@click.option("--near", type=Positive(), help="Offset of both cameras.  [default: 1e-6 of the reach]")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
 def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, out: Path | None) -> None:
     """Draw C alone, C* alone and both, as in the paper's figure 7; write a page and three pictures."""
