@@ -74,7 +74,7 @@ def why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
         )
     nearest = min(found.failed, key=lambda attempt: attempt.excess)
     return (
-        f"No plan with up to {MOST_CUTS} cuts: even {_spelled(nearest.settings)} "
+        f"No plan with up to {MOST_CUTS} cuts: even {_spelled(nearest.settings, units)} "
         f"would {_shortfall(nearest, requirement, separation, units)}."
     )
 
@@ -113,10 +113,10 @@ def _of_slabs(found: Outcome, views: Views, requirement: Requirement) -> str:
     if not count:
         return "One pair of frusta is enough."
     nearest = min(found.failed, key=lambda attempt: attempt.excess)
-    separation = requirement.separation_in(views.scene.frustum)
+    separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
     fewer = ("Without cuts", "With one cut")[count - 1] if count <= 2 else f"With {count - 1} cuts"
-    shortfall = _shortfall(nearest, requirement, separation, views.scene.units)
-    return f"{fewer}, even {_spelled(nearest.settings)} would {shortfall}."
+    shortfall = _shortfall(nearest, requirement, separation, units)
+    return f"{fewer}, even {_spelled(nearest.settings, units)} would {shortfall}."
 
 
 def _of_near(settings: DoubleFrustum, views: Views, requirement: Requirement) -> str:
@@ -156,14 +156,15 @@ def _shortfall(attempt: Attempt, requirement: Requirement, separation: float, un
     if predicted.separation * SEPARATION_MARGIN > separation:
         parts.append(
             f"order sheets {predicted.separation:.2g} {units} apart, "
-            f"but not {separation / SEPARATION_MARGIN:.2g} (half of what is asked for, to be sure)"
+            f"but not {separation / SEPARATION_MARGIN:.2g} {units} (half of what is asked for, to be sure)"
         )
     return " and ".join(parts)
 
 
-def _spelled(settings: DoubleFrustum) -> str:
+def _spelled(settings: DoubleFrustum, units: str) -> str:
     heights = [f"{height:g}" for height in settings.slabs]
+    listed = f"{', '.join(heights)} {units}"
     if len(heights) > MOST_SPELLED:
-        heights = [f"{heights[0]} and {len(heights) - 1} times beyond"]
-    cuts = f", cut at {', '.join(heights)}," if heights else ""
-    return f"{settings.depth_label} with near {settings.near:g}{cuts}"
+        listed = f"{heights[0]} {units} and {len(heights) - 1} times beyond"
+    cuts = f", cut at {listed}," if heights else ""
+    return f"{settings.depth_label} with near {settings.near:g} {units}{cuts}"

@@ -23,6 +23,7 @@ from xfrustum.scenes.effects import Effect, needed
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.rendering import Rendering
 from xfrustum.scenes.sampling import Sampling, sub_apertures
 from xfrustum.scenes.scene import Scene
 
@@ -142,6 +143,7 @@ class Rasterizer:
                 position=position,
                 normal=self._normals_of(triangle) if normals else None,
                 color=seen,
+                rendering=Rendering.of(self.effects, sampling) if color else None,
             )
 
     def _color(

@@ -14,7 +14,7 @@ from xfrustum.reports.outputs import Staging
 from xfrustum.reports.tables import json_ready
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.exr import read_image
+from xfrustum.scenes.exr import image_size, read_image
 from xfrustum.scenes.hogel_image import HogelCamera
 from xfrustum.scenes.scene import Scene
 
@@ -46,6 +46,13 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
     InputError
         A file is missing or no hogel image, or the images do not belong together.
     """
+    # Before anything is said about cameras: it is the files that differ, whatever they say of theirs.
+    (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
+    if (width, height) != (other_width, other_height):
+        raise InputError(
+            f"{truth} is {width} x {height} and {raster} is {other_width} x {other_height}; "
+            "make both of one scene, at one resolution"
+        )
     true_image = read_image(truth)
     # Where an image says nothing of its camera, it is taken to answer for the truth's.
     raster_image = read_image(raster, true_image.camera)
@@ -63,18 +70,23 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
-    note = f"scene {camera.scene} cannot be opened; {unseen}"
     # As named, then beside the image: a folder of both may have been moved as one.
     beside = (folder / camera.scene, folder / Path(camera.scene).name)
+    other, reasons = "", {}
     for name in dict.fromkeys((camera.scene, *map(str, beside))):
         try:
             scene = open_scene(name)
-        except InputError:
+        except InputError as error:
+            reasons[name] = str(error)
             continue
         if scene.content_hash == camera.scene_hash:
             return scene, ""
-        note = f"scene {name} is not the one that the truth was traced from; {unseen}"
-    return None, note
+        other = name
+    if other:
+        return None, f"scene {other} is not the one that the truth was traced from; {unseen}"
+    # That a place has no such file says less than what is wrong with a file that is there.
+    told = max(reasons, key=lambda name: Path(name).is_file())
+    return None, f"scene {camera.scene} cannot be opened ({reasons[told]}); {unseen}"
 
 
 def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:

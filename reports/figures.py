@@ -194,10 +194,21 @@ def _log_axes(figure: go.Figure, title: str) -> None:
     powers: dict[str, Any] = {"type": "log", "exponentformat": "power", "dtick": 1}
     figure.update_xaxes(title={"text": "near plane / reach", "standoff": 8}, **powers)
     figure.update_yaxes(**powers)
-    heights = [y for trace in figure.data if trace.y is not None for y in trace.y if y is not None and y > 0]
-    if heights and max(heights) < 100 * min(heights):
-        # Within so few powers of ten, powers alone may label nothing.
-        figure.update_yaxes(dtick=None, nticks=6, exponentformat="none")
+    heights = _heights(figure)
+    if heights and max(heights) < 1000 * min(heights):
+        # So few powers of ten label little or nothing: 1, 2 and 5 times each, which plotly writes as a bare 2
+        # or 5 unless a format is given. Over less than one step from 1 to 5, plotly's own choice.
+        steps = {"dtick": "D2"} if max(heights) >= 5 * min(heights) else {"dtick": None, "nticks": 6}
+        figure.update_yaxes(**steps, exponentformat="none", tickformat="~g")
+
+
+def is_blank(figure: go.Figure) -> bool:
+    """Return whether a figure with a logarithmic axis shows no point at all."""
+    return not _heights(figure)
+
+
+def _heights(figure: go.Figure) -> list[float]:
+    return [y for trace in figure.data if trace.y is not None for y in trace.y if y is not None and y > 0]
 
 
 def style(figure: go.Figure) -> None:

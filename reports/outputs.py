@@ -83,6 +83,25 @@ class Staging:
         return place
 
 
+IMAGE_SUFFIX = ".exr"
+
+
+def check_writable_image(path: Path) -> None:
+    """Raise InputError unless an image can be written here; see `check_writable_file`.
+
+    Raises
+    ------
+    InputError
+        Likewise, or the name promises another format than OpenEXR.
+    """
+    if path.suffix.lower() != IMAGE_SUFFIX and not path.is_dir():
+        raise InputError(
+            f"--out {path}: images are OpenEXR files; give a name that ends in {IMAGE_SUFFIX}, "
+            f"such as {path.with_suffix(IMAGE_SUFFIX)}"
+        )
+    check_writable_file(path)
+
+
 def check_writable_file(path: Path) -> None:
     """Raise InputError unless a file can be written here; leaves nothing behind.
 

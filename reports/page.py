@@ -85,7 +85,7 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
         "pictures": pictures,
         "curves": [
             {
-                name: json.loads(figure.to_json())
+                name: None if figures.is_blank(figure) else json.loads(figure.to_json())
                 for name, figure in (
                     figures.curves(sweep, aperture) | shading_page.curves(shading, sweep, aperture)
                 ).items()

@@ -74,13 +74,15 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
         return lines[0]
-    cuts = ", ".join(f"{height:g}" for height in made.slabs) or "none"
+    cuts = ", ".join(f"{height:g}" for height in made.slabs)
+    cuts = f"{cuts} {scene.units}" if cuts else "none"
     lines += [f"near {made.near:g} {scene.units}, cuts {cuts}, {settings.depth_label}", ""]
     separation = requirement.separation_in(scene.frustum)
+    apart = f"sheets {separation:.3g} {scene.units} apart misordered"
     rows = [
         ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
         ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
-        (f"sheets {separation:.3g} apart misordered", "of the pixels", MISORDERED, "misordered"),
+        (apart, "of the pixels", MISORDERED, "misordered"),
         ("sheets are ordered from", scene.units, separation, "separation"),
     ]
     width = max(len(title) for title, *_ in rows)

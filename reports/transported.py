@@ -10,8 +10,10 @@ import numpy as np
 from xfrustum.compare.left_out import transported
 from xfrustum.reference import Reference
 from xfrustum.reports.progress import progress_bar
+from xfrustum.scenes.effects import ALL_EFFECTS
 from xfrustum.scenes.exr import write_image
 from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.rendering import Rendering
 from xfrustum.scenes.sampling import Sampling
 
 
@@ -46,4 +48,5 @@ def trace_transported(
         estimate = transported(scene, aperture, scene.transport, done=bar.update)
     camera = replace(image.camera, light_paths=estimate.samples, renderer="reference, colored by Mitsuba")
     color, variance = estimate.mean.astype(np.float32), estimate.variance_of_mean.astype(np.float32)
-    write_image(path, replace(image, camera=camera, color=color, variance=variance))
+    rendering = Rendering.of(ALL_EFFECTS, scene.sampling, scene.transport)
+    write_image(path, replace(image, camera=camera, color=color, variance=variance, rendering=rendering))

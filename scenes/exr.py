@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from xfrustum.scenes.exr_reader import read_image
+from xfrustum.scenes.exr_reader import image_size, read_image
 from xfrustum.scenes.exr_writer import ImageWriter, write_image
 
-__all__ = ["ImageWriter", "read_image", "write_image"]
+__all__ = ["ImageWriter", "image_size", "read_image", "write_image"]

@@ -1,4 +1,4 @@
-"""Names and types of an image's OpenEXR channels, and its camera as text (design, section 7)."""
+"""Names and types of an image's OpenEXR channels; its camera and rendering as text (design, section 7)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import Imath
 from pydantic import TypeAdapter
 
 from xfrustum.scenes.hogel_image import HogelCamera
+from xfrustum.scenes.rendering import Rendering
 
-CAMERA_ATTRIBUTE = "xfrustum:camera"
+CAMERA_ATTRIBUTE, RENDERING_ATTRIBUTE = "xfrustum:camera", "xfrustum:rendering"
 POSITION = ("P.X", "P.Y", "P.Z")
 NORMAL = ("N.X", "N.Y", "N.Z")
 COLOR = ("R", "G", "B")
@@ -19,6 +20,8 @@ CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CER
 
 CAMERA_JSON = TypeAdapter(HogelCamera)
 """Writes the shortest digits that give the same double again."""
+
+RENDERING_JSON = TypeAdapter(Rendering)
 
 
 def pixel_type(name: str) -> Any:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import Imath
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.exr_channels import (
@@ -22,10 +23,16 @@ from xfrustum.scenes.exr_channels import (
     NORMAL,
     OBJECT,
     POSITION,
+    RENDERING_ATTRIBUTE,
+    RENDERING_JSON,
     TRIANGLE,
     VARIANCE,
 )
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.quiet import without_messages_of_failure
+
+Described = TypeVar("Described")
+Found = TypeVar("Found")
 
 _NUMPY_TYPES = {
     Imath.PixelType.UINT: np.uint32,
@@ -55,8 +62,9 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
         Missing, damaged, without a camera, or of another size than its camera's.
     """
     path = Path(path)
-    planes, attribute = _read_planes(path)
-    found = camera if attribute is None or partial else _read_camera(path, attribute)
+    planes, header = _read_planes(path)
+    own = None if partial else _described(path, header, CAMERA_ATTRIBUTE, CAMERA_JSON)
+    found = own or camera
     if found is None:
         raise InputError(f"{path}: has no {CAMERA_ATTRIBUTE} attribute; say which camera it answers for")
     if not planes:
@@ -84,47 +92,79 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
         color=_vectors(path, planes, COLOR),
         variance=_vectors(path, planes, VARIANCE),
         certainty=None if certainty is None else certainty.astype(np.uint8),
+        rendering=None if partial else _described(path, header, RENDERING_ATTRIBUTE, RENDERING_JSON),
     )
 
 
-def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], bytes | None]:
-    """Return the contract's channels that the file has, (H, W) each, and its camera's text."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such image file")
-    try:
-        if not OpenEXR.isOpenExrFile(str(path)):
-            raise InputError(f"{path}: is not an OpenEXR image")
-        file = OpenEXR.InputFile(str(path))
+def image_size(path: str | Path) -> tuple[int, int]:
+    """Return W, H of an image file, whatever it says of its camera.
+
+    Raises
+    ------
+    InputError
+        Missing or damaged.
+    """
+    return _guarded(Path(path), lambda file: _size(file.header()))
+
+
+def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Return the contract's channels that the file has, (H, W) each, and its header."""
+
+    def read(file: OpenEXR.InputFile) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         header = file.header()
         if not file.isComplete():
             raise OSError("rows are missing")
-        window = header["dataWindow"]
-        shape = (window.max.y - window.min.y + 1, window.max.x - window.min.x + 1)
+        width, height = _size(header)
         present = {name: header["channels"][name] for name in CHANNELS if name in header["channels"]}
         for name, channel in present.items():
             if (channel.xSampling, channel.ySampling) != (1, 1):
                 raise InputError(f"{path}: channel {name} is subsampled; write every pixel of it")
         raw = file.channels(list(present)) if present else []
-    except (OSError, RuntimeError, KeyError, TypeError) as error:  # as OpenEXR meets the damage
-        raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
-    planes = {
-        name: np.frombuffer(data, dtype=_NUMPY_TYPES[channel.type.v]).reshape(shape)
-        for (name, channel), data in zip(present.items(), raw, strict=True)
-    }
-    return planes, header.get(CAMERA_ATTRIBUTE)
+        planes = {
+            name: np.frombuffer(data, dtype=_NUMPY_TYPES[channel.type.v]).reshape(height, width)
+            for (name, channel), data in zip(present.items(), raw, strict=True)
+        }
+        return planes, header
+
+    return _guarded(path, read)
 
 
-def _read_camera(path: Path, attribute: bytes) -> HogelCamera:
-    """Return the camera that an image's attribute describes."""
+def _guarded(path: Path, read: Callable[[OpenEXR.InputFile], Found]) -> Found:
+    """Return what is read of a file; whatever OpenEXR makes of damage is an InputError."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such image file")
     try:
-        return CAMERA_JSON.validate_json(attribute)
+        # OpenEXR prints beside what it raises.
+        with without_messages_of_failure():
+            if not OpenEXR.isOpenExrFile(str(path)):
+                raise InputError(f"{path}: is not an OpenEXR image")
+            return read(OpenEXR.InputFile(str(path)))
+    except (OSError, RuntimeError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
+
+
+def _size(header: dict[str, Any]) -> tuple[int, int]:
+    """Return W, H of the pixels that a file has."""
+    window = header["dataWindow"]
+    return window.max.x - window.min.x + 1, window.max.y - window.min.y + 1
+
+
+def _described(
+    path: Path, header: dict[str, Any], name: str, kind: TypeAdapter[Described]
+) -> Described | None:
+    """Return what an attribute of the header describes; None where there is no such attribute."""
+    if name not in header:
+        return None
+    try:
+        return kind.validate_json(header[name])
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"]) or "JSON"
         reason = f"{key}: {first['msg']}"
     except InputError as error:
         reason = str(error)
-    raise InputError(f"{path}: its {CAMERA_ATTRIBUTE} attribute is not a camera ({reason}); write it again")
+    what = name.removeprefix("xfrustum:")
+    raise InputError(f"{path}: its {name} attribute is not a {what} ({reason}); write it again")
 
 
 def _vectors(

@@ -22,11 +22,14 @@ from xfrustum.scenes.exr_channels import (
     NORMAL,
     OBJECT,
     POSITION,
+    RENDERING_ATTRIBUTE,
+    RENDERING_JSON,
     TRIANGLE,
     VARIANCE,
     pixel_type,
 )
 from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
+from xfrustum.scenes.rendering import Rendering
 
 
 class ImageWriter:
@@ -43,6 +46,8 @@ class ImageWriter:
         What the whole image answers for; its resolution is the size of the image.
     normals, color, variance, certainty
         Whether the bands have these arrays.
+    rendering
+        What makes the color of the whole image; None where nobody says.
 
     Raises
     ------
@@ -50,7 +55,7 @@ class ImageWriter:
         The file cannot be written.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - one parameter per optional part of the file
         self,
         path: str | Path,
         camera: HogelCamera,
@@ -59,6 +64,7 @@ class ImageWriter:
         color: bool = False,
         variance: bool = False,
         certainty: bool = False,
+        rendering: Rendering | None = None,
     ) -> None:
         self._path = Path(path)
         self._camera = camera
@@ -80,6 +86,8 @@ class ImageWriter:
         header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
         header["channels"] = {name: Imath.Channel(pixel_type(name)) for name in self._channels}
         header[CAMERA_ATTRIBUTE] = CAMERA_JSON.dump_json(camera)
+        if rendering is not None:
+            header[RENDERING_ATTRIBUTE] = RENDERING_JSON.dump_json(rendering)
         try:
             # Python's own message says why; OpenEXR's does not always.
             self._aside.touch()
@@ -168,6 +176,7 @@ def write_image(path: str | Path, image: HogelImage) -> None:
         color=image.color is not None,
         variance=image.variance is not None,
         certainty=image.certainty is not None,
+        rendering=image.rendering,
     ) as writer:
         writer.write_rows(0, image)
 

@@ -70,7 +70,10 @@ class Frustum:
         if not all(math.isfinite(r) and r > 0 for r in self.reach):
             raise InputError(f"frustum.reach must be two positive lengths, not {list(self.reach)}")
         if (self.fov is None) == (self.screen is None):
-            raise InputError("frustum needs either fov_deg (centered) or screen (recentered), not both")
+            raise InputError(
+                "frustum needs either fov_deg or screen, and not both: fov_deg = [x, y] degrees "
+                "centers it, screen = { height = .., center = [x, y], size = [w, h] } recenters it"
+            )
         if self.fov is not None and not all(0 < angle < math.pi for angle in self.fov):
             raise InputError(
                 "frustum.fov_deg must be two angles between 0 and 180 degrees, "

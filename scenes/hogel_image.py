@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.rendering import Rendering
 
 NOTHING = -1
 """Triangle and object number of a pixel that shows no surface."""
@@ -92,6 +93,8 @@ class HogelImage:
         (N, 3) row, column and triangle number of every surface that shares a tie; None likewise.
     overruled
         Pixels where the float32 tracer alone would have shown another triangle; None likewise.
+    rendering
+        What made the color; None where nobody says, or where there is none.
     """
 
     camera: HogelCamera
@@ -104,6 +107,7 @@ class HogelImage:
     certainty: NDArray[np.uint8] | None = None
     companions: NDArray[np.int64] | None = None
     overruled: NDArray[np.bool_] | None = None
+    rendering: Rendering | None = None
 
     @cached_property
     def covered(self) -> NDArray[np.bool_]:
@@ -140,5 +144,6 @@ def stacked(bands: Sequence[HogelImage]) -> HogelImage:
         parts = [getattr(band, name) for band in bands]
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
-    arrays = [item.name for item in fields(HogelImage) if item.name != "camera"]
-    return HogelImage(camera=bands[0].camera, **{name: joined(name) for name in arrays})
+    whole = {name: getattr(bands[0], name) for name in ("camera", "rendering")}
+    arrays = [item.name for item in fields(HogelImage) if item.name not in whole]
+    return HogelImage(**whole, **{name: joined(name) for name in arrays})

@@ -71,9 +71,10 @@ def _build_object(path: Path, file: SceneTables, index: int) -> SceneObject:
     """Load one object's mesh, patches or shape and place it."""
     entry, key = file.objects[index], f"object[{index}]"
     matrix = entry.scene_from_mesh()
-    if entry.transform is not None and not _is_placement(matrix):
+    fault = None if entry.transform is None else _no_placement(matrix)
+    if fault is not None:
         allowed = ObjectTable.model_fields["transform"].description
-        raise InputError(f"{path}: {key}.transform must be {allowed}")
+        raise InputError(f"{path}: {key}.transform must be {allowed}: {fault}")
     if entry.material is not None and entry.material not in file.material:
         known = ", ".join(file.material) or "none"
         raise InputError(
@@ -101,12 +102,15 @@ def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: NDArray[np.float6
     return load_patches(file, chord_tolerance=own, material=entry.material)
 
 
-def _is_placement(matrix: NDArray[np.float64]) -> bool:
+def _no_placement(matrix: NDArray[np.float64]) -> str | None:
+    """Say why a matrix places nothing; None where it does."""
+    if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        return f"its last row is {matrix[3].tolist()}"
     linear = matrix[:3, :3]
     largest = np.abs(linear).max()
     # Scaled to size one first, so that the rank of a tiny or huge matrix neither under- nor overflows.
     regular = largest > 0 and np.linalg.matrix_rank(linear / largest) == 3
-    return bool(regular) and matrix[3].tolist() == [0.0, 0.0, 0.0, 1.0]
+    return None if regular else "its upper left 3 x 3 numbers are singular"
 
 
 def _appearance(path: Path, file: SceneTables) -> Appearance:

@@ -14,6 +14,7 @@ from xfrustum.scenes.light import DirectionalLight
 from xfrustum.scenes.material import Material
 from xfrustum.scenes.placement import placement
 from xfrustum.scenes.sampling import MAX_SAMPLES, Sampling, Transport
+from xfrustum.scenes.shapes import SHAPES
 
 ONE_OF = "one_of"
 """Type of an error that is about a table as a whole and says itself what is wrong."""
@@ -94,7 +95,7 @@ class ObjectTable(Table):
     """One `[[object]]`."""
 
     mesh: Text | None = Field(None, description="the path of a mesh file, relative to the scene file")
-    shape: Text | None = Field(None, description="the name of a built-in shape")
+    shape: Text | None = Field(None, description=f"one of {', '.join(SHAPES)}")
     transform: tuple[Row, Row, Row, Row] | None = Field(
         None, description="four rows of four finite numbers, the last row [0, 0, 0, 1], not singular"
     )
@@ -110,11 +111,17 @@ class ObjectTable(Table):
     @model_validator(mode="after")
     def _one_of_each(self) -> Self:
         if (self.mesh is None) == (self.shape is None):
-            raise PydanticCustomError(ONE_OF, "needs either mesh or shape, and not both")
+            raise PydanticCustomError(
+                ONE_OF,
+                "needs either mesh or shape, and not both: a mesh file, or a shape out of {shapes}",
+                {"shapes": ", ".join(SHAPES)},
+            )
         parts = [k for k in ("scale", "rotate_deg", "translate") if getattr(self, k) is not None]
         if self.transform is not None and parts:
             raise PydanticCustomError(
-                ONE_OF, "has both transform and {part}; give one or the other", {"part": parts[0]}
+                ONE_OF,
+                "has both transform and {part}; give transform, or any of scale, rotate_deg and translate",
+                {"part": parts[0]},
             )
         if self.chord_tolerance is not None and not self.is_patches:
             raise PydanticCustomError(

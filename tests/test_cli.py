@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NoReturn
 
+import OpenEXR
 import pytest
 
 import xfrustum
@@ -135,19 +140,56 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
     assert one_object(capsys.readouterr().out)["surface"] is not None
 
 
-@pytest.mark.parametrize("change", ["gone", "other"])
+@pytest.mark.parametrize("silent", ["truth.exr", "raster.exr", None])
+def test_images_of_different_size_are_both_named_with_their_sizes(
+    silent: str | None, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whichever of them, if any, says nothing of its camera."""
+    Path("boxes.toml").write_text(SCENE.replace("[48, 32]", "[40, 36]"))
+    assert main(["raster", "boxes.toml", "--near", "0.5", "--out", "raster.exr"]) == 0
+    if silent is not None:
+        file = OpenEXR.File(silent, separate_channels=True)
+        planes = {name: channel.pixels.copy() for name, channel in file.channels().items()}
+        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, planes).write(silent)
+    assert main(["compare", *images]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert "truth.exr is 48 x 32 and raster.exr is 40 x 36" in printed.err
+
+
+def test_of_a_scene_moved_and_broken_compare_tells_what_is_wrong_with_it(
+    images: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not that the place that the image names has no such file."""
+    (tmp_path / "moved").mkdir()
+    Path("boxes.toml").unlink()
+    (tmp_path / "moved/boxes.toml").write_text("plate = 1\n")
+    for name in images:
+        Path(name).rename(tmp_path / "moved" / name)
+    assert main(["compare", *(f"moved/{name}" for name in images)]) == 0
+    assert "(moved/boxes.toml: plate must be" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", ["gone", "other", "broken"])
 def test_without_its_scene_compare_leaves_surface_open_and_says_why(
     change: str, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     if change == "gone":
         Path("boxes.toml").unlink()
     else:
-        Path("boxes.toml").write_text(SCENE.replace("scale = 12.0", "scale = 12.5"))
+        old, new = ("scale = 12.0", "scale = 12.5") if change == "other" else ("fov_deg", "fovdeg")
+        Path("boxes.toml").write_text(SCENE.replace(old, new))
     assert main(["compare", *images, "--json"]) == 0
     printed = capsys.readouterr()
     assert one_object(printed.out)["surface"] is None
     assert printed.err.startswith("xfrustum: note: scene ")
-    assert ("cannot be opened" if change == "gone" else "not the one") in printed.err
+    reason = {
+        "gone": "boxes.toml: no such scene file)",
+        "other": "not the one",
+        "broken": "boxes.toml: unknown key frustum.fovdeg; the nearest valid key is frustum.fov_deg)",
+    }
+    assert reason[change] in printed.err
+    assert ("cannot be opened" in printed.err) == (change != "other")
     assert printed.err.count("\n") == 1
     assert main(["compare", *images]) == 0
     assert "not known" in capsys.readouterr().out
@@ -207,6 +249,9 @@ BAD = [
     ("trace boxes.toml", "--out"),
     ("trace boxes.toml --out no/such/folder/x.exr", "no/such/folder"),
     ("trace boxes.toml --out .", "folder"),
+    ("trace boxes.toml --out x.png", "such as x.exr"),
+    ("trace boxes.toml --out x", "such as x.exr"),
+    ("raster boxes.toml --near 1 --out x.png", "such as x.exr"),
     ("trace boxes.toml --aperture 0,-1 --out x.exr", "outside the plate"),
     ("trace boxes.toml --aperture 1 --out x.exr", "--aperture"),
     ("raster boxes.toml --out x.exr", "--near"),
@@ -262,6 +307,39 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("xfrustum: error: ")
+
+
+@pytest.mark.parametrize(
+    ("stop", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
+    stop: signal.Signals, status: int, word: str, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "xfrustum", "report", "car", "--quiet", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not any(tmp_path.iterdir()):
+            time.sleep(0.01)
+        assert any(tmp_path.iterdir()), "the report has begun"
+        # As `timeout` does; the second must not stop the cleaning up.
+        for _ in range(2 if stop is signal.SIGTERM else 1):
+            os.kill(process.pid, stop)
+        _, said = process.communicate()
+    assert process.returncode == status
+    assert said.strip() == f"xfrustum: {word}"
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_command_called_from_python_leaves_the_programs_own_signals_alone() -> None:
+    handlers: list[object] = []
+
+    def own(*_: object) -> None: ...
+
+    for before in (own, signal.SIG_DFL):
+        signal.signal(signal.SIGTERM, before)
+        with ThreadPoolExecutor() as pool:
+            assert (main(["scenes"]), pool.submit(main, ["scenes"]).result()) == (0, 0)
+        handlers.append(signal.getsignal(signal.SIGTERM))
+    assert handlers == [own, signal.SIG_DFL]
 
 
 def test_every_public_name_can_be_had_from_the_package() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,11 @@ from xfrustum.scenes import (
     InputError,
     open_scene,
 )
+from xfrustum.scenes.effects import Effect
 from xfrustum.scenes.exr import ImageWriter, read_image, write_image
+from xfrustum.scenes.quiet import without_messages_of_failure
+from xfrustum.scenes.rendering import Rendering
+from xfrustum.scenes.sampling import Sampling, Transport
 
 WIDTH, HEIGHT = 37, 21
 
@@ -60,6 +65,11 @@ def an_image() -> HogelImage:
         color=rng.random((HEIGHT, WIDTH, 3), dtype=np.float32),
         variance=rng.random((HEIGHT, WIDTH, 3), dtype=np.float32),
         certainty=rng.integers(0, 4, (HEIGHT, WIDTH)).astype(np.uint8),
+        rendering=Rendering.of(
+            [Effect.SPECULAR, Effect.C],
+            Sampling(supersample=2, multisample=4, aperture=16),
+            Transport(shadows=True, samples=64),
+        ),
     )
 
 
@@ -73,6 +83,7 @@ def rows(image: HogelImage, start: int, stop: int) -> HogelImage:
 
 def assert_same(found: HogelImage, expected: HogelImage) -> None:
     assert found.camera == expected.camera
+    assert found.rendering == expected.rendering
     np.testing.assert_array_equal(found.triangle, expected.triangle)
     np.testing.assert_array_equal(found.object, expected.object)
     np.testing.assert_array_equal(found.position, expected.position.astype(np.float32))
@@ -103,6 +114,7 @@ def test_what_an_image_has_not_is_not_in_the_file(tmp_path: Path) -> None:
         color=None,
         variance=None,
         certainty=None,
+        rendering=None,
         camera=replace(a_camera(), settings=None),
     )
     write_image(path, bare)
@@ -135,7 +147,8 @@ def test_channels_are_those_of_the_contract(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rows_per_band", [1, 5, 16, 20])
 def test_bands_make_the_same_image_as_one_piece(tmp_path: Path, rows_per_band: int) -> None:
     path, image = tmp_path / "bands.exr", an_image()
-    with ImageWriter(path, image.camera, normals=True, color=True, variance=True, certainty=True) as writer:
+    arrays = dict.fromkeys(("normals", "color", "variance", "certainty"), True)
+    with ImageWriter(path, image.camera, **arrays, rendering=image.rendering) as writer:
         for start in range(0, HEIGHT, rows_per_band):
             writer.write_rows(start, rows(image, start, start + rows_per_band))
             assert not path.exists(), "the file appears only when it is complete"
@@ -208,6 +221,13 @@ def test_the_files_own_camera_comes_before_the_given_one(tmp_path: Path) -> None
     assert read_image(path, replace(a_camera(), scene="another")).camera.scene == a_camera().scene
 
 
+def test_what_a_foreign_file_says_of_itself_is_not_believed(tmp_path: Path) -> None:
+    path = tmp_path / "image.exr"
+    write_image(path, an_image())
+    image = read_image(path, replace(a_camera(), scene="another"), partial=True)
+    assert (image.camera.scene, image.rendering) == ("another", None)
+
+
 def _whole() -> dict[str, Any]:
     return {name: np.ones((HEIGHT, WIDTH), np.float32) for name in ("P.X", "P.Y", "P.Z", "id.triangle")}
 
@@ -227,6 +247,7 @@ def _whole() -> dict[str, Any]:
             {"xfrustum:camera": '{"settings": {"near": -1}}'},
             "not a camera (near must be a positive length, not -1.0)",
         ),
+        (_whole(), {"xfrustum:rendering": '{"effects": ["magic"]}'}, "not a rendering (effects.0: "),
     ],
 )
 def test_what_cannot_be_understood_is_one_line_that_names_the_file(
@@ -254,3 +275,29 @@ def test_missing_other_and_cut_off_files_are_input_errors(tmp_path: Path) -> Non
         (tmp_path / "cut.exr").write_bytes(whole[:size])
         with pytest.raises(InputError, match="OpenEXR image"):
             read_image(tmp_path / "cut.exr")
+
+
+def test_of_a_damaged_file_openexr_itself_prints_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "image.exr"
+    write_image(path, an_image())
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    for damaged in (whole[:middle], whole[:-5], whole[:middle] + bytes(16) + whole[middle + 16 :]):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="damaged"):
+            read_image(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_messages_are_dropped_where_the_work_fails_and_kept_where_it_does_not(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with without_messages_of_failure():
+        os.write(2, b"a warning\n")
+    with pytest.raises(OSError, match="broken"), without_messages_of_failure():
+        os.write(2, b"broken, says the library\n")
+        raise OSError("broken")
+    os.write(2, b"afterwards\n")
+    assert capfd.readouterr().err == "a warning\nafterwards\n"

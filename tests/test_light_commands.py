@@ -14,7 +14,10 @@ from PIL import Image
 from xfrustum.cli import main
 from xfrustum.compare.display import encoded
 from xfrustum.compare.radiance_budget import LOCAL_LINKS
+from xfrustum.scenes.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.exr import read_image
+from xfrustum.scenes.rendering import Rendering
+from xfrustum.scenes.sampling import Sampling, Transport
 
 SCENE = """
 name = "two boxes"
@@ -102,6 +105,41 @@ def test_samples_average_color_and_nothing_else() -> None:
     assert np.abs(once.color - many.color).max() > 0.05
 
 
+def test_the_header_says_what_made_the_picture() -> None:
+    samples = ("--supersample", "2", "--aperture-samples", "3")
+    sampling = Sampling(supersample=2, aperture=3)
+    run("raster", "boxes.toml", "--near", "0.1", "--effects", "diffuse,c", *samples, "--out", "r.exr")
+    assert read_image("r.exr").rendering == Rendering.of((Effect.C, Effect.DIFFUSE), sampling)
+    run("trace", "boxes.toml", "--effects", "ambient", *samples, "--quiet", "--out", "t.exr")
+    assert read_image("t.exr").rendering == Rendering.of([Effect.AMBIENT], sampling)
+    paths = ("--tracer", "mitsuba", "--shadows", "--samples", "2", "--quiet")
+    run("trace", "boxes.toml", *paths, "--out", "p.exr")
+    transport = Transport(shadows=True, samples=2)
+    assert read_image("p.exr").rendering == Rendering.of(ALL_EFFECTS, Sampling(), transport)
+
+
+@pytest.mark.parametrize("asked_by", ["option", "scene"])
+def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder: Path) -> None:
+    """As in `report` and `budget`, which never ask who traces."""
+    options = ["--interreflection", "--samples", "2"]
+    if asked_by == "scene":
+        (folder / "boxes.toml").write_text(SCENE + "[transport]\ninterreflection = true\nsamples = 2\n")
+        options = []
+    run("trace", "boxes.toml", *options, "--quiet", "--out", "paths.exr")
+    assert read_image("paths.exr").camera.light_paths == 2
+
+
+def test_a_tracer_or_effects_that_are_asked_for_leave_the_scenes_transport_out(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "boxes.toml").write_text(SCENE + "[transport]\nshadows = true\n")
+    for option, value in (("--tracer", "embree"), ("--effects", "diffuse")):
+        run("trace", "boxes.toml", option, value, "--quiet", "--out", "local.exr")
+        said = capsys.readouterr().err
+        assert said.startswith(f"xfrustum: note: {option}") and "leaves out" in said and said.count("\n") == 1
+        assert read_image("local.exr").camera.light_paths is None
+
+
 def test_light_paths_bring_their_variance_to_the_comparison(capsys: pytest.CaptureFixture[str]) -> None:
     paths = ("--tracer", "mitsuba", "--interreflection", "--samples", "8")
     run("trace", "boxes.toml", *paths, "--quiet", "--out", "noisy.exr")
@@ -166,13 +204,16 @@ def test_figure_7_is_one_page_and_three_pictures(capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("line", "word"),
     [
-        ("trace boxes.toml --shadows --out x.exr", "mitsuba"),
+        ("trace boxes.toml --tracer embree --shadows --out x.exr", "leave out --tracer embree"),
+        ("trace boxes.toml --effects diffuse --shadows --out x.exr", "leave out --effects"),
         ("trace boxes.toml --samples 1 --tracer mitsuba --shadows --out x.exr", "--samples"),
         ("raster boxes.toml --near 1 --effects shiny --out x.exr", "shiny"),
         ("trace boxes.toml --effects diffuse,shiny --out x.exr", "shiny"),
         ("report boxes.toml --near 1 --effects shiny --out x", "shiny"),
         ("raster boxes.toml --near 1 --aperture-samples 0 --out x.exr", "--aperture-samples"),
-        ("raster boxes.toml --near 1 --supersample 100000 --out x.exr", "supersample"),
+        ("raster boxes.toml --near 1 --supersample 100000 --out x.exr", "--supersample"),
+        ("raster boxes.toml --near 1 --aperture-samples 100000 --out x.exr", "--aperture-samples"),
+        ("raster boxes.toml --near inf --out x.exr", "--near"),
         ("figure7 no-such-scene", "no-such-scene"),
         ("figure7 boxes.toml --near 60", "near"),
     ],

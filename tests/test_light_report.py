@@ -110,6 +110,8 @@ def test_the_page_is_still_one_file_that_asks_for_nothing(files: ReportFiles) ->
     for part in (
         "<h2>Light</h2>",
         "What the raster misses",
+        "in radiance</tt>",
+        "scale of the right one is logarithmic",
         'id="plot-eye"',
         'id="plot-flip"',
         'data-layer="radiance"',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shlex
 from dataclasses import replace
 from functools import cache
@@ -433,6 +434,9 @@ def test_too_many_slabs_are_no_plan_and_the_reason_says_what_comes_nearest() -> 
     assert not made.within and made.settings is None
     assert (made.depth, made.mapping) == D16
     assert "No plan with up to 16 cuts" in made.reason and "order sheets" in made.reason
+    lengths = re.findall(r"(?:near|cut at|apart, but not) [-+.e\d]+(?: \S+)?", made.reason)
+    assert len(lengths) == 3
+    assert all(length.split()[-1].rstrip(",") == scene.units for length in lengths)
 
 
 def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
@@ -509,6 +513,13 @@ def test_bad_input_is_one_line(options: list[str], capsys: pytest.CaptureFixture
     assert main(["plan", "asymmetric", *options]) == 2
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("given", ["--tolerance-px -1", "--separation nan", "--max-wrong 2"])
+def test_a_number_out_of_range_names_its_option(given: str, capsys: pytest.CaptureFixture[str]) -> None:
+    option, value = given.split()
+    assert main(["plan", "asymmetric", option, value]) == 2
+    assert f"'{option}': '{value}' is not a" in capsys.readouterr().err
 
 
 def test_a_requirement_checks_itself() -> None:

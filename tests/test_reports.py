@@ -17,7 +17,7 @@ from PIL import Image
 
 from xfrustum.compare import Spread
 from xfrustum.compare.predict import Prediction, Separations
-from xfrustum.reports import images, report, sweep
+from xfrustum.reports import figures, images, report, sweep
 from xfrustum.reports.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE,
@@ -56,6 +56,16 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
     """A report of a sheared frustum, hence of three apertures."""
     out = tmp_path_factory.mktemp("report") / "new" / "folder"
     return make_report(small("asymmetric-recentered"), out, nears=NEARS, depths=DEPTHS)
+
+
+def page_data(page: Path) -> dict[str, Any]:
+    """Return what the page's script reads."""
+    found = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>', page.read_text(), re.DOTALL
+    )
+    assert found
+    data: dict[str, Any] = json.loads(found[1], parse_constant=refuse)
+    return data
 
 
 def refuse(constant: str) -> NoReturn:
@@ -219,6 +229,23 @@ def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
     flat = pq.read_table(made.parquet).to_pylist()[0]
     assert flat["displacement_px_rms"] is None
     assert flat["predicted_displacement_px_rms"] is None
+    # Where there is nothing to plot there is no plot; that no pixel is wrong is something.
+    (curves,) = page_data(made.html)["curves"]
+    assert {name for name, figure in curves.items() if figure is None} == {
+        "displacement_p99",
+        "displacement_rms",
+    }
+
+
+@pytest.mark.parametrize(
+    ("smallest", "step", "written"), [(1e-4, 1, None), (2e-3, "D2", "~g"), (0.4, None, "~g")]
+)
+def test_a_short_logarithmic_axis_writes_its_labels_out(
+    smallest: float, step: object, written: str | None
+) -> None:
+    """Powers of ten alone label next to nothing of it, and plotly's own 2 and 5 say not of what."""
+    figure = figures.pair_figure([0.1, 0.2], [smallest, 0.5], [smallest, 0.5], "title")
+    assert (figure.layout.yaxis.dtick, figure.layout.yaxis.tickformat) == (step, written)
 
 
 def test_a_report_that_fails_leaves_the_old_one_untouched(

@@ -30,6 +30,8 @@ function drawPlots() {
   const curves = data.curves[state.aperture];
   for (const [name, figure] of Object.entries(curves)) {
     const place = get("plot-" + name);
+    place.hidden = figure === null;
+    if (figure === null) continue;
     Plotly.react(place, figure.data, figure.layout, config);
     place.removeAllListeners("plotly_click");
     place.on("plotly_click", (event) => {
@@ -106,7 +108,7 @@ function show() {
   get("predictions").innerHTML = predictions(row);
   if (drawnAperture !== state.aperture) drawPlots();
   const line = { type: "line", xref: "x", yref: "paper", x0: row.near / data.reach, x1: row.near / data.reach, y0: 0, y1: 1, line: { color: "#80868f", width: 1.2, dash: "dot" } };
-  for (const name of Object.keys(data.curves[state.aperture])) Plotly.relayout(get("plot-" + name), { shapes: [line] });
+  for (const [name, figure] of Object.entries(data.curves[state.aperture])) if (figure !== null) Plotly.relayout(get("plot-" + name), { shapes: [line] });
 }
 
 for (const depth of depths) {

@@ -13,6 +13,7 @@ import click
 
 from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_plate, cli_study, cli_verify
 from xfrustum import cli_options as options
+from xfrustum.cli_termination import Terminated, terminated_like_interrupted
 
 if TYPE_CHECKING:
     from xfrustum.cli_light import Light
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 BAD_INPUT = 2
 INTERRUPTED = 130
 """128 + SIGINT, what shells expect of a program that was stopped by Ctrl-C."""
+
+TERMINATED = 143
+"""128 + SIGTERM, likewise."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
@@ -95,30 +99,34 @@ def report(
 @cli.command()
 @options.scene_argument
 @options.aperture_option
-@options.tracer_option
+@options.free_tracer_option
 @cli_light.light_options(*cli_light.REFERENCE)
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
 @options.quiet_option
 def trace(
-    *, scene: str, aperture: tuple[int, int] | None, tracer: str, light: Light, out: Path, quiet: bool
+    *, scene: str, aperture: tuple[int, int] | None, tracer: str | None, light: Light, out: Path, quiet: bool
 ) -> None:
     """Trace the truth of one aperture and write it as EXR.
 
-    With --tracer mitsuba and shadows or interreflection, its color is the mean of light paths, with
+    With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
     their variance in the channels variance.R, variance.G and variance.B.
     """
     from xfrustum.reference import Reference
-    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.reports.outputs import check_writable_image
     from xfrustum.reports.tracing import trace_to_file
     from xfrustum.reports.transported import trace_transported
     from xfrustum.scenes import open_scene
+    from xfrustum.scenes.rendering import Rendering
 
     opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
-    check_writable_file(out)
-    reference = Reference(opened, tracer=tracer, effects=light.chosen(opened))
-    if not light.transported(opened, tracer):
-        trace_to_file(reference, chosen, out, progress=not quiet)
+    check_writable_image(out)
+    effects = light.chosen(opened)
+    who, transported = light.tracer(opened, tracer)
+    reference = Reference(opened, tracer=who, effects=effects)
+    if not transported:
+        rendering = Rendering.of(effects, opened.sampling)
+        trace_to_file(reference, chosen, out, rendering=rendering, progress=not quiet)
     else:
         trace_transported(reference, chosen, out, progress=not quiet)
 
@@ -128,20 +136,20 @@ def trace(
 @options.aperture_option
 @options.double_frustum_options
 @cli_light.light_options(*cli_light.RASTER)
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
 def raster(
     *, scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, light: Light, out: Path
 ) -> None:
     """Draw one aperture with the two cameras and write it as EXR."""
     from xfrustum.raster import Rasterizer
-    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.reports.outputs import check_writable_image
     from xfrustum.scenes import open_scene
     from xfrustum.scenes.exr import write_image
 
     opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     settings.check_against(opened.frustum)
-    check_writable_file(out)
+    check_writable_image(out)
     with Rasterizer(opened, effects=light.chosen(opened, settings.camera)) as rasterizer:
         write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
 
@@ -208,12 +216,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # Importing the scenes for their one exception would cost `--help` a second.
     try:
-        status = cli.main(args=arguments, prog_name="xfrustum", standalone_mode=False)
+        with terminated_like_interrupted():
+            status = cli.main(args=arguments, prog_name="xfrustum", standalone_mode=False)
     except click.ClickException as error:
         return _refuse(error.format_message())
-    except click.Abort:
-        click.echo("xfrustum: interrupted", err=True)
-        return INTERRUPTED
+    except click.Abort as error:
+        terminated = isinstance(error.__cause__, Terminated)
+        click.echo(f"xfrustum: {'terminated' if terminated else 'interrupted'}", err=True)
+        return TERMINATED if terminated else INTERRUPTED
     except Exception as error:
         from xfrustum.scenes.errors import InputError
 

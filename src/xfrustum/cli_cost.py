@@ -9,12 +9,13 @@ from pathlib import Path
 import click
 
 from xfrustum import cli_options as options
+from xfrustum.cli_numbers import Positive
 
 
 @click.command()
 @options.scene_argument
 @options.aperture_option
-@click.option("--tolerance-px", type=float, default=0.5, show_default=True, help="99 % of displacement.")
+@click.option("--tolerance-px", type=Positive(), default=0.5, show_default=True, help="99 % of displacement.")
 @click.option("--repeat", type=click.IntRange(1), default=5, show_default=True, help="After a warm-up.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and cost.json.")
 @options.quiet_option

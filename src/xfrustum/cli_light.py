@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from xfrustum import cli_options as options
+from xfrustum.cli_numbers import Positive, Samples
 
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import Camera
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-_COUNT = click.IntRange(1)
+_COUNT = Samples()
 _OPTIONS = {
     "effects": click.option(
         "--effects",
@@ -45,7 +46,7 @@ _OPTIONS = {
         help="Points of the aperture's area (band limiting).  [default: the scene's]",
     ),
     "shadows": click.option(
-        "--shadows/--no-shadows", default=None, help="Light transport by Mitsuba.  [default: the scene's]"
+        "--shadows/--no-shadows", default=None, help="Light transport, by Mitsuba.  [default: the scene's]"
     ),
     "interreflection": click.option("--interreflection/--no-interreflection", default=None, help="Likewise."),
     "samples": click.option(
@@ -94,23 +95,37 @@ class Light:
 
         return chosen(scene, self.effects, camera or Camera.BOTH)
 
-    def transported(self, scene: Scene, tracer: str) -> bool:
-        """Return whether light transport is to be traced, which only Mitsuba does.
+    def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
+        """Return who traces, and whether that is light paths, which only Mitsuba does.
+
+        Parameters
+        ----------
+        scene
+            With these settings applied.
+        given
+            The tracer that the command line names; None chooses the one that can do what is asked for.
 
         Raises
         ------
         click.UsageError
-            The command line asks for it, but for another tracer, or not for all effects.
+            Light transport is asked for, but of another tracer, or not with all effects.
         """
-        asked = scene.transport.shadows or scene.transport.interreflection
-        if asked and tracer == "mitsuba" and self.effects != "auto":
-            raise click.UsageError("light paths take every effect: leave out --effects, or light transport")
-        if not asked or tracer == "mitsuba":
-            return asked
-        if self.shadows or self.interreflection:
-            raise click.UsageError(f"{tracer} traces no light transport; add --tracer mitsuba")
-        click.echo("xfrustum: note: shadows and interreflection are left out; see --tracer mitsuba", err=True)
-        return False
+        transport = scene.transport
+        if not (transport.shadows or transport.interreflection):
+            return given or "embree", False
+        insisted = bool(self.shadows or self.interreflection)
+        local_effects = self.effects != "auto"
+        if given == "mitsuba" or (given is None and (insisted or not local_effects)):
+            if local_effects:
+                raise click.UsageError(
+                    "light paths have all effects: leave out --effects, or light transport"
+                )
+            return "mitsuba", True
+        if insisted:
+            raise click.UsageError(f"{given} traces no light transport; leave out --tracer {given}")
+        cause = f"--tracer {given}" if given else "--effects"
+        click.echo(f"xfrustum: note: {cause} leaves out the scene's shadows and interreflection", err=True)
+        return given or "embree", False
 
 
 def _given(settings: dict[str, Any]) -> dict[str, Any]:
@@ -136,7 +151,7 @@ def light_options(*names: str) -> Callable[[Command], Command]:
 @click.command()
 @click.argument("scene", default="car-studio")
 @options.aperture_option
-@click.option("--near", type=float, help="Offset of both cameras.  [default: 1e-6 of the reach]")
+@click.option("--near", type=Positive(), help="Offset of both cameras.  [default: 1e-6 of the reach]")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
 def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, out: Path | None) -> None:
     """Draw C alone, C* alone and both, as in the paper's figure 7; write a page and three pictures."""

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from xfrustum.cli_numbers import Positive
+
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
     from xfrustum.scenes.plate import Aperture
@@ -170,7 +172,7 @@ class Depths(click.ParamType[tuple[tuple[StrEnum, StrEnum], ...]]):
 
 # One line per field of DoubleFrustum, whose defaults hold where an option is left out.
 _SETTINGS = (
-    click.option("--near", type=float, required=True, help="Offset of both cameras, 0 < N < reach."),
+    click.option("--near", type=Positive(), required=True, help="Offset of both cameras, 0 < N < reach."),
     click.option("--depth", type=Name("DepthFormat"), help="Depth buffer format.  [default: d24]"),
     click.option("--mapping", type=Name("DepthMapping"), help="Depth mapping.  [default: standard]"),
     click.option("--pivot", type=Name("Pivot"), help="Center of the shear.  [default: aperture]"),
@@ -220,6 +222,9 @@ aperture_option = click.option(
 )
 tracer_option = click.option(
     "--tracer", type=Tracer(), default="embree", show_default=True, help="Who traces."
+)
+free_tracer_option = click.option(
+    "--tracer", type=Tracer(), help="Who traces.  [default: embree; mitsuba for light transport]"
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")

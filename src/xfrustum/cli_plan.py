@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from xfrustum import cli_options as options
+from xfrustum.cli_numbers import Positive
 
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping
@@ -18,9 +19,11 @@ if TYPE_CHECKING:
 @options.scene_argument
 @options.aperture_option
 @click.option("--apertures", type=click.IntRange(1), help="That many, all over the plate, instead.")
-@click.option("--tolerance-px", type=float, default=0.5, show_default=True, help="99 % of displacement.")
-@click.option("--separation", type=float, help="Of sheets to be ordered.  [default: reach/1000]")
-@click.option("--max-wrong", type=float, default=1e-3, show_default=True, help="Share wrong by depth.")
+@click.option("--tolerance-px", type=Positive(), default=0.5, show_default=True, help="99 % of displacement.")
+@click.option("--separation", type=Positive(), help="Of sheets to be ordered.  [default: reach/1000]")
+@click.option(
+    "--max-wrong", type=Positive(below=1), default=1e-3, show_default=True, help="Share wrong by depth."
+)
 @click.option("--depth", type=options.Name("DepthFormat"), help="Depth buffer format.  [default: any]")
 @click.option("--mapping", type=options.Name("DepthMapping"), help="Depth mapping.  [default: any]")
 @options.quiet_option

@@ -11,6 +11,7 @@ import click
 
 from xfrustum import cli_options as options
 from xfrustum.cli_checks import LIMIT_EXCEEDED
+from xfrustum.cli_numbers import Positive
 
 
 class Share(click.ParamType[float]):
@@ -72,7 +73,9 @@ class Conventions(click.ParamType[tuple[str, ...]]):
 @click.option(
     "--max-displacement-px", type=float, default=0.5, show_default=True, help="Of 99 of 100 surface points."
 )
-@click.option("--timeout", "timeout_s", type=float, default=60.0, show_default=True, help="Seconds, per run.")
+@click.option(
+    "--timeout", "timeout_s", type=Positive(), default=60.0, show_default=True, help="Seconds, per run."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
 @click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
 @options.quiet_option

@@ -1,0 +1,45 @@
+"""Numbers on the command line, whose errors name the option that they were given to."""
+
+# ruff: noqa: PLC0415 - nothing heavy is imported before a command runs
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import click
+
+
+class Positive(click.ParamType[float]):
+    """A number above zero and, where there is a limit, below it."""
+
+    name = "float"
+
+    def __init__(self, below: float = math.inf) -> None:
+        self._below = below
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number."""
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not 0 < number < self._below:
+            bounded = f"a number between 0 and {self._below:g}, without both"
+            self.fail(
+                f"{value!r} is not {'a positive number' if math.isinf(self._below) else bounded}", param, ctx
+            )
+        return number
+
+
+class Samples(click.ParamType[int]):
+    """A count of samples."""
+
+    name = "integer"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the count."""
+        from xfrustum.scenes.sampling import MAX_SAMPLES
+
+        count: int = click.IntRange(1, MAX_SAMPLES).convert(value, param, ctx)
+        return count
