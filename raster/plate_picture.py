@@ -1,4 +1,4 @@
-"""What several hogels show: every camera's picture and, over all of them, light or reflections."""
+"""What several hogels show: every camera's picture and, over all of them, every camera's reflections."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from xfrustum.raster.materials import Shading
 from xfrustum.raster.passes import Pass
 from xfrustum.raster.plate_drawing import PlateDrawing
 from xfrustum.raster.plate_geometry import PlateGeometry
-from xfrustum.raster.plate_light import INTERPOLATED, LateLight
 from xfrustum.raster.plate_program import hogel_block, picture_program, reflection_program
 from xfrustum.raster.plate_reflection import Reflections
 from xfrustum.raster.programs import picture_defines, reflection_defines, set_camera
@@ -71,31 +70,29 @@ class PlatePicture:
         self._context, self._mapping = context, look.mapping
         effects, hogels = look.effects, look.hogels
         mirrors = reflective_triangles(scene, effects)
-        geometry = PlateGeometry(context, scene, passes, look.mapping.clip_control, mirrors)
-        self._shading = shading = Shading(context, scene, effects)
-        self._late: LateLight | None = None
-        self._reflections: Reflections | None = None
-        if shaded_late(scene, effects):
-            defines = {"SHADED_LATER": "1", **picture_defines(look.mapping, None)}
-            self._late = LateLight(context, scene, shading, effects, hogels)
-        else:
-            defines = {**picture_defines(look.mapping, effects), **shading.defines}
-            geometry.carry(shading.surfaces)
+        self._geometry = PlateGeometry(context, scene, passes, look.mapping.clip_control, mirrors)
+        self._shading = Shading(context, scene, effects)
+        self._geometry.carry(self._shading.surfaces)
+        defines = {**picture_defines(look.mapping, effects), **self._shading.defines}
         program = picture_program(context, defines, hogels)
-        self.drawings = [PlateDrawing(context, program, geometry, geometry.surfaces, hogels)]
+        picture = PlateDrawing(context, program, self._geometry, self._geometry.surfaces, hogels)
+        self.drawings, self._reflections = [picture], None
         if mirrors.any():
-            program = reflection_program(context, {**reflection_defines(effects), **shading.defines}, hogels)
-            drawing = PlateDrawing(context, program, geometry, geometry.reflections, hogels)
+            defines = {**reflection_defines(effects), **self._shading.defines}
+            program = reflection_program(context, defines, hogels)
+            drawing = PlateDrawing(context, program, self._geometry, self._geometry.reflections, hogels)
             self._reflections = Reflections(context, drawing, Environment(context, scene))
-            self.drawings.append(drawing)
-        self.triangles_of_cameras = [part.count for part in geometry.surfaces]
+            self.drawings.append(self._reflections.drawing)
 
     @property
-    def finish_stage(self) -> str | None:
-        """What there is to do when all cameras have drawn."""
-        if self._late is not None:
-            return "light"
-        return None if self._reflections is None else "reflection"
+    def triangles_of_cameras(self) -> list[int]:
+        """How many triangles each camera draws at most."""
+        return [part.count for part in self._geometry.surfaces]
+
+    @property
+    def reflects(self) -> bool:
+        """Whether any triangle is drawn once more for its reflection."""
+        return self._reflections is not None
 
     def begin(self, slot: Slot, enabled: int) -> None:
         """Draw into a slot from now on, over nothing.
@@ -110,8 +107,6 @@ class PlatePicture:
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
         slot.target.begin()
-        if self._late is not None:
-            slot.target.begin_identity()
 
     def upload(self, slot: Slot, number: int, hogels: Sequence[Pass]) -> list[int]:
         """Say what a camera draws for the hogels, and return in how many draws, drawing by drawing."""
@@ -140,35 +135,26 @@ class PlatePicture:
         self._context.depth_func = camera.test.function
         self._context.front_face = camera.front_face
         set_camera(drawing.program, number, camera, slot.target.size)
-        if self._late is None:
-            self._shading.bind(drawing.program)
+        self._shading.bind(drawing.program)
         drawing.draw(slot.hogels[number], slot.commands[PICTURE][number], draws)
 
-    def finish(
-        self, slot: Slot, cameras: Sequence[Sequence[Pass]], draws: Sequence[Sequence[int]], enabled: int
-    ) -> None:
-        """Shade or add reflections, where either is left to do.
+    def reflect(self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int) -> None:
+        """Draw every camera's reflections over the picture, if anything reflects.
 
         Parameters
         ----------
         slot
             With the pictures.
         cameras
-            In drawing order, each as every hogel has it.
+            In drawing order, those of any hogel.
         draws
             Of each camera, as uploaded.
         enabled
             What is enabled for pictures.
         """
-        any_hogel = [hogels[0] for hogels in cameras]
-        over = enabled & ~moderngl.DEPTH_TEST
-        if self._late is not None:
-            self._context.enable_only(over)
-            self._late.draw(slot, any_hogel, len(cameras[0]))
         if self._reflections is not None:
-            self._context.enable_only(over | moderngl.BLEND)
-            drawn = [counts[REFLECTION] for counts in draws]
-            self._reflections.draw(slot, any_hogel, drawn, REFLECTION, self._shading)
+            self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)
+            self._reflections.draw(slot, cameras, draws, REFLECTION, self._shading)
 
 
 def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> NDArray[np.bool_]:
@@ -178,13 +164,3 @@ def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> NDArray[np
         for first, count in reflecting(scene):
             found[first : first + count] = True
     return found
-
-
-def shaded_late(scene: Scene, effects: frozenset[Effect]) -> bool:
-    """Return whether light can wait until all cameras have drawn: no reflections look up what they drew."""
-    return not effects & INTERPOLATED and not reflective_triangles(scene, effects).any()
-
-
-def looks_up(scene: Scene, effects: frozenset[Effect]) -> bool:
-    """Return whether a pass looks up what was drawn."""
-    return shaded_late(scene, effects) or bool(reflective_triangles(scene, effects).any())

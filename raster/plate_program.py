@@ -41,11 +41,6 @@ def reflection_program(context: moderngl.Context, defines: Defines, hogels: int)
     return program(context, "reflection.frag", {**_many(context, hogels), **defines})
 
 
-def later_program(context: moderngl.Context, defines: Defines, hogels: int) -> moderngl.Program:
-    """Return the program of film.vert and shade.frag, likewise."""
-    return program(context, "shade.frag", {**_many(context, hogels), **defines}, "film.vert")
-
-
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:
     """Return whether one draw may reach many layers; no version of OpenGL promises it."""
     return bool(LAYER_EXTENSIONS & set(context.extensions))

@@ -49,7 +49,7 @@ class Reflections:
             The scene's materials.
         """
         self._context.blend_func = (moderngl.ONE, moderngl.ONE)
-        slot.target.begin_color()
+        slot.target.begin_reflection()
         self._environment.bind(slot.target)
         shading.bind(self.drawing.program)
         for number, camera in enumerate(cameras):

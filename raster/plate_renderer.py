@@ -16,7 +16,13 @@ from OpenGL import GL
 from xfrustum.raster.context import describe, open_context
 from xfrustum.raster.depth_formats import MAPPINGS
 from xfrustum.raster.passes import Pass, cameras_in_order, pass_of
-from xfrustum.raster.plate_picture import PICTURE, Look, PlatePicture, looks_up
+from xfrustum.raster.plate_picture import (
+    PICTURE,
+    REFLECTION,
+    Look,
+    PlatePicture,
+    reflective_triangles,
+)
 from xfrustum.raster.plate_program import lets_vertices_choose_layers
 from xfrustum.raster.plate_targets import LayeredTarget, TargetFormat
 from xfrustum.raster.room import check_room
@@ -81,7 +87,7 @@ class PlateRenderer:
             raise
 
     def _prepare(self) -> None:
-        identified = looks_up(self.scene, self.effects)
+        identified = bool(reflective_triangles(self.scene, self.effects).any())
         form = TargetFormat(depth=self.settings.depth, content=self.content, identified=identified)
         size = self.scene.frustum.resolution
         self.batching = Batching.of(size, form, layered=lets_vertices_choose_layers(self._context))
@@ -204,9 +210,10 @@ class PlateRenderer:
                 draws.append(picture.upload(slot, number, hogels))
             with self._stage("C" if self._cameras[number].orthoscopic else "C*"):
                 picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
-        if picture.finish_stage is not None:
-            with self._stage(picture.finish_stage):
-                picture.finish(slot, cameras, draws, self._enabled)
+        if picture.reflects:
+            with self._stage("reflection"):
+                drawn = [counts[REFLECTION] for counts in draws]
+                picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, self._enabled)
 
     def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]]) -> Iterator[PlateHogel]:
         for slot, apertures in waiting:

@@ -84,7 +84,6 @@ class LayeredTarget:
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
         # The shader's outputs keep their numbers; those without a buffer are dropped.
         self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
-        self._identity = self._framebuffer([IDENTITY], depth=True)
         # What a shader reads may not be bound for drawing.
         self._radiance = self._framebuffer([COLOR], depth=False)
         self._packs = {COLOR: self._pack(4 * self._content.color.dtype.itemsize)}
@@ -134,11 +133,7 @@ class LayeredTarget:
         if GL.GL_COLOR_ATTACHMENT0 + IDENTITY in self._textures:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
 
-    def begin_identity(self) -> None:
-        """Draw from now on identities alone."""
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._identity)
-
-    def begin_color(self) -> None:
+    def begin_reflection(self) -> None:
         """Draw from now on color alone, over what is there."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
 
@@ -188,6 +183,6 @@ class LayeredTarget:
 
     def release(self) -> None:
         """Free what it owns."""
-        GL.glDeleteFramebuffers(3, [self._picture, self._identity, self._radiance])
+        GL.glDeleteFramebuffers(2, [self._picture, self._radiance])
         GL.glDeleteTextures(list(self._textures.values()))
         GL.glDeleteBuffers(len(self._packs), list(self._packs.values()))

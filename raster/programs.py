@@ -58,12 +58,10 @@ def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
     return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
 
 
-def program(
-    context: moderngl.Context, fragment: str, defines: Defines, vertex: str = "hogel.vert"
-) -> moderngl.Program:
-    """Return the program of two shaders."""
+def program(context: moderngl.Context, fragment: str, defines: Defines) -> moderngl.Program:
+    """Return the program of `hogel.vert` and a fragment shader."""
     return context.program(
-        vertex_shader=defined(shader(vertex), defines),
+        vertex_shader=defined(shader("hogel.vert"), defines),
         fragment_shader=defined(shader(fragment), defines),
     )
 

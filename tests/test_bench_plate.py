@@ -49,21 +49,14 @@ def test_the_plates_json_carries_every_contestant_stage_and_ratio(
     for pair, ratio in found["ratios"].items():
         one, other = pair.split("/")
         assert ratio == pytest.approx(rates[one]["median"] / rates[other]["median"])
-    assert set(found["stages_s"]) == {"upload", "C", "C*", "light", "read-back"}
+    assert set(found["stages_s"]) == {"upload", "C", "C*", "read-back"}
     assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
     assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
 
 
 def test_the_plates_table_names_every_contestant_and_stage() -> None:
     lines = table(bench_plate(view("crossing"), 8, 1)).splitlines()
-    assert {line.split()[0] for line in lines if line} >= {
-        *MEANINGS,
-        "upload",
-        "C",
-        "C*",
-        "light",
-        "read-back",
-    }
+    assert {line.split()[0] for line in lines if line} >= {*MEANINGS, "upload", "C", "C*", "read-back"}
     assert "crossing" in lines[0] and any(line.startswith(f"stages of {BATCHED}") for line in lines)
 
 

@@ -94,7 +94,7 @@ def test_every_depth_mapping_shows_the_same_light(mapping: DepthMapping) -> None
 
 
 FLIPS = {
-    "N*": ("return FRONT_FACING ? normal", "return FRONT_FACING == (conjugate > 0.0) ? normal"),
+    "N*": ("return gl_FrontFacing ? normal", "return gl_FrontFacing == (conjugate > 0.0) ? normal"),
     "C*": ("return -unit(away)", "return -conjugate * unit(away)"),
     "L*": ("conjugate * lights[i].toward", "lights[i].toward"),
     "R*": ("vec3 R = conjugate *", "vec3 R ="),

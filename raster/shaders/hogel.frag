@@ -10,10 +10,6 @@
 #include "phong.glsl"
 #endif
 
-#ifdef SHADED_LATER
-#include "turned.glsl"
-#endif
-
 layout(location = 0) out uvec2 identity;
 layout(location = 1) out vec4 radiance;
 
@@ -26,9 +22,6 @@ uniform float far;
 
 void main() {
     identity = uvec2(uint(TRIANGLE) + 1u, camera);
-#ifdef SHADED_LATER
-    if (gl_FrontFacing) identity.y |= TURNED;
-#endif
 #ifdef FRAGMENT_DEPTH
     float w = 1.0 / gl_FragCoord.w;
     gl_FragDepth = FRAGMENT_DEPTH;

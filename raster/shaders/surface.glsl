@@ -12,13 +12,9 @@
 
 #include "accurate.glsl"
 
-#ifndef FRONT_FACING
-#define FRONT_FACING gl_FrontFacing
-#endif
-
 // Of each triangle: its unit normal by the mesh's winding; the number of its material with two flags,
 // and that of its texture + 1.
-#if defined(MANY) && !defined(SHADED_LATER)
+#ifdef MANY
 flat in vec3 flat_normal;  // see hogel.vert: what vertices carry costs less than looking it up
 flat in uvec2 flat_surface;
 #define NORMAL_OF(triangle) flat_normal
@@ -76,7 +72,7 @@ vec3 turned_to_camera(int triangle) {
     bool smoothed = (SURFACE_OF(triangle).x & IS_SMOOTH) != 0u && dot(smooth_normal, smooth_normal) > 0.0;
     if (smoothed) normal = unit(smooth_normal);
 #endif
-    return FRONT_FACING ? normal : -normal;
+    return gl_FrontFacing ? normal : -normal;
 }
 
 // R: a direction reflected across a normal.
