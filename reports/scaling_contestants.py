@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from types import MappingProxyType
 
@@ -21,7 +22,7 @@ RELATIVE_NEAR = 1e-3
 
 RASTER, PLATE = "raster", "plate"
 EMBREE, MITSUBA = "embree", "mitsuba"
-CERTIFIED, TRUTH = "certified", "truth"
+CERTIFIED, TRUTH, STREAM = "certified", "truth", "stream"
 
 TRIANGLES, PIXELS, APERTURES = "triangles", "pixels", "apertures"
 
@@ -143,7 +144,7 @@ def _load_certified() -> SetUp:
     return set_up
 
 
-def _load_truth() -> SetUp:
+def _load_truth(*, streamed: bool = False) -> SetUp:
     from xfrustum.reference import Reference
 
     _load_compiler()
@@ -151,10 +152,9 @@ def _load_truth() -> SetUp:
     @contextmanager
     def set_up(scene: Scene, apertures: Sequence[Aperture]) -> Iterator[Running]:
         reference = Reference(scene)
-        yield Running(
-            pictures=lambda: _exhaust(reference.trace(one) for one in apertures),
-            made_of=reference.versions,
-        )
+        one_by_one = partial(map, reference.trace)
+        images = reference.stream if streamed else one_by_one
+        yield Running(pictures=lambda: _exhaust(images(apertures)), made_of=reference.versions)
 
     return set_up
 
@@ -170,8 +170,6 @@ def _load_compiler() -> None:
 _ONE_PICTURE = (TRIANGLES, PIXELS)
 _ALL = (*_ONE_PICTURE, APERTURES)
 
-# Many apertures at once by a tracer would be one more line here, along `APERTURES`, and one in
-# `scaling_expected`.
 CONTESTANTS: MappingProxyType[str, Contestant] = MappingProxyType(
     {
         RASTER: Contestant(
@@ -199,6 +197,11 @@ CONTESTANTS: MappingProxyType[str, Contestant] = MappingProxyType(
             meaning="the whole certified image: also points, normals, colors, Embree's second opinion",
             axes=_ALL,
             load=_load_truth,
+        ),
+        STREAM: Contestant(
+            meaning="the same images in one stream, what belongs to the plate done once",
+            axes=(APERTURES,),
+            load=lambda: _load_truth(streamed=True),
         ),
     }
 )

@@ -14,6 +14,7 @@ from xfrustum.reports.scaling_contestants import (
     PIXELS,
     PLATE,
     RASTER,
+    STREAM,
     TRIANGLES,
     TRUTH,
 )
@@ -145,6 +146,12 @@ EXPECTED: dict[tuple[str, str], dict[str, Expectation]] = {
             CERTIFIED,
             TRUTH,
         ),
+        **_all(
+            LINEAR,
+            "triangles are sorted by side once for the plate, but projected and decided for each hogel: "
+            "{each} each",
+            STREAM,
+        ),
     },
     (TRIANGLES, MEMORY): _all(NEARLY_LINEAR, _TRIANGLES_KEPT, RASTER, EMBREE, MITSUBA, CERTIFIED, TRUTH),
     (PIXELS, MEMORY): {
@@ -162,6 +169,12 @@ EXPECTED: dict[tuple[str, str], dict[str, Expectation]] = {
             SUBLINEAR,
             "no more than a round of submissions is in memory: {growth} times for {sizes} times the hogels",
             PLATE,
+        ),
+        **_all(
+            FLAT,
+            "lines of so many hogels as fill one call of the tracer are in memory at once, however many "
+            "there are: {growth} times for {sizes} times the hogels",
+            STREAM,
         ),
     },
 }
