@@ -161,5 +161,5 @@ def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -
 
 def _spread(vectors: Floats) -> Spread | None:
     """Return how the lengths of those (N, 2) vectors are spread that are known."""
-    known = np.isfinite(vectors[:, 0])
-    return Spread.of(np.hypot(vectors[known, 0], vectors[known, 1]))
+    lengths = np.hypot(vectors[:, 0], vectors[:, 1])
+    return Spread.of(lengths[np.isfinite(vectors[:, 0])])

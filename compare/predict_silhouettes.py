@@ -104,9 +104,7 @@ class Silhouettes:
         wrong_to_the_end, common = [], spans[-1]
         for span in reversed(spans):
             common = common.within(span)
-            wrong = _painted(steps, common)
-            wrong[missing] = 1.0
-            wrong_to_the_end.append(float(wrong.sum(where=self._judged)))
+            wrong_to_the_end.append(expected_wrong(_swept(steps, common), missing, self._judged))
         return tuple(np.diff(wrong_to_the_end[::-1], prepend=0.0).tolist())
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
@@ -137,6 +135,24 @@ class Silhouettes:
         return np.asarray(self._in_aperture | (np.isfinite(height) & ~is_drawn(height, settings)))
 
 
+def expected_wrong(swept: Floats, missing: NDArray[np.bool_], judged: NDArray[np.bool_]) -> float:
+    """Return the expected number of wrong pixels.
+
+    Parameters
+    ----------
+    swept
+        (H, W) share of each pixel that spans sweep over, not evened out, what is swept over twice twice.
+    missing, judged
+        (H, W) pixels that are wrong whatever sweeps over them, and pixels that count.
+    """
+    if swept.max(initial=0.0) <= 1 and not missing.any() and judged.all():
+        # Nothing is swept over twice, and evening out leaves the sum as it is.
+        return float(swept.sum())
+    wrong = np.minimum(gaussian_filter(swept, SIGMA_PX), 1)
+    wrong[missing] = 1.0
+    return float(wrong.sum(where=judged))
+
+
 def _in_aperture(truth: HogelImage) -> NDArray[np.bool_]:
     """Return the pixels that show a surface through the aperture itself, (H, W).
 
@@ -150,11 +166,11 @@ def _in_aperture(truth: HogelImage) -> NDArray[np.bool_]:
     return np.asarray(found)
 
 
-def _painted(steps: Contours, spans: _Spans) -> Floats:
-    """Return the share of each pixel that spans sweep over, (H, W).
+def _swept(steps: Contours, spans: _Spans) -> Floats:
+    """Return how much of each pixel spans sweep over, (H, W), more than one where they do so twice.
 
-    The spans of neighboring steps overlap and leave gaps, which the `SIGMA_PX` over which a
-    contour is one evens out. What is swept over twice is wrong once.
+    The spans of neighboring steps overlap and leave gaps, which are to be evened out over the `SIGMA_PX` over
+    which a contour is one. What is swept over twice is then wrong once.
     """
     width, height = steps.resolution
     # Beyond the film nothing is counted.
@@ -167,5 +183,5 @@ def _painted(steps: Contours, spans: _Spans) -> Floats:
     at = np.rint(steps.places[step] + along[:, None] * steps.normal[step]).astype(np.int64)
     on_film = np.all((at >= 0) & (at < (width, height)), axis=1)
     area = (steps.length * (high - low) / np.maximum(count, 1))[step[on_film]]
-    swept = np.bincount(at[on_film] @ (1, width), area, width * height).reshape(height, width)
-    return np.asarray(np.minimum(gaussian_filter(swept, SIGMA_PX), 1))
+    swept: Floats = np.bincount(at[on_film] @ (1, width), area, width * height).astype(np.float64)
+    return swept.reshape(height, width)

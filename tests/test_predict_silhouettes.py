@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.views import SHARED_SCENES, at, view
@@ -16,7 +18,7 @@ from xfrustum.compare.chain import traced_settings
 from xfrustum.compare.contours import Contours, Kind, contours
 from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.predict_displacement import displacement_field
-from xfrustum.compare.predict_silhouettes import Silhouettes
+from xfrustum.compare.predict_silhouettes import Silhouettes, expected_wrong
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -347,3 +349,21 @@ def test_where_nothing_shows_nothing_is_wrong() -> None:
     silhouettes = Silhouettes(Reference(scene).trace(scene.plate.middle), scene.frustum)
     assert silhouettes.wrong_pixels(DoubleFrustum(near=1.0, slabs=(2.0,))) == 0
     assert silhouettes.snapped_pixels(DoubleFrustum(near=1.0), 8) == 0
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_pixel_that_is_missing_is_one_more_wrong_pixel(seed: int) -> None:
+    """Counted without evening out where nothing is swept over twice, and with it for the pixel's sake."""
+    swept = np.random.default_rng(seed).uniform(0, 1, (40, 60))
+    swept[:, 30:] = 0.0
+    missing, judged = np.zeros((2, 40, 60), dtype=np.bool_)
+    judged[:] = True
+    without = expected_wrong(swept, missing, judged)
+    assert without == pytest.approx(swept.sum(), rel=1e-12)
+    missing[20, 55] = True
+    assert expected_wrong(swept, missing, judged) == pytest.approx(without + 1, rel=1e-9)
+
+
+def test_a_film_swept_over_twice_all_over_is_wrong_once() -> None:
+    judged = np.ones((40, 60), dtype=np.bool_)
+    assert expected_wrong(np.full((40, 60), 2.0), ~judged, judged) == pytest.approx(40 * 60)
