@@ -81,11 +81,16 @@ class Shader:
     effects
         What is evaluated; None for what the scene calls for. The cameras among them mean nothing
         here: which surface a pixel shows has been decided.
+
+    Attributes
+    ----------
+    effects
+        What is evaluated.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
         self._scene = scene
-        self._effects = needed(scene) if effects is None else effects
+        self.effects = needed(scene) if effects is None else effects
         surface, appearance = scene.surface, scene.appearance
         self._interpolated = {
             effect
@@ -94,9 +99,9 @@ class Shader:
                 (Effect.VERTEX_COLORS, surface.vertex_colors),
                 (Effect.TEXTURES, surface.texture_of_triangle),
             )
-            if effect in self._effects and attribute is not None
+            if effect in self.effects and attribute is not None
         }
-        self._reflects = Effect.REFLECTION in self._effects and appearance.environment is not None
+        self._reflects = Effect.REFLECTION in self.effects and appearance.environment is not None
         materials = list(dict.fromkeys(scene.materials))
         number = {material: np.int32(index) for index, material in enumerate(materials)}
         self._material_of_object = np.array([number[m] for m in scene.materials], dtype=np.int32)
@@ -116,7 +121,7 @@ class Shader:
         surface = self._surface(hits)
         facing = surface.turn * -_dot(surface.normal, surface.direction) * surface.shrink
         color = np.zeros((len(hits.triangle), self._channels))
-        if Effect.AMBIENT in self._effects:
+        if Effect.AMBIENT in self.effects:
             color += self._of_material("ambient", surface) * surface.albedo
         for light in self._scene.appearance.lights:
             self._add_light(color, light, surface, facing)
@@ -149,10 +154,10 @@ class Shader:
         """Add diffuse light by N and L, and a highlight by L and R, the eye vector reflected across N."""
         toward, intensity = np.array(light.direction), np.array(light.color)[: self._channels]
         cosine = surface.turn * (surface.normal @ toward)
-        if Effect.DIFFUSE in self._effects:
+        if Effect.DIFFUSE in self.effects:
             diffuse = self._of_material("diffuse", surface) * surface.albedo * intensity
             color += diffuse * np.maximum(cosine, 0.0)[:, None]
-        if Effect.SPECULAR in self._effects:
+        if Effect.SPECULAR in self.effects:
             toward_eye = -surface.shrink * (surface.direction @ toward)
             # Rounding takes cosines beyond one, and large exponents what is beyond to infinity.
             along = np.minimum(2.0 * facing * cosine - toward_eye, 1.0)

@@ -28,6 +28,7 @@ from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.effects import Effect
 from xfrustum.scenes.hogel_image import Certainty, HogelCamera, HogelImage, stacked
 from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.rendering import Rendering
 from xfrustum.scenes.sampling import Sampling, sub_apertures
 from xfrustum.scenes.scene import Scene
 
@@ -79,7 +80,8 @@ class Reference:
         sampling
             What color is the mean of; None for the scene's own.
         """
-        return stacked(list(self.trace_bands(aperture, sampling)))
+        image = stacked(list(self.trace_bands(aperture, sampling)))
+        return replace(image, rendering=self.rendering(sampling))
 
     def trace_bands(self, aperture: Aperture, sampling: Sampling | None = None) -> Iterator[HogelImage]:
         """Yield the true image in bands of rows, from the top, in bounded memory; see `trace`."""
@@ -115,7 +117,8 @@ class Reference:
             for aperture, pencil, opinion in zip(some, pencils, opinions, strict=True):
                 certifier = Certifier(self.scene.triangles, pencil, sides)
                 band = partial(self._streamed, aperture, certifier, opinion)
-                yield stacked(list(in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)))
+                image = stacked(list(in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)))
+                yield replace(image, rendering=self.rendering())
 
     def _streamed(
         self, aperture: Aperture, certifier: Certifier, opinion: NDArray[np.int32], rows: range
@@ -221,6 +224,10 @@ class Reference:
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> NDArray[np.bool_]:
         """Return which points the true frustum of an aperture does not see; see `visibility.hidden`."""
         return hidden(self.tracer, self.scene, crossed_frustum(self.scene.frustum, aperture), points)
+
+    def rendering(self, sampling: Sampling | None = None) -> Rendering:
+        """Return what the color of a true image is made of; sampling as for `trace`."""
+        return Rendering.of(self._shader.effects, self.scene.sampling if sampling is None else sampling)
 
     def camera(self, aperture: Aperture) -> HogelCamera:
         """Return the true frustum of an aperture, as its image carries it."""

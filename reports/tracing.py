@@ -8,16 +8,10 @@ from xfrustum.reference import Reference
 from xfrustum.reports.progress import progress_bar
 from xfrustum.scenes.exr import ImageWriter
 from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.rendering import Rendering
 
 
 def trace_to_file(
-    reference: Reference,
-    aperture: Aperture,
-    path: str | Path,
-    *,
-    rendering: Rendering | None = None,
-    progress: bool = False,
+    reference: Reference, aperture: Aperture, path: str | Path, *, progress: bool = False
 ) -> None:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
@@ -29,8 +23,6 @@ def trace_to_file(
         Which one.
     path
         The file; it appears complete, or not at all.
-    rendering
-        What the reference simulates, for the file's header.
     progress
         Whether to draw a bar on standard error.
 
@@ -40,7 +32,7 @@ def trace_to_file(
         The file cannot be written.
     """
     height = reference.scene.frustum.resolution[1]
-    camera = reference.camera(aperture)
+    camera, rendering = reference.camera(aperture), reference.rendering()
     with (
         ImageWriter(path, camera, normals=True, color=True, certainty=True, rendering=rendering) as writer,
         progress_bar(height, "trace", "row", shown=progress) as bar,

@@ -9,7 +9,9 @@ import pytest
 
 from tests.views import view
 from xfrustum.reference import Reference, truth
+from xfrustum.scenes.effects import needed
 from xfrustum.scenes.hogel_image import HogelImage
+from xfrustum.scenes.rendering import Rendering
 from xfrustum.scenes.sampling import Sampling
 
 APERTURES = [(40, 30), (0, 0), (80, 60), (29, 12), (41, 30), (40, 30), (3, 55)]
@@ -58,6 +60,7 @@ def test_and_where_color_is_a_mean() -> None:
     reference = Reference(scene)
     for image, aperture in zip(reference.stream(apertures), apertures, strict=True):
         assert_same(image, reference.trace(aperture))
+        assert image.rendering == Rendering.of(needed(scene), Sampling(aperture=3))
 
 
 def test_nothing_is_traced_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -116,7 +116,6 @@ def trace(
     from xfrustum.reports.tracing import trace_to_file
     from xfrustum.reports.transported import trace_transported
     from xfrustum.scenes import open_scene
-    from xfrustum.scenes.rendering import Rendering
 
     opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
@@ -125,8 +124,7 @@ def trace(
     who, transported = light.tracer(opened, tracer)
     reference = Reference(opened, tracer=who, effects=effects)
     if not transported:
-        rendering = Rendering.of(effects, opened.sampling)
-        trace_to_file(reference, chosen, out, rendering=rendering, progress=not quiet)
+        trace_to_file(reference, chosen, out, progress=not quiet)
     else:
         trace_transported(reference, chosen, out, progress=not quiet)
 
