@@ -8,6 +8,12 @@ vec3 unit(vec3 v) {
     return direction;
 }
 
+// Zero for numbers too small to be normal: a device may keep them or flush them, and a software renderer was
+// seen to do either, from one picture to the next.
+vec3 flushed(vec3 v) {
+    return mix(v, vec3(0.0), lessThan(abs(v), vec3(1.1754944e-38)));
+}
+
 // The angle of a point from the x axis, -PI to PI; 0 at the origin. Polynomial: Moshier, Cephes, atanf.
 float angle_of(float x, float y) {
     float longer = max(abs(x), abs(y));

@@ -57,5 +57,5 @@ vec3 lit(int triangle) {
 #endif
     }
 #endif
-    return radiance;
+    return flushed(radiance);
 }

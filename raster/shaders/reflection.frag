@@ -51,5 +51,5 @@ void main() {
     vec3 C_star = toward_camera();
     vec3 R = conjugate * reflected(C_star, N_star);
     precise vec3 reflection = materials[SURFACE_OF(triangle).x & MATERIAL].reflectance.rgb * environment_along(R);
-    radiance = vec4(reflection, 0.0);
+    radiance = vec4(flushed(reflection), 0.0);
 }
