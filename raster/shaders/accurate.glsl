@@ -8,8 +8,7 @@ vec3 unit(vec3 v) {
     return direction;
 }
 
-// Zero for numbers too small to be normal: a device may keep them or flush them, and a software renderer was
-// seen to do either, from one picture to the next.
+// Zero for numbers too small to be normal: a device may keep them or flush them.
 vec3 flushed(vec3 v) {
     return mix(v, vec3(0.0), lessThan(abs(v), vec3(1.1754944e-38)));
 }
@@ -31,7 +30,8 @@ float angle_of(float x, float y) {
 
 // A cosine to a power above 0; 0 where the cosine is not positive, and no more than 1: rounding takes
 // cosines beyond one. The logarithm is that of 2 atanh((m - 1) / (m + 1)), which keeps its digits near
-// one, where highlights are.
+// one, where highlights are. Powers below 2^-100 are 0: a software renderer was seen to keep numbers too small
+// to be normal in one picture and to flush them in the next, and so sums of them differed.
 float power(float cosine, float exponent) {
     if (!(cosine > 0.0)) return 0.0;
     if (cosine >= 1.0) return 1.0;
@@ -45,5 +45,6 @@ float power(float cosine, float exponent) {
     precise float z = s * s;
     precise float series = 1.0 + z * (1.0 / 3.0 + z * (1.0 / 5.0 + z * (1.0 / 7.0 + z / 9.0)));
     precise float binary_logarithm = float(scale) + 2.88539008177793 * s * series;  // 2 / ln(2)
-    return exp2(exponent * binary_logarithm);
+    precise float logarithm = exponent * binary_logarithm;
+    return logarithm < -100.0 ? 0.0 : exp2(logarithm);
 }
