@@ -55,5 +55,11 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     """
     shift = true_pixel(raster.position, camera)
     shift -= pixel_centers(camera, rows)
-    shift[~shows_point_on_film(raster)] = np.nan
+    # As one complex number each: numpy is several times slower along rows of two.
+    shift.view(np.complex128)[..., 0][~shows_point_on_film(raster)] = complex(np.nan, np.nan)
     return shift
+
+
+def lengths(shift: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths (...) of vectors (..., 2), without over- or underflow."""
+    return np.abs(np.ascontiguousarray(shift).view(np.complex128)[..., 0])

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.displacement import displacement
+from xfrustum.compare.displacement import displacement, lengths
 from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.pixel_bands import in_bands
 from xfrustum.compare.surface import wrong_surface
@@ -97,7 +97,6 @@ def _judge(
 ) -> _Band:
     judged = judged_pixels(truth)
     shift = displacement(raster, camera, rows)
-    lengths = np.hypot(shift[..., 0], shift[..., 1])[shows_point_on_film(raster)]
     maps = ErrorMaps(
         judged=judged,
         surface=wrong_surface(truth, raster, reference) & judged if reference else None,
@@ -106,12 +105,10 @@ def _judge(
         height=_height_map(truth, raster, judged),
         radiance=None,
     )
-    return _Band(maps=maps, lengths=lengths)
+    return _Band(maps=maps, lengths=lengths(shift)[shows_point_on_film(raster)])
 
 
 def _height_map(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NDArray[np.float64]:
     same = truth.covered & (truth.triangle == raster.triangle) & judged
     same &= np.isfinite(raster.height)
-    height = np.full(judged.shape, np.nan)
-    height[same] = raster.height[same].astype(np.float64) - truth.height[same]
-    return height
+    return np.where(same, raster.height - truth.height.astype(np.float64), np.nan)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.causes import causes
-from xfrustum.compare.displacement import Spread
+from xfrustum.compare.displacement import Spread, lengths
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.drawn_trace import trace_drawn
 from xfrustum.compare.error_maps import judged_pixels
@@ -128,7 +128,7 @@ def judge(
     moved = question.project(scene, aperture, upright.position.astype(np.float64))
     height, width = differs.shape
     moved -= np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-    length = np.hypot(moved[..., 0], moved[..., 1])
+    length = lengths(moved)
     radiance = None
     if by != "color" and image.color is not None:
         colored = reference_colors(reference, question, answer)

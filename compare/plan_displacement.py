@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from xfrustum.compare.displacement import displacement
-from xfrustum.compare.predict_displacement import TruePoints, displacements, in_first_slab
+from xfrustum.compare.displacement import displacement, lengths
+from xfrustum.compare.predict_displacement import TruePoints, displacement_lengths, in_first_slab
 from xfrustum.reference import Reference
 from xfrustum.scenes.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.frustum import Frustum
@@ -55,8 +55,7 @@ def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrus
     if not truth.covered.any():
         return 0.0
     points = TruePoints.of(truth)
-    vectors = displacements(points, frustum, settings)
-    moved = np.hypot(vectors[..., 0], vectors[..., 1])
+    moved = displacement_lengths(points, frustum, settings)
     if settings.offset is Offset.PLATE:
         fitted = settings.fitted_height(frustum)
         per_fit = 0.0 if fitted is None else 1 / fitted
@@ -76,6 +75,6 @@ def traced_displacement(reference: Reference, truth: HogelImage, settings: Doubl
 
 def displacement_percentile(vectors: NDArray[np.float64]) -> float:
     """Return the 99th percentile of the lengths of vectors (.., 2) where they are known; 0 where none is."""
-    moved = np.hypot(vectors[..., 0], vectors[..., 1])
+    moved = lengths(vectors)
     moved = moved[np.isfinite(moved)]
     return float(np.percentile(moved, PERCENTILE)) if moved.size else 0.0

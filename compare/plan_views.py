@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from xfrustum.compare.plan_displacement import displacement_bound, traced_displacement
 from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
 from xfrustum.compare.predict_share import Slab, depth_wrong_share, slabs
+from xfrustum.compare.stacks import Stacks
 from xfrustum.reference import Reference
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.errors import InputError
@@ -125,6 +126,11 @@ class View:
             Camera.C_STAR: np.sort(height[height > 0]),
         }
 
+    @cached_property
+    def stacks(self) -> Stacks:
+        """What depth buffers have to tell apart."""
+        return Stacks.of(self.truth, self.gaps)
+
     def farthest(self, camera: Camera, low: float, high: float) -> float | None:
         """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
         seen = self.seen[camera]
@@ -178,9 +184,7 @@ class Views:
     def depth_wrong(self, settings: DoubleFrustum) -> float:
         """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
         frustum = self.scene.frustum
-        shares = (
-            depth_wrong_share(view.truth, view.gaps, frustum, settings, unlucky=True) for view in self.views
-        )
+        shares = (depth_wrong_share(view.stacks, frustum, settings, unlucky=True) for view in self.views)
         return max(shares, default=0.0)
 
     def separation(self, settings: DoubleFrustum) -> float:

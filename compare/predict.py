@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.chain import traced_settings
-from xfrustum.compare.displacement import Spread
-from xfrustum.compare.error_maps import judged_pixels
+from xfrustum.compare.displacement import Spread, lengths
 from xfrustum.compare.predict_depth import smallest_separation
-from xfrustum.compare.predict_displacement import TruePoints, displacements
+from xfrustum.compare.predict_displacement import TruePoints, displacement_lengths, displacements
 from xfrustum.compare.predict_share import depth_wrong_share, slabs
 from xfrustum.compare.predict_silhouettes import Silhouettes
+from xfrustum.compare.stacks import Stacks
 from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.hogel_image import HogelImage
@@ -92,10 +92,10 @@ class Predictor:
     """
 
     def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
-        self._truth, self._gaps, self._frustum = truth, gaps, frustum
+        self._frustum = frustum
         self._subpixel_bits = subpixel_bits
-        self._judged = int(judged_pixels(truth).sum())
         self._points = TruePoints.of(truth).shown()
+        self._stacks = Stacks.of(truth, gaps)
         self._silhouettes = Silhouettes(truth, frustum)
         self._without_depth: dict[DoubleFrustum, tuple[Spread | None, float, float]] = {}
 
@@ -104,16 +104,17 @@ class Predictor:
         # The depth buffer displaces nothing: what many settings share is computed once.
         cameras = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
         if cameras not in self._without_depth:
-            moved = _spread(displacements(self._points, self._frustum, cameras))
-            wrong = self._silhouettes.wrong_pixels(cameras) / max(self._judged, 1)
-            snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / max(self._judged, 1)
+            moved = _spread(displacement_lengths(self._points, self._frustum, cameras))
+            judged = max(self._stacks.judged, 1)
+            wrong = self._silhouettes.wrong_pixels(cameras) / judged
+            snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / judged
             self._without_depth[cameras] = (moved, wrong, snapped)
         displacement_px, silhouettes, snapped = self._without_depth[cameras]
         return Prediction(
             displacement_px=displacement_px,
             silhouettes=silhouettes,
             snapped=snapped,
-            depth=depth_wrong_share(self._truth, self._gaps, self._frustum, settings),
+            depth=depth_wrong_share(self._stacks, self._frustum, settings),
             separation=self.separations(settings),
         )
 
@@ -125,16 +126,16 @@ class Predictor:
         traced = traced_settings(settings, self._frustum)
         fields = [displacements(self._points, self._frustum, link) for link in traced]
         steps = [fields[0], *(after - before for before, after in pairwise(fields))]
-        moved = [spread.rms if spread else None for spread in map(_spread, steps)]
-        share = depth_wrong_share(self._truth, self._gaps, self._frustum, settings)
+        moved = [_spread(lengths(step)) for step in steps]
+        share = depth_wrong_share(self._stacks, self._frustum, settings)
         wrong = [
             *self._silhouettes.charged_pixels(traced),
             self._silhouettes.snapped_pixels(settings, self._subpixel_bits),
-            share * self._judged,
+            share * self._stacks.judged,
         ]
         return tuple(
-            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels)
-            for rms, pixels in zip([*moved, None, None], wrong, strict=True)
+            LinkPrediction(displacement_rms_px=spread.rms if spread else None, surface_pixels=pixels)
+            for spread, pixels in zip([*moved, None, None], wrong, strict=True)
         )
 
     def separations(self, settings: DoubleFrustum) -> Separations:
@@ -156,10 +157,10 @@ class Predictor:
 
 def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     """Return the spread of displacement over the surfaces that the truth shows; None without any."""
-    return _spread(displacements(TruePoints.of(truth).shown(), frustum, settings))
+    return _spread(displacement_lengths(TruePoints.of(truth).shown(), frustum, settings))
 
 
-def _spread(vectors: Floats) -> Spread | None:
-    """Return how the lengths of those (N, 2) vectors are spread that are known."""
-    lengths = np.hypot(vectors[:, 0], vectors[:, 1])
-    return Spread.of(lengths[np.isfinite(vectors[:, 0])])
+def _spread(moved: Floats) -> Spread | None:
+    """Return how those lengths (N,) are spread that are known."""
+    known = np.isfinite(moved)
+    return Spread.of(moved if known.all() else moved[known])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.displacement import lengths
 from xfrustum.compare.film import pixel_centers, shows_point_on_film
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.frustum import Frustum
@@ -65,6 +67,11 @@ class TruePoints:
             camera=truth.camera,
         )
 
+    @cached_property
+    def radius(self) -> Floats:
+        """Distances (...) from the middle of the film, pixels."""
+        return lengths(self.from_middle)
+
     def at(self, pixels: NDArray[Any]) -> TruePoints:
         """Return some of them, by a mask or by indices of the flattened image."""
         chosen = pixels.ravel()
@@ -98,22 +105,37 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
 
     All that holds in the first slab. The cameras of the others stand in the aperture: no displacement.
     """
-    height = np.abs(points.height)
-    near = settings.near if settings.offset is Offset.PLATE else 0.0
+    bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
     per_fit = 0.0 if fitted is None else 1 / fitted
-    bent = near / (height + near)
-    if settings.slabs:
-        bent[~in_first_slab(points.height, frustum, settings)] = 0.0
-    field = points.from_middle * (bent * (1 - height * per_fit))[..., None]
+    field = points.from_middle * (bent * (1 - np.abs(points.height) * per_fit))[..., None]
     if settings.pivot is Pivot.CAMERA:
         camera = points.camera
         sides = [camera.resolution[0] / 2, -camera.resolution[1] / 2]
         film_units = np.asarray(camera.shear) / camera.half_extent * sides
-        field += (bent * (1 + near * per_fit))[..., None] * film_units
-    if settings.camera is not Camera.BOTH or settings.offset is Offset.NONE:
-        field[~is_drawn(points.height, settings)] = np.nan
+        field += (bent * (1 + settings.near * per_fit))[..., None] * film_units
     return field
+
+
+def displacement_lengths(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return the lengths of the displacements of some points, (...) in pixels; see `displacements`."""
+    if settings.pivot is Pivot.CAMERA:
+        return lengths(displacements(points, frustum, settings))
+    # Away from the middle of the film, or toward it.
+    moved = points.radius * _bent(points, frustum, settings)
+    fitted = settings.fitted_height(frustum)
+    return moved if fitted is None else moved * np.abs(1 - np.abs(points.height) / fitted)
+
+
+def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return n / w of some points, (...); 0 outside the first slab, NaN where no camera draws."""
+    near = settings.near if settings.offset is Offset.PLATE else 0.0
+    bent = near / (np.abs(points.height) + near)
+    if settings.slabs:
+        bent[~in_first_slab(points.height, frustum, settings)] = 0.0
+    if settings.camera is not Camera.BOTH or settings.offset is Offset.NONE:
+        bent[~is_drawn(points.height, settings)] = np.nan
+    return np.asarray(bent)
 
 
 def in_first_slab(

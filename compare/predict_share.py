@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from xfrustum.compare.depth_rounding import STEP
-from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.predict_depth import depth_variance, float32_spacing, stored_depth
+from xfrustum.compare.stacks import Stacks
 from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.frustum import Frustum
-from xfrustum.scenes.hogel_image import HogelImage
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +85,7 @@ def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
 
 
 def depth_wrong_share(
-    truth: HogelImage, gaps: Floats, frustum: Frustum, settings: DoubleFrustum, *, unlucky: bool = False
+    stacks: Stacks, frustum: Frustum, settings: DoubleFrustum, *, unlucky: bool = False
 ) -> float:
     """Return the expected share of judged pixels that the depth buffer alone shows wrongly.
 
@@ -94,10 +93,8 @@ def depth_wrong_share(
 
     Parameters
     ----------
-    truth
-        The true image of an aperture.
-    gaps
-        (H, W) how far behind each surface the same camera sees the next; see `Reference.gaps`.
+    stacks
+        Of the true image of an aperture.
     frustum
         The scene's.
     settings
@@ -125,20 +122,17 @@ def depth_wrong_share(
     What linear depth gets wrong too is taken off as if it were the same pixels: those that come too close
     to the far plane, or to each other, for any format.
     """
-    judged = judged_pixels(truth)
-    count = int(judged.sum())
-    height = truth.height.astype(np.float64)
     control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = DRAW_ORDER if unlucky else 1.0
     expected = 0.0
-    for camera, here in ((Camera.C, judged & (height <= 0)), (Camera.C_STAR, judged & (height > 0))):
+    for camera, distance in stacks.distance.items():
         own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
-        distance, gap = np.abs(height[here]), gaps[here]
+        gap = stacks.gap[camera]
         wrong = chances(own, distance, gap, settings, order)
         at = np.flatnonzero(wrong)
         anyway = chances(own, distance[at], gap[at], control, order)
         expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
-    return expected / count if count else 0.0
+    return expected / stacks.judged if stacks.judged else 0.0
 
 
 def chances(
@@ -159,7 +153,9 @@ def chances(
     """
     least = np.full(len(distance), np.inf)
     for slab in own:
-        inside = np.flatnonzero((distance <= slab.high) & (distance >= slab.low))
+        found = (distance <= slab.high) & (distance >= slab.low)
+        # Without other slabs that is nearly always all there is.
+        inside: NDArray[np.int64] | slice = slice(None) if found.all() else np.flatnonzero(found)
         chance = _chance(slab, distance[inside], gap[inside], settings, order)
         least[inside] = np.minimum(least[inside], chance)
     return np.where(np.isfinite(least), least, 0.0)

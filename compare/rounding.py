@@ -45,3 +45,8 @@ def position_tolerance(
     largest: NDArray[np.float64] = np.abs(position).max(axis=1, initial=0.0)
     largest[known] = scene.largest_coordinates[triangle[known]]
     return POSITION_ROUNDINGS * FLOAT32_ROUNDING * largest
+
+
+def largest_tolerance(scene: Scene) -> float:
+    """Return the largest `position_tolerance` of a point on a scene's triangles, scene units."""
+    return POSITION_ROUNDINGS * FLOAT32_ROUNDING * float(scene.largest_coordinates.max(initial=0.0))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.film import shows_point_on_film
-from xfrustum.compare.rounding import position_tolerance
+from xfrustum.compare.rounding import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.scene import Scene
@@ -18,9 +18,10 @@ from xfrustum.scenes.scene import Scene
 
 def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> NDArray[np.int32]:
     """Return the object that each raster pixel shows; where that is not said, the truth's."""
-    by_triangle = np.append(scene.object_of_triangle, np.int32(NOTHING))[raster.triangle]
-    named = np.where(raster.object != NOTHING, raster.object, by_triangle)
-    return np.where(named != NOTHING, named, truth.object)
+    objects = np.where(raster.object != NOTHING, raster.object, truth.object)
+    unnamed = np.flatnonzero((raster.object == NOTHING) & (raster.triangle != NOTHING))
+    objects.ravel()[unnamed] = scene.object_of_triangle[raster.triangle.ravel()[unnamed]]
+    return objects
 
 
 def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> NDArray[np.bool_]:
@@ -57,13 +58,11 @@ def _surely_seen(
     if truth.certainty is None:
         return np.zeros(0, dtype=np.int64)
     same = asked & (truth.certainty <= Certainty.EXACT) & (truth.triangle == raster.triangle)
+    # Most that are farther apart are so in height already: only the others need all coordinates.
+    same &= np.abs(raster.height - truth.height) <= largest_tolerance(scene)
     pixels = np.flatnonzero(same & (raster.triangle != NOTHING))
     triangle = raster.triangle.ravel()[pixels]
     tolerance = position_tolerance(scene, triangle, np.empty((len(pixels), 3)))
-    # Most that are farther apart are so in height already: only the others need all coordinates.
-    height = raster.height.ravel()[pixels] - truth.height.ravel()[pixels]
-    level = np.flatnonzero(np.abs(height) <= tolerance)
-    pixels, tolerance = pixels[level], tolerance[level]
     drawn = raster.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
     apart = drawn - truth.position.reshape(-1, 3).take(pixels, axis=0)
     return np.asarray(pixels[np.einsum("ij,ij->i", apart, apart) <= tolerance**2])

@@ -70,9 +70,9 @@ class EmbreeTracer:
 
         def trace(start: int) -> None:
             part = slice(start, start + RAYS_PER_CALL)
-            ends = {} if until is None else {"dists": (until[part] * self._scale).astype(np.float32)}
+            ends = {} if until is None else {"dists": self._scaled(until[part])}
             hits[part] = self._embree.run(
-                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32), **ends
+                self._scaled(origins[part]), directions[part].astype(np.float32), **ends
             )
 
         if len(origins) <= RAYS_PER_CALL:
@@ -81,3 +81,7 @@ class EmbreeTracer:
         with ThreadPoolExecutor(worker_count()) as pool:
             list(pool.map(trace, range(0, len(origins), RAYS_PER_CALL)))
         return hits
+
+    def _scaled(self, lengths: NDArray[np.float64]) -> NDArray[np.float32]:
+        scaled = np.empty(lengths.shape, dtype=np.float32)
+        return np.multiply(lengths, self._scale, out=scaled, casting="same_kind")

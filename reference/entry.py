@@ -7,6 +7,9 @@ import numpy as np
 from xfrustum.reference.cone import Floats
 from xfrustum.scenes.scene import Scene
 
+GENTLE = 1.0
+"""Slopes of lines that start no farther beside the scene's box than it is deep: at most one digit is lost."""
+
 CLEARANCE = 2.0**-6
 """Distance kept from the scene's box, as a share of its diagonal: far more than float32 rounds."""
 
@@ -24,7 +27,7 @@ def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) 
     center
         (3,) the lines' common point.
     directions
-        (N, 3) d of each line.
+        (N, 3) d of each line, whose z is -1.
     first
         The smallest s that counts.
     """
@@ -32,17 +35,27 @@ def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) 
         return center + first * directions
     low, high = scene.bounds
     clearance = CLEARANCE * float(np.linalg.norm(high - low))
-    s = np.full(len(directions), -np.inf)
+    low, high = low - clearance, high + clearance
     # Axis by axis: numpy is several times slower along rows of three.
-    for axis in range(3):
-        along = np.ascontiguousarray(directions[:, axis])
-        entered = np.where(along > 0, low[axis] - clearance, high[axis] + clearance) - center[axis]
-        with np.errstate(over="ignore"):
-            # A line along the box's sides enters between them nowhere, or everywhere.
-            s = np.maximum(s, np.divide(entered, along, out=np.full(len(s), -np.inf), where=along != 0))
-    # A line beside the box meets nothing, wherever it starts.
-    s = np.where(np.isfinite(s), np.maximum(s, first), first)
+    if all(np.abs(directions[:, axis]).max(initial=0.0) <= GENTLE for axis in range(2)):
+        s: Floats | float = max(first, float(center[2] - high[2]))
+    else:
+        s = np.maximum(first, _entered(low, high, center, directions))
     origins = np.empty_like(directions)
     for axis in range(3):
         origins[:, axis] = center[axis] + s * directions[:, axis]
     return origins
+
+
+def _entered(low: Floats, high: Floats, center: Floats, directions: Floats) -> Floats:
+    """Return where lines enter a box, (N,): those beside it, where they pass its front."""
+    front = float(center[2] - high[2])
+    s = np.full(len(directions), front)
+    for axis in range(2):
+        along = np.ascontiguousarray(directions[:, axis])
+        side = np.where(along > 0, low[axis], high[axis]) - center[axis]
+        with np.errstate(over="ignore"):
+            # A line along the box's sides enters between them nowhere, or everywhere.
+            s = np.maximum(s, np.divide(side, along, out=np.full(len(s), -np.inf), where=along != 0))
+    # A line beside the box meets nothing, wherever it starts.
+    return np.where(np.isfinite(s), s, front)

@@ -52,8 +52,9 @@ def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) 
     s_point = pencil.center[2] - points.position[:, 2]
     directions = np.empty_like(points.position)
     # Axis by axis: numpy is several times slower along rows of three.
-    for axis in range(3):
+    for axis in range(2):
         directions[:, axis] = (points.position[:, axis] - pencil.center[axis]) / s_point
+    directions[:, 2] = -1.0
     origins = ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
     # What is met nearer to the point than half its tolerance is the point's own, and need not be met.
     length = np.sqrt(np.einsum("ij,ij->i", directions, directions))

@@ -12,6 +12,7 @@ from PIL import Image
 from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
+from xfrustum.compare.displacement import lengths
 from xfrustum.compare.display import LEVELS, encoded
 from xfrustum.reports.measurement import SettingPictures
 from xfrustum.scenes.hogel_image import HogelImage
@@ -87,12 +88,12 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
     return buffer.getvalue()
 
 
-def displacement_map(displacement: NDArray[np.floating], reduction: int = 1) -> bytes:
+def displacement_map(displacement: NDArray[np.float64], reduction: int = 1) -> bytes:
     """Encode the length of (H, W, 2) displacement vectors as PNG, transparent where undefined.
 
     The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
     """
-    length = np.hypot(displacement[..., 0], displacement[..., 1])
+    length = lengths(displacement)
     low, high = np.log10(DISPLACEMENT_RANGE_PX)
     known = np.isfinite(length)
     level = (_log10(length[known]) - low) / (high - low) * _DISPLACEMENT_STEPS

@@ -13,6 +13,7 @@ from tests.views import at, soup, view
 from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
 from xfrustum.compare.predict_share import DRAW_ORDER, chances, depth_wrong_share, slabs
+from xfrustum.compare.stacks import Stacks
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -43,7 +44,7 @@ def level(height: float) -> HogelImage:
 
 def share(height: float, gap: float, settings: DoubleFrustum) -> float:
     truth = level(height)
-    return depth_wrong_share(truth, np.full(truth.covered.shape, gap), FRUSTUM, settings)
+    return depth_wrong_share(Stacks.of(truth, np.full(truth.covered.shape, gap)), FRUSTUM, settings)
 
 
 def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
@@ -103,9 +104,13 @@ def test_what_linear_depth_cannot_tell_apart_either_is_not_charged(
 def test_no_more_than_all_pixels_are_wrong_however_unlucky_the_draw_order() -> None:
     truth = level(-70.0)
     close, starved = np.full(truth.covered.shape, 1e-3), DoubleFrustum(near=1e-5, depth=DepthFormat.D16)
-    assert depth_wrong_share(truth, close, FRUSTUM, starved, unlucky=True) == pytest.approx(1.0, abs=1e-6)
+    assert depth_wrong_share(Stacks.of(truth, close), FRUSTUM, starved, unlucky=True) == pytest.approx(
+        1.0, abs=1e-6
+    )
     settings = replace(starved, near=1.0, mapping=DepthMapping.LINEAR)
-    likely, worst = (depth_wrong_share(truth, close, FRUSTUM, settings, unlucky=u) for u in (False, True))
+    likely, worst = (
+        depth_wrong_share(Stacks.of(truth, close), FRUSTUM, settings, unlucky=u) for u in (False, True)
+    )
     assert likely > 0.05 and worst == pytest.approx(DRAW_ORDER * likely, rel=0.01)
 
 
@@ -136,11 +141,11 @@ def test_only_what_is_drawn_and_judged_counts() -> None:
     starved = DoubleFrustum(near=1e-4, depth=DepthFormat.D16)
     truth = level(-70.0)
     nothing = np.full(truth.covered.shape, np.inf)
-    assert depth_wrong_share(truth, nothing, FRUSTUM, replace(starved, camera=Camera.C_STAR)) == 0
-    assert depth_wrong_share(truth, nothing, FRUSTUM, replace(starved, camera=Camera.C)) > 0.999
+    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C_STAR)) == 0
+    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, replace(starved, camera=Camera.C)) > 0.999
     assert truth.certainty is not None
     truth.certainty[:] = 2
-    assert depth_wrong_share(truth, nothing, FRUSTUM, starved) == 0
+    assert depth_wrong_share(Stacks.of(truth, nothing), FRUSTUM, starved) == 0
 
 
 @pytest.mark.parametrize(
@@ -191,6 +196,6 @@ def test_the_share_on_a_car_is_as_predicted(near: float, depth: DepthFormat, map
         )
     judged = judged_pixels(truth)
     measured = float((wrong & ~without & judged).sum() / judged.sum())
-    predicted = depth_wrong_share(truth, gaps, scene.frustum, settings)
+    predicted = depth_wrong_share(Stacks.of(truth, gaps), scene.frustum, settings)
     assert measured > 5e-4
     assert measured / 2 <= predicted <= measured * 2
