@@ -12,7 +12,6 @@ from xfrustum.compare.chain import DEPTH, LINKS, RASTERIZATION, Chain
 from xfrustum.compare.displacement import displacement
 from xfrustum.compare.error_maps import judged_pixels
 from xfrustum.compare.explain import Explanation, explain
-from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.predict import LinkPrediction, Predictor
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.reference import Reference
@@ -127,10 +126,7 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     charge = np.where(wrong, _last(changed), RIGHT).astype(np.int8)
     moved = np.stack([displacement(image, truth.camera) for image in chain.images])
     heights = np.stack(
-        [
-            np.where(shows_point_on_film(image), image.height.astype(np.float64), np.nan)
-            for image in chain.images
-        ]
+        [np.where(image.off_plate, image.height.astype(np.float64), np.nan) for image in chain.images]
     )
     return Budget(
         judged=int(judged.sum()),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.film import pixel_centers, shows_point_on_film, true_pixel
+from xfrustum.compare.film import pixel_centers, true_pixel
 from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
 
 
@@ -56,7 +56,7 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     shift = true_pixel(raster.position, camera)
     shift -= pixel_centers(camera, rows)
     # As one complex number each: numpy is several times slower along rows of two.
-    shift.view(np.complex128)[..., 0][~shows_point_on_film(raster)] = complex(np.nan, np.nan)
+    shift.view(np.complex128)[..., 0][~raster.off_plate] = complex(np.nan, np.nan)
     return shift
 
 

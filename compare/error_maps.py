@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.displacement import displacement, lengths
-from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.pixel_bands import in_bands
 from xfrustum.compare.surface import wrong_surface
 from xfrustum.reference import Reference
@@ -105,7 +104,7 @@ def _judge(
         height=_height_map(truth, raster, judged),
         radiance=None,
     )
-    return _Band(maps=maps, lengths=lengths(shift)[shows_point_on_film(raster)])
+    return _Band(maps=maps, lengths=lengths(shift)[raster.off_plate])
 
 
 def _height_map(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NDArray[np.float64]:

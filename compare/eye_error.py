@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.eye_vector import bend, radiance_along, shading_normals, true_lines
-from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.predict_shading import bent_eye, mirror_change, specular_change
 from xfrustum.reference.shading import Shader
 from xfrustum.scenes.hogel_image import HogelImage
@@ -25,7 +24,7 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
     near
         Offset of both cameras (pivot aperture, fit angle, no slabs).
     """
-    where = shows_point_on_film(image)
+    where = image.off_plate
     triangle, position = image.triangle[where], image.position[where].astype(np.float64)
     lines = true_lines(position, image.camera.aperture)
     eye = bent_eye(lines, bend(position, image.camera, near))
@@ -45,7 +44,7 @@ def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Float
         the difference, too.
     """
     assert drawn.color is not None
-    where = shows_point_on_film(drawn)
+    where = drawn.off_plate
     position = drawn.position[where].astype(np.float64)
     lines = true_lines(position, drawn.camera.aperture)
     truly = radiance_along(scene, shader, drawn.triangle[where], position, lines)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
+from xfrustum.scenes.hogel_image import HogelCamera
 
 
 def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> NDArray[np.float64]:
@@ -41,8 +41,3 @@ def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> NDArray[np.
     centers = np.empty((len(down), width, 2))
     centers[..., 0], centers[..., 1] = np.arange(width), down[:, None]
     return centers
-
-
-def shows_point_on_film(image: HogelImage) -> NDArray[np.bool_]:
-    """Return the pixels that show a surface off the plate, and say where it is."""
-    return image.off_plate

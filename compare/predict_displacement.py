@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.displacement import lengths
-from xfrustum.compare.film import pixel_centers, shows_point_on_film
+from xfrustum.compare.film import pixel_centers
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
@@ -62,7 +62,7 @@ class TruePoints:
         """Return the points of all pixels, (H, W)."""
         width, rows = truth.camera.resolution
         return cls(
-            height=np.where(shows_point_on_film(truth), truth.height, np.nan).astype(np.float64),
+            height=np.where(truth.off_plate, truth.height, np.nan).astype(np.float64),
             from_middle=pixel_centers(truth.camera) - [(width - 1) / 2, (rows - 1) / 2],
             camera=truth.camera,
         )

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.rounding import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelImage
@@ -20,7 +19,7 @@ def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> NDArra
     """Return the object that each raster pixel shows; where that is not said, the truth's."""
     objects = np.where(raster.object != NOTHING, raster.object, truth.object)
     unnamed = np.flatnonzero((raster.object == NOTHING) & (raster.triangle != NOTHING))
-    objects.ravel()[unnamed] = scene.object_of_triangle[raster.triangle.ravel()[unnamed]]
+    objects.flat[unnamed] = scene.object_of_triangle[raster.triangle.ravel()[unnamed]]
     return objects
 
 
@@ -37,14 +36,14 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
 
-    asked = shows_point_on_film(raster) & ~wrong
-    asked.ravel()[_surely_seen(truth, raster, asked, reference.scene)] = False
+    asked = raster.off_plate & ~wrong
+    asked.flat[_surely_seen(truth, raster, asked, reference.scene)] = False
     other = np.flatnonzero(asked)
     position = raster.position.reshape(-1, 3).take(other, axis=0).astype(np.float64)
     number = raster.triangle.ravel()[other]
     tolerance = position_tolerance(reference.scene, number, position)
     points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
-    wrong.ravel()[other] = reference.hidden(truth.camera.aperture, points)
+    wrong.flat[other] = reference.hidden(truth.camera.aperture, points)
     return wrong
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xfrustum.reference.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Floats
 from xfrustum.reference.exact import ExactPencil
 from xfrustum.reference.lines import Pencil
-from xfrustum.reference.sides import Sides
+from xfrustum.reference.sides import Sides, some
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,11 +86,6 @@ def _footprints(
     )
 
 
-def _some(x: Floats, chosen: NDArray[np.int64]) -> Floats:
-    # Not x[:, chosen], which would put the corners next to each other in memory.
-    return np.take(x, chosen, axis=1)
-
-
 def _pixel_box(x: Floats, y: Floats, s: Floats, pencil: Pencil, side: int) -> Floats:
     """Return first and last column, first and last row (4, T) of the part of triangles on one side."""
     width, height = pencil.resolution
@@ -133,7 +128,7 @@ def _slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
         slope = x / s
         low, high = slope.min(axis=0), slope.max(axis=0)
     mixed = np.flatnonzero(~ahead.all(axis=0))
-    x, s, slope, ahead = _some(x, mixed), _some(s, mixed), _some(slope, mixed), ahead[:, mixed]
+    x, s, slope, ahead = some(x, mixed), some(s, mixed), some(slope, mixed), ahead[:, mixed]
     low[mixed] = np.where(ahead, slope, np.inf).min(axis=0)
     high[mixed] = np.where(ahead, slope, -np.inf).max(axis=0)
     for i, j in EDGES:

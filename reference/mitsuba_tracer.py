@@ -93,12 +93,16 @@ class MitsubaTracer:
     def _one_by_one(self, origins: Singles, directions: Singles, ends: Singles | None) -> NDArray[np.int32]:
         assert self._scene is not None
         trace = self._scene.ray_intersect_preliminary
-        rays = [self._ray(o, d) for o, d in zip(origins.tolist(), directions.tolist(), strict=True)]
-        if ends is not None:
-            for ray, end in zip(rays, ends.tolist(), strict=True):
-                ray.maxt = end
-        met = [trace(ray) for ray in rays]
-        return np.array([m.prim_index if m.is_valid() else NOTHING for m in met], dtype=np.int32)
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        # One ray after the other: as objects, all of them would be a hundred times as large.
+        for i in range(len(origins)):
+            ray = self._ray(origins[i].tolist(), directions[i].tolist())
+            if ends is not None:
+                ray.maxt = float(ends[i])
+            met = trace(ray)
+            if met.is_valid():
+                hits[i] = met.prim_index
+        return hits
 
 
 def triangle_mesh(

@@ -45,7 +45,7 @@ class Side:
         if not len(numbers):
             return self
         kept = np.flatnonzero(~np.isin(self.number, numbers))
-        x, y, s = (_some(values, kept) for values in (self.x, self.y, self.s))
+        x, y, s = (some(values, kept) for values in (self.x, self.y, self.s))
         return Side(sign=self.sign, number=self.number[kept], x=x, y=y, s=s)
 
 
@@ -87,13 +87,14 @@ def sorted_by_side(triangles: Floats, pencil: Pencil) -> Iterator[Sides]:
         for sign in (1, -1):
             if sign * pencil.s_range[sign > 0] > 0:
                 here = np.flatnonzero(imaged & ((z.min(axis=0) < 0) if sign > 0 else (z.max(axis=0) > 0)))
-                corners = (_some(x, here), _some(y, here), -_some(z, here))
+                corners = (some(x, here), some(y, here), -some(z, here))
                 sides.append(Side(sign=sign, number=start + here, x=corners[0], y=corners[1], s=corners[2]))
         across = np.flatnonzero(imaged & _spans_zero(z))
-        yield Sides(sides=tuple(sides), across=start + across, x=_some(x, across), y=_some(y, across))
+        yield Sides(sides=tuple(sides), across=start + across, x=some(x, across), y=some(y, across))
 
 
-def _some(x: Floats, chosen: NDArray[np.int64]) -> Floats:
+def some(x: Floats, chosen: NDArray[np.int64]) -> Floats:
+    """Return some columns of an array (3, T)."""
     # Not x[:, chosen], which would put the corners next to each other in memory.
     return np.take(x, chosen, axis=1)
 

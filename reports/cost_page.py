@@ -16,6 +16,7 @@ from xfrustum.reports.trade_off import pareto
 from xfrustum.reports.trade_off_figure import trade_off_figure
 
 _TEMPLATES = Path(__file__).parent / "templates"
+FILES = PAGE, DATA = "index.html", "cost.json"
 
 
 def table(measured: CostReport) -> str:
@@ -39,10 +40,10 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
     InputError
         The folder cannot be written.
     """
-    with Staging(out, ["index.html", "cost.json"]) as staging:
+    with Staging(out, FILES) as staging:
         text = json.dumps(measured.summary(), allow_nan=False, indent=1)
-        (staging.folder / "cost.json").write_text(text + "\n", encoding="utf-8")
-        (staging.folder / "index.html").write_text(_page(measured), encoding="utf-8")
+        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
+        (staging.folder / PAGE).write_text(_page(measured), encoding="utf-8")
         return staging.commit()
 
 

@@ -29,6 +29,8 @@ any distance, however small the near plane."""
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _PAGE = "index.html"
+_DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
+FILES = (_PAGE, *(f"{camera.value}.png" for camera in _DRAWN))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +75,7 @@ def draw_figure(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> Fi
     with Rasterizer(scene) as rasterizer:
         # The first picture compiles the shaders.
         rasterizer.render(aperture, settings, normals=False)
-        for camera in (Camera.C, Camera.C_STAR, Camera.BOTH):
+        for camera in _DRAWN:
             with watch.stage(camera.value):
                 images[camera] = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
         device = rasterizer.device["renderer"]
@@ -91,10 +93,9 @@ def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
         The folder cannot be written.
     """
     pictures = {camera: png(image) for camera, image in figure.images.items()}
-    names = {camera: f"{camera.value}.png" for camera in pictures}
-    with Staging(out, [_PAGE, *names.values()]) as staging:
+    with Staging(out, FILES) as staging:
         for camera, encoded_picture in pictures.items():
-            (staging.folder / names[camera]).write_bytes(encoded_picture)
+            (staging.folder / f"{camera.value}.png").write_bytes(encoded_picture)
         (staging.folder / _PAGE).write_text(_page(figure, pictures), encoding="utf-8")
         return staging.commit()
 

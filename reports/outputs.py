@@ -83,6 +83,18 @@ class Staging:
         return place
 
 
+def check_writable_folder(path: Path, names: Sequence[str] = ()) -> None:
+    """Raise InputError unless files of these names can be put here; leaves nothing behind.
+
+    Raises
+    ------
+    InputError
+        See `Staging`.
+    """
+    with Staging(path, names):
+        pass
+
+
 IMAGE_SUFFIX = ".exr"
 
 
@@ -102,7 +114,7 @@ def check_writable_image(path: Path) -> None:
     check_writable_file(path)
 
 
-def check_writable_file(path: Path) -> None:
+def check_writable_file(path: Path, option: str = "--out") -> None:
     """Raise InputError unless a file can be written here; leaves nothing behind.
 
     Raises
@@ -111,11 +123,12 @@ def check_writable_file(path: Path) -> None:
         The folder is missing or cannot be written, or the path is a folder.
     """
     if path.is_dir():
-        raise InputError(f"--out {path}: is a folder; give the name of a file")
+        raise InputError(f"{option} {path}: is a folder; give the name of a file")
     try:
         with tempfile.TemporaryFile(dir=path.absolute().parent):
             pass
     except OSError as error:
         raise InputError(
-            f"--out {path}: cannot write in {path.absolute().parent} ({error.strerror}); choose another place"
+            f"{option} {path}: cannot write in {path.absolute().parent} ({error.strerror}); "
+            "choose another place"
         ) from error

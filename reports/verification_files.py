@@ -18,7 +18,7 @@ from xfrustum.reports.verdict import Verification, totals
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
-PAGE, DATA = "index.html", "verification.json"
+FILES = PAGE, DATA = "index.html", "verification.json"
 
 LISTED = 10
 """Missing hogels that the terminal names one by one."""
@@ -32,7 +32,7 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
     InputError
         The folder cannot be written.
     """
-    with Staging(out, (PAGE, DATA)) as staging:
+    with Staging(out, FILES) as staging:
         (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
         text = json.dumps(json_ready(found.summary()), allow_nan=False, indent=1)
         (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")

@@ -33,8 +33,8 @@ def open_scene(text: str) -> Scene:
     if text.endswith(".toml") or Path(text).exists():
         return read_scene(Path(text))
     known = [*builtin.names(), *hard_cases.names()]
-    nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.0)[0]
+    nearest = difflib.get_close_matches(text, known, n=1)
+    meant = f" (did you mean {nearest[0]}?)" if nearest else ""
     raise InputError(
-        f"no scene file and no built-in scene is called {text!r}; the nearest built-in is {nearest} "
-        "(`xfrustum scenes` lists all)"
+        f"no scene file and no built-in scene is called {text!r}{meant}; `xfrustum scenes` lists all"
     )

@@ -14,6 +14,9 @@ from enum import StrEnum
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum
 
+SMALLEST_NEAR = 2.0**-126
+"""Scene units: the smallest normal float32. What a device makes of a smaller one is up to it."""
+
 
 class DepthFormat(StrEnum):
     """Storage of the depth buffer."""
@@ -105,6 +108,10 @@ class DoubleFrustum:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.near) and self.near > 0):
             raise InputError(f"near must be a positive length, not {self.near}")
+        if self.near < SMALLEST_NEAR:
+            raise InputError(
+                f"near must be at least {SMALLEST_NEAR:.3g}, as matrices have 32 bits, not {self.near}"
+            )
         if not isinstance(self.fit, Fit | None) and not (math.isfinite(self.fit) and self.fit > 0):
             raise InputError(f"fit must be angle, screen, or a positive height, not {self.fit}")
         ascending = all(low < high for low, high in itertools.pairwise((0.0, *self.slabs, math.inf)))

@@ -131,6 +131,8 @@ def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 def _guarded(path: Path, read: Callable[[OpenEXR.InputFile], Found]) -> Found:
     """Return what is read of a file; whatever OpenEXR makes of damage is an InputError."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of an image file")
     if not path.is_file():
         raise InputError(f"{path}: no such image file")
     try:

@@ -31,6 +31,9 @@ from xfrustum.scenes.exr_channels import (
 from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.rendering import Rendering
 
+MOST_PIXELS = (2**31 - 1) // 4
+"""Of an image: OpenEXR's Python module counts the bytes of one channel, 4 a pixel, in 32 bits."""
+
 
 class ImageWriter:
     """Writes an image band by band, from the top down, in the memory of one band.
@@ -52,7 +55,7 @@ class ImageWriter:
     Raises
     ------
     InputError
-        The file cannot be written.
+        The file cannot be written, or the image has more than `MOST_PIXELS`.
     """
 
     def __init__(  # noqa: PLR0913 - one parameter per optional part of the file
@@ -79,6 +82,12 @@ class ImageWriter:
             OBJECT,
             *((CERTAINTY,) if certainty else ()),
         )
+        width, height = camera.resolution
+        if width * height > MOST_PIXELS:
+            raise InputError(
+                f"{self._path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
+                f"{MOST_PIXELS:,}; lower frustum.resolution"
+            )
         if self._path.is_dir():
             raise InputError(f"{self._path}: cannot write the image (it is a folder); name a file")
         self._aside = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")

@@ -6,11 +6,15 @@ import os
 import shutil
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 STDERR = 2
 """The file descriptor that libraries in C and C++ write to, whatever `sys.stderr` is."""
+
+_ALONE = threading.RLock()
+"""Two threads that swap the descriptor at once would put back what the other one put there."""
 
 
 @contextmanager
@@ -18,13 +22,13 @@ def without_messages_of_failure() -> Iterator[None]:
     """Drop what is written to standard error within a block that raises.
 
     If it does not raise, all of it is written after the block. The descriptor belongs to the whole
-    process: what other threads write meanwhile is held back too.
+    process: what other threads write meanwhile is held back too, and one thread at a time is in here.
     """
     if sys.__stderr__ is None:  # closed from the start: its number may be that of any file
         yield
         return
     sys.stderr.flush()
-    with os.fdopen(os.dup(STDERR), "wb") as shown, tempfile.TemporaryFile() as held:
+    with _ALONE, os.fdopen(os.dup(STDERR), "wb") as shown, tempfile.TemporaryFile() as held:
         os.dup2(held.fileno(), STDERR)
         try:
             yield

@@ -39,7 +39,13 @@ def _explain(problem: ErrorDetails) -> str:
     if problem["type"] == "missing" and isinstance(location[-1], str):
         return f"{key} is missing; it must be {allowed}"
     shown = "a table" if isinstance(problem["input"], dict) else repr(problem["input"])[:80]
-    return f"{key} must be {allowed}, not {shown}"
+    if problem["type"] == "missing":
+        shown = "missing"
+    whole = location
+    while isinstance(whole[-1], int):
+        whole = whole[:-1]
+    found = f"not {shown}" if whole == location else f"but {key} is {shown}"
+    return f"{_dotted(whole)} must be {allowed}, {found}"
 
 
 def _dotted(location: Location) -> str:

@@ -13,7 +13,6 @@ from tests.views import SHARED_SCENES, view
 from xfrustum.compare.budget import Budget, make_budget
 from xfrustum.compare.chain import LINKS, Chain, make_chain
 from xfrustum.compare.displacement import displacement
-from xfrustum.compare.film import shows_point_on_film
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.budgeting import IMAGES, table, write_budget
@@ -151,7 +150,7 @@ def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
     [(_, chain, _)] = budgets(name, [settings])
     drawn = chain.images[-1]
     camera = chain.images[0].camera
-    outside = shows_point_on_film(drawn) & (np.abs(drawn.height) > cut)
+    outside = drawn.off_plate & (np.abs(drawn.height) > cut)
     assert outside.sum() > 1000
     moved = np.abs(displacement(drawn, camera)[outside])
     scene = view(name, (192, 144))
@@ -161,7 +160,7 @@ def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
     for axis in range(2):
         bound = 4 * 2.0**-24 * largest * camera.resolution[axis] / (2 * depth * camera.half_extent[axis])
         assert (moved[:, axis] <= bound).all()
-    inside = shows_point_on_film(drawn) & (np.abs(drawn.height) < cut)
+    inside = drawn.off_plate & (np.abs(drawn.height) < cut)
     if inside.any():
         assert np.abs(displacement(drawn, camera)[inside]).max() > 1e-3
 

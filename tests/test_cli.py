@@ -240,6 +240,7 @@ BAD = [
     ("report boxes.toml --near 0.1,-1", "near"),
     ("report boxes.toml --near 60", "reach"),
     ("report boxes.toml --near nan", "near"),
+    ("report boxes.toml --near 1e-39", "at least 1.18e-38"),
     ("report boxes.toml --near a,b", "--near"),
     ("report boxes.toml --apertures 5,0", "outside the plate"),
     ("report boxes.toml --apertures 1;2", "--apertures"),
@@ -247,6 +248,7 @@ BAD = [
     ("report boxes.toml --out a-file/below", "a-file"),
     ("report boxes.toml --tracer pinhole", "pinhole"),
     ("trace boxes.toml", "--out"),
+    ("trace boxes.toml --samples 3 --out x.exr", "--shadows or --interreflection"),
     ("trace boxes.toml --out no/such/folder/x.exr", "no/such/folder"),
     ("trace boxes.toml --out .", "folder"),
     ("trace boxes.toml --out x.png", "such as x.exr"),
@@ -260,6 +262,9 @@ BAD = [
     ("raster boxes.toml --near 1 --out a-file/x.exr", "a-file"),
     ("compare boxes.toml boxes.toml", "boxes.toml"),
     ("compare missing.exr missing.exr", "missing.exr"),
+    ("compare . .", "is a folder"),
+    ("verify boxes.toml {i}x{j}.png --junit a-file/x.xml", "--junit a-file/x.xml: cannot write"),
+    ("verify boxes.toml {i}x{j}.png --timeout inf", "finite"),
     ("unknown", "unknown"),
     ("scenes --unknown", "--unknown"),
 ]
@@ -277,6 +282,26 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
     assert printed.err.count("\n") == 1
     assert word in printed.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a-file", scene]
+
+
+@pytest.mark.parametrize(
+    ("line", "work"),
+    [
+        ("cost boxes.toml", "cost.measure_cost"),
+        ("verify boxes.toml {i}x{j}.png", "verification.verify"),
+        ("budget boxes.toml --near 1", "budgeting.budget_of"),
+        ("compare a.exr b.exr", "comparison.compare_files"),
+        ("figure7 boxes.toml", "figure7.draw_figure"),
+    ],
+)
+@pytest.mark.usefixtures("scene")
+def test_a_folder_that_cannot_be_written_is_said_before_any_work(
+    line: str, work: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a-file").touch()
+    monkeypatch.setattr(f"xfrustum.reports.{work}", lambda *args, **how: pytest.fail("was begun"))
+    assert main([*line.split(), "--out", "a-file"]) == 2
+    assert "--out a-file: a-file is not a folder" in capsys.readouterr().err
 
 
 def test_a_bug_keeps_its_traceback(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -155,6 +155,22 @@ def test_without_a_reference_surface_is_unknown_and_the_rest_is_not(asymmetric: 
     known = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
     assert found.surface_wrong is None and found.maps.surface is None
     assert found.summary() == known.summary() | {"surface": None}
+
+
+def test_the_order_of_an_array_in_memory_means_nothing(asymmetric: Case) -> None:
+    def by_columns(image: HogelImage) -> HogelImage:
+        every = {item.name: getattr(image, item.name) for item in fields(image)}
+        turned: dict[str, Any] = {
+            name: np.asfortranarray(values)
+            for name, values in every.items()
+            if isinstance(values, np.ndarray)
+        }
+        return replace(image, **turned)
+
+    known = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)
+    found = compare_images(by_columns(asymmetric.truth), by_columns(asymmetric.drawn), asymmetric.reference)
+    assert known.surface_wrong and found.summary() == known.summary()
+    np.testing.assert_array_equal(found.maps.surface, known.maps.surface)
 
 
 def test_a_hit_against_a_miss_is_wrong_both_ways(asymmetric: Case) -> None:

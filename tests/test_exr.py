@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -301,3 +302,22 @@ def test_messages_are_dropped_where_the_work_fails_and_kept_where_it_does_not(
         raise OSError("broken")
     os.write(2, b"afterwards\n")
     assert capfd.readouterr().err == "a warning\nafterwards\n"
+
+
+def test_threads_that_read_images_at_once_leave_standard_error_where_it_was(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{number}.exr" for number in range(8)]
+    for path in paths:
+        write_image(path, an_image())
+    before = os.fstat(2)
+    with ThreadPoolExecutor(4) as pool:
+        for _ in range(5):
+            assert len(list(pool.map(read_image, paths))) == len(paths)
+    after = os.fstat(2)
+    assert (after.st_dev, after.st_ino) == (before.st_dev, before.st_ino)
+
+
+def test_an_image_larger_than_openexr_counts_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    huge = replace(a_camera(), resolution=(1 << 15, (1 << 14) + 1))
+    with pytest.raises(InputError, match=r"32768 x 16385 pixels .* lower frustum\.resolution"):
+        ImageWriter(tmp_path / "huge.exr", huge)
+    assert not list(tmp_path.iterdir())

@@ -64,7 +64,7 @@ def test_every_case_is_documented_listed_and_opened_by_its_name() -> None:
 
 
 def test_an_unknown_hard_case_is_an_input_error_that_names_the_nearest() -> None:
-    with pytest.raises(InputError, match="the nearest built-in is hard/needles"):
+    with pytest.raises(InputError, match="did you mean hard/needles"):
         open_scene("hard/needle")
     with pytest.raises(InputError, match="no hard case is called 'hard/needle'"):
         hard_cases.build("hard/needle")

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import view
-from xfrustum.compare.film import pixel_centers, shows_point_on_film
+from xfrustum.compare.film import pixel_centers
 from xfrustum.compare.predict_displacement import displacement_field
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import model_cameras
@@ -45,7 +45,7 @@ def drawn_by_the_model(
     width, rows = truth.camera.resolution
     for camera in model_cameras(frustum, aperture, settings):
         lines, (low, high) = camera.pencil, camera.heights
-        seen = shows_point_on_film(truth) & (truth.height >= low) & (truth.height <= high)
+        seen = truth.off_plate & (truth.height >= low) & (truth.height <= high)
         away = np.asarray(lines.center) - truth.position[seen]
         s = away[:, 2:]
         u, v = ((-away[:, :2] / s - lines.shear) / lines.half_extent).T
@@ -75,7 +75,7 @@ def test_the_planes_of_the_fitted_height_are_drawn_exactly_and_the_error_changes
     fitted = float(np.nanmedian(height))
     columns = displacement_field(truth, scene.frustum, DoubleFrustum(near=1.0, fit=fitted))[..., 0]
     right = np.arange(96) > 48
-    shown = shows_point_on_film(truth) & right
+    shown = truth.off_plate & right
     np.testing.assert_array_equal(columns[shown] > 0, height[shown] < fitted)
 
 
@@ -96,7 +96,7 @@ def test_a_small_near_loses_no_digits() -> None:
     small, smaller = (
         displacement_field(truth, scene.frustum, DoubleFrustum(near=near)) for near in (1e-9, 1e-10)
     )
-    shown = shows_point_on_film(truth)
+    shown = truth.off_plate
     # To first order in n over the smallest height.
     tolerance = 1e-9 / float(np.abs(truth.height[shown]).min())
     np.testing.assert_allclose(small[shown], 10 * smaller[shown], rtol=2 * tolerance)

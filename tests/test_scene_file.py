@@ -87,10 +87,16 @@ def test_a_material_names_a_table(tmp_path: Path) -> None:
         ([PLATE.replace("81", "81.5"), FRUSTUM], ["plate.hogels[0]", "integers", "81.5"]),
         ([PLATE.replace("81", "0"), FRUSTUM], ["plate.hogels", "at least 1"]),
         ([PLATE.replace("80", "-80"), FRUSTUM], ["plate.size", "positive"]),
-        ([PLATE.replace("80", "nan"), FRUSTUM], ["plate.size[0]", "positive"]),
+        (
+            [PLATE.replace("80", "nan"), FRUSTUM],
+            ["two positive lengths", "plate.size[0] is nan"],
+        ),
         ([PLATE.replace("80", "'80'"), FRUSTUM], ["plate.size[0]", "two positive lengths", "'80'"]),
         ([PLATE.replace("80", "true"), FRUSTUM], ["plate.size[0]", "True"]),
-        ([PLATE.replace("[80, 60.0]", "[80]"), FRUSTUM], ["plate.size[1]", "two positive lengths"]),
+        (
+            [PLATE.replace("[80, 60.0]", "[80]"), FRUSTUM],
+            ["two positive", "plate.size[1] is missing"],
+        ),
         ([PLATE.replace("[80, 60.0]", "80"), FRUSTUM], ["plate.size", "not 80"]),
         ([PLATE, FRUSTUM.replace("150", "0")], ["frustum.reach", "positive"]),
         ([PLATE, FRUSTUM.replace("45.0", "180")], ["frustum.fov_deg[1]", "between 0 and 180"]),
@@ -149,8 +155,10 @@ def test_unreadable_files_are_input_errors(tmp_path: Path) -> None:
 
 
 def test_an_unknown_name_names_the_nearest_scene() -> None:
-    with pytest.raises(InputError, match="nearest built-in is asymmetric"):
+    with pytest.raises(InputError, match="did you mean asymmetric"):
         open_scene("asymetric")
+    with pytest.raises(InputError, match="called 'nosuch'; `xfrustum scenes` lists all"):
+        open_scene("nosuch")
 
 
 @pytest.mark.parametrize("size", [1e-33, 1e31])

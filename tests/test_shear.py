@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from tests.strategies import apertures, frusta, triangles
 from tests.views import soup, view
 from xfrustum.compare.displacement import displacement
-from xfrustum.compare.film import shows_point_on_film
 from xfrustum.compare.predict_displacement import displacement_field
 from xfrustum.compare.rounding import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
@@ -60,11 +59,7 @@ class Shift:
     @classmethod
     def between(cls, scene: Scene, camera: HogelImage, aperture: HogelImage, rounding: float) -> Shift:
         near = camera.camera.settings.near if camera.camera.settings else 0.0
-        same = (
-            (camera.triangle == aperture.triangle)
-            & shows_point_on_film(camera)
-            & shows_point_on_film(aperture)
-        )
+        same = (camera.triangle == aperture.triangle) & camera.off_plate & aperture.off_plate
         products, heights = [], []
         for image in (camera, aperture):
             heights.append(np.abs(image.height[same].astype(np.float64)))
@@ -201,7 +196,7 @@ def test_the_prediction_from_the_truth_has_the_same_shift(name: str) -> None:
     truth = Reference(scene).trace(aperture)
     near = 0.01 * scene.frustum.longest_reach
     camera, paper = (displacement_field(truth, scene.frustum, one) for one in both_pivots(near))
-    shown = shows_point_on_film(truth)
+    shown = truth.off_plate
     assert shown.any()
     # Displacement is true minus drawn: the drawn point moves the other way.
     expected = -closed_form(truth, np.abs(truth.height[shown]), near)

@@ -40,9 +40,12 @@ def budget(
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart."""
     from xfrustum.reports import radiance_budgeting
     from xfrustum.reports.budgeting import budget_of, summary, table, write_budget
+    from xfrustum.reports.outputs import check_writable_folder
     from xfrustum.scenes import open_scene
 
     opened = light.applied(open_scene(scene))
+    if out is not None:
+        check_writable_folder(out)
     charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
     radiance = radiance_budgeting.radiance_budget_of(opened, chain, progress=not quiet)
     if out is not None:

@@ -35,11 +35,14 @@ def cost(  # noqa: PLR0913 - options are parameters
     A fifth of the tolerance is answered for too.
     """
     from xfrustum.reports.cost import measure_cost
-    from xfrustum.reports.cost_page import table, write_cost
+    from xfrustum.reports.cost_page import FILES, table, write_cost
+    from xfrustum.reports.outputs import check_writable_folder
     from xfrustum.scenes import open_scene
 
     opened = open_scene(scene)
     chosen = options.chosen_aperture(opened, aperture)
+    if out is not None:
+        check_writable_folder(out, FILES)
     measured = measure_cost(opened, chosen, tolerance_px, repeat=repeat, progress=not quiet)
     if out is not None:
         write_cost(measured, out)

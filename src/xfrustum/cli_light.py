@@ -108,10 +108,15 @@ class Light:
         Raises
         ------
         click.UsageError
-            Light transport is asked for, but of another tracer, or not with all effects.
+            Light transport is asked for, but of another tracer, or not with all effects; or light paths
+            are, without it.
         """
         transport = scene.transport
         if not (transport.shadows or transport.interreflection):
+            if self.samples is not None:
+                raise click.UsageError(
+                    "--samples are light paths: ask for --shadows or --interreflection too"
+                )
             return given or "embree", False
         insisted = bool(self.shadows or self.interreflection)
         local_effects = self.effects != "auto"
@@ -155,12 +160,14 @@ def light_options(*names: str) -> Callable[[Command], Command]:
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
 def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, out: Path | None) -> None:
     """Draw C alone, C* alone and both, as in the paper's figure 7; write a page and three pictures."""
-    from xfrustum.reports.figure7 import default_settings, draw_figure, write_figure
+    from xfrustum.reports.figure7 import FILES, default_settings, draw_figure, write_figure
+    from xfrustum.reports.outputs import check_writable_folder
     from xfrustum.reports.report import default_folder
     from xfrustum.scenes import open_scene
 
     opened = open_scene(scene)
     chosen = options.chosen_aperture(opened, aperture)
     folder = Path("figure7") / default_folder(opened).name if out is None else out
+    check_writable_folder(folder, FILES)
     write_figure(draw_figure(opened, chosen, default_settings(opened, near)), folder)
     click.echo(folder / "index.html")

@@ -27,7 +27,9 @@ class Positive(click.ParamType[float]):
         if not 0 < number < self._below:
             bounded = f"a number between 0 and {self._below:g}, without both"
             self.fail(
-                f"{value!r} is not {'a positive number' if math.isinf(self._below) else bounded}", param, ctx
+                f"{value!r} is not {'a positive, finite number' if math.isinf(self._below) else bounded}",
+                param,
+                ctx,
             )
         return number
 

@@ -165,9 +165,9 @@ class Depths(click.ParamType[tuple[tuple[StrEnum, StrEnum], ...]]):
         try:
             parts = [part.strip().lower().partition(":") for part in str(value).split(",")]
             return tuple((DepthFormat(form), DepthMapping(name or "standard")) for form, _, name in parts)
-        except ValueError as error:
+        except ValueError:
             formats, mappings = ", ".join(DepthFormat), ", ".join(DepthMapping)
-            self.fail(f"{error}; formats are {formats}, mappings are {mappings}", param, ctx)
+            self.fail(f"{value!r}: formats are {formats}, mappings are {mappings}", param, ctx)
 
 
 # One line per field of DoubleFrustum, whose defaults hold where an option is left out.

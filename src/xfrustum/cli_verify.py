@@ -95,12 +95,14 @@ def verify(
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'. Exit status 1 if
     any hogel is missing or exceeds a limit.
     """
-    from xfrustum.reports.outputs import check_writable_file
+    from xfrustum.reports.outputs import check_writable_file, check_writable_folder
     from xfrustum.reports.verification import verify as verified
-    from xfrustum.reports.verification_files import table, write_junit, write_verification
+    from xfrustum.reports.verification_files import FILES, table, write_junit, write_verification
 
     if junit is not None:
-        check_writable_file(junit)
+        check_writable_file(junit, "--junit")
+    if out is not None:
+        check_writable_folder(out, FILES)
     found = verified(scene, accept=accept or (), progress=not quiet, **asked)
     if out is not None:
         write_verification(found, out)
