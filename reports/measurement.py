@@ -133,8 +133,10 @@ class Sweep:
     def cost_sentence(self) -> str:
         """The same in words."""
         cost = self.cost
+        frames = "a raster frame" if len(self.rows) == 1 else f"{len(self.rows)} raster frames"
+        truths = "the certified truth" if len(self.truths) == 1 else f"{len(self.truths)} certified truths"
         return (
-            f"Measured in {cost['wall_s']:.2f} s: {cost['ratio']:.2f} times what {len(self.rows)} raster "
-            f"frames with read-back ({cost['frames_s']:.2f} s) and the certified truth "
-            f"({cost['truths_s']:.2f} s) take. Encoding the page's pictures: {cost['pictures_s']:.2f} s."
+            f"Measured in {cost['wall_s']:.2f} s: {cost['ratio']:.2f} times what {frames} with read-back "
+            f"({cost['frames_s']:.2f} s) and {truths} ({cost['truths_s']:.2f} s) take. "
+            f"Encoding the page's pictures: {cost['pictures_s']:.2f} s."
         )
