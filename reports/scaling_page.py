@@ -13,7 +13,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from xfrustum.reports.bench_scaling import AxisScaling, ScalingBenchmark
-from xfrustum.reports.figures import COLORS, MARKERS, style
+from xfrustum.reports.figure_style import error_bars, look, style
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.scaling_contestants import CONTESTANTS
 from xfrustum.reports.scaling_expected import MEMORY, SECONDS
@@ -59,23 +59,18 @@ def scaling_figure(one: AxisScaling, quantity: str) -> go.Figure:
         points = one.measured[name]
         if quantity == SECONDS:
             values = [point.seconds.median for point in points]
-            spread = {
-                "type": "data",
-                "symmetric": False,
-                "array": [point.seconds.highest - point.seconds.median for point in points],
-                "arrayminus": [point.seconds.median - point.seconds.lowest for point in points],
-                "thickness": 0.8,
-                "width": 0,
-            }
+            spread = error_bars([point.seconds for point in points])
         else:
             values, spread = [point.peak_mib for point in points], None
+        color, symbol = look(place)
         figure.add_scatter(
             x=one.axis.counts,
             y=values,
             error_y=spread,
             name=name,
             mode="lines+markers",
-            marker={"symbol": MARKERS[place], "size": 8, "color": COLORS[place]},
+            line={"color": color},
+            marker={"symbol": symbol, "size": 8, "color": color},
             hovertemplate="%{x:,}: %{y:.3g}<extra>" + name + "</extra>",
         )
     style(figure)
