@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import plotly.graph_objects as go
 
+from xfrustum.reports.figure_style import COLORS, INK, log_axis, look, style
 from xfrustum.reports.measurement import Measurement, Sweep
 from xfrustum.scenes.plate import Aperture
-
-# Okabe and Ito's palette: told apart by color-blind readers, and on white as on black.
-COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
-MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
-INK = "#80868f"
-_GRID = "rgba(128, 134, 143, 0.22)"
 
 Number = Callable[[Measurement], float | None]
 
@@ -50,8 +44,8 @@ def stage_times(sweep: Sweep) -> go.Figure:
     )
     figure = go.Figure(bars)
     style(figure)
-    figure.update_layout(height=60 + 34 * len(stages), margin={"l": 90, "r": 20, "t": 10, "b": 40})
-    figure.update_xaxes(title="wall seconds", rangemode="tozero")
+    figure.update_layout(height=70 + 34 * len(stages), margin={"l": 90, "r": 20, "t": 10, "b": 50})
+    figure.update_xaxes(title_text="wall seconds", rangemode="tozero")
     figure.update_yaxes(autorange="reversed", showgrid=False)
     return figure
 
@@ -124,7 +118,7 @@ def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go
             name=f"{label}, closed form",
             mode="lines",
             showlegend=False,
-            line={"color": COLORS[place % len(COLORS)], "dash": "dash", "width": 1.5},
+            line={"color": look(place)[0], "dash": "dash", "width": 1.5},
             hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g}",
         )
     # One entry for all of them.
@@ -166,7 +160,7 @@ def _add_depth_lines(
 ) -> None:
     groups = _by_depth(rows)
     for place, (label, group) in enumerate(groups.items()):
-        color = COLORS[place % len(COLORS)]
+        color, symbol = look(place)
         # Curves that coincide stay visible: each lies thinner on the one before.
         below = len(groups) - 1 - place
         figure.add_scatter(
@@ -176,7 +170,7 @@ def _add_depth_lines(
             name=label,
             mode="lines+markers",
             line={"color": color, "width": 1.6 + 0.8 * below},
-            marker={"symbol": MARKERS[place % len(MARKERS)], "size": 6 + below, "color": color},
+            marker={"symbol": symbol, "size": 6 + below, "color": color},
         )
 
 
@@ -191,15 +185,11 @@ def _by_depth(rows: Sequence[tuple[int, Measurement]]) -> dict[str, list[tuple[i
 def _log_axes(figure: go.Figure, title: str) -> None:
     style(figure)
     figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}}, height=400)
-    powers: dict[str, Any] = {"type": "log", "exponentformat": "power", "dtick": 1}
-    figure.update_xaxes(title={"text": "near plane / reach", "standoff": 8}, **powers)
-    figure.update_yaxes(**powers)
-    heights = _heights(figure)
-    if heights and max(heights) < 1000 * min(heights):
-        # So few powers of ten label little or nothing: 1, 2 and 5 times each, which plotly writes as a bare 2
-        # or 5 unless a format is given. Over less than one step from 1 to 5, plotly's own choice.
-        steps = {"dtick": "D2"} if max(heights) >= 5 * min(heights) else {"dtick": None, "nticks": 6}
-        figure.update_yaxes(**steps, exponentformat="none", tickformat="~g")
+    # Labels side by side take more room than above each other, and turned ones run into the legend.
+    figure.update_xaxes(
+        title_text="near plane / reach", tickangle=0, **log_axis(_nears(figure), ratio=30, labels=3)
+    )
+    figure.update_yaxes(**log_axis(_heights(figure)))
 
 
 def is_blank(figure: go.Figure) -> bool:
@@ -211,17 +201,5 @@ def _heights(figure: go.Figure) -> list[float]:
     return [y for trace in figure.data if trace.y is not None for y in trace.y if y is not None and y > 0]
 
 
-def style(figure: go.Figure) -> None:
-    """Ink and grid that read on light and on dark paper; the page's own background shows through."""
-    figure.update_layout(
-        template="none",
-        paper_bgcolor="rgba(0, 0, 0, 0)",
-        plot_bgcolor="rgba(0, 0, 0, 0)",
-        font={"family": "system-ui, sans-serif", "size": 13, "color": INK},
-        legend={"orientation": "h", "yanchor": "top", "y": -0.24, "x": 0},
-        margin={"l": 62, "r": 12, "t": 44, "b": 100},
-        modebar={"bgcolor": "rgba(0, 0, 0, 0)", "color": _GRID, "activecolor": INK},
-        hovermode="closest",
-    )
-    figure.update_xaxes(gridcolor=_GRID, linecolor=INK, zeroline=False, ticks="outside", tickcolor=_GRID)
-    figure.update_yaxes(gridcolor=_GRID, linecolor=INK, zeroline=False, ticks="outside", tickcolor=_GRID)
+def _nears(figure: go.Figure) -> list[float]:
+    return [x for trace in figure.data if trace.x is not None for x in trace.x if x is not None and x > 0]

@@ -80,9 +80,13 @@ class Finding:
     sentence: str
 
     @property
-    def as_expected(self) -> bool:
-        """Whether the exponent at the large end lies in the range that the sentence is about."""
-        return self.expected[0] <= self.exponents.large_end <= self.expected[1]
+    def as_expected(self) -> bool | None:
+        """Whether the exponent at the large end lies in the range that the sentence is about.
+
+        None where no such exponent is known.
+        """
+        found = self.exponents.large_end
+        return None if found is None else self.expected[0] <= found <= self.expected[1]
 
 
 def _all(span: Range, because: str, *contestants: str) -> dict[str, Expectation]:
@@ -201,7 +205,7 @@ def finding(
             log=f"{1 / math.log(sizes[-1]):.2f}",
             each=_seconds(each) if quantity == SECONDS else _bytes(each * 2**20),
             sizes=f"{sizes[-1] / sizes[0]:,.0f}",
-            growth=f"{exponents.growth:.3g}",
+            growth="an unknown number of" if exponents.growth is None else f"{exponents.growth:.3g}",
         ),
     )
 

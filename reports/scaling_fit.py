@@ -18,6 +18,9 @@ LARGE_END = 3
 class Exponents:
     """Exponents p of cost ~ size^p, fitted to the logarithms by least squares.
 
+    A cost of zero, as of memory that no more of was ever taken, has no logarithm: what would rest on it
+    is None.
+
     Attributes
     ----------
     overall
@@ -28,22 +31,27 @@ class Exponents:
         Cost at the largest size over that at the smallest.
     """
 
-    overall: float
-    large_end: float
-    growth: float
+    overall: float | None
+    large_end: float | None
+    growth: float | None
 
     @classmethod
     def of(cls, sizes: Sequence[float], costs: Sequence[float]) -> Exponents:
-        """Fit costs, all positive, at two ascending sizes or more."""
+        """Fit costs, none negative, at two ascending sizes or more."""
         return cls(
             overall=exponent(sizes, costs),
             large_end=exponent(sizes[-LARGE_END:], costs[-LARGE_END:]),
-            growth=costs[-1] / costs[0],
+            growth=costs[-1] / costs[0] if costs[0] > 0 else None,
         )
 
 
-def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
-    """Return the slope of the straight line through log cost over log size, by least squares."""
+def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float | None:
+    """Return the slope of the straight line through log cost over log size, by least squares.
+
+    None where a cost is not positive.
+    """
+    if min(costs) <= 0:
+        return None
     x, y = np.log(sizes), np.log(costs)
     x = x - x.mean()
     return float(x @ y / (x @ x))

@@ -13,11 +13,17 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from xfrustum.reports.bench_scaling import AxisScaling, ScalingBenchmark
-from xfrustum.reports.figures import COLORS, MARKERS, style
+from xfrustum.reports.figure_style import error_bars, log_axis, look, style
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.scaling_contestants import CONTESTANTS
 from xfrustum.reports.scaling_expected import MEMORY, SECONDS
-from xfrustum.reports.scaling_table import growth_sentence, memory_sentence
+from xfrustum.reports.scaling_table import (
+    TOO_SMALL,
+    growth_sentence,
+    memory_sentence,
+    runs_sentence,
+    size_name,
+)
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -59,32 +65,33 @@ def scaling_figure(one: AxisScaling, quantity: str) -> go.Figure:
         points = one.measured[name]
         if quantity == SECONDS:
             values = [point.seconds.median for point in points]
-            spread = {
-                "type": "data",
-                "symmetric": False,
-                "array": [point.seconds.highest - point.seconds.median for point in points],
-                "arrayminus": [point.seconds.median - point.seconds.lowest for point in points],
-                "thickness": 0.8,
-                "width": 0,
-            }
+            spread = error_bars([point.seconds for point in points])
         else:
             values, spread = [point.peak_mib for point in points], None
+        color, symbol = look(place)
         figure.add_scatter(
             x=one.axis.counts,
             y=values,
             error_y=spread,
             name=name,
             mode="lines+markers",
-            marker={"symbol": MARKERS[place], "size": 8, "color": COLORS[place]},
+            line={"color": color},
+            marker={"symbol": symbol, "size": 8, "color": color},
             hovertemplate="%{x:,}: %{y:.3g}<extra>" + name + "</extra>",
         )
     style(figure)
     figure.update_layout(height=420)
-    figure.update_xaxes(title=one.axis.unit, type="log", dtick=1, exponentformat="power")
-    figure.update_yaxes(
-        title="seconds a run" if quantity == SECONDS else "peak memory of the process, MiB",
+    figure.update_xaxes(
+        title_text=one.axis.unit,
         type="log",
-        exponentformat="power",
+        # Few powers of ten lie between the sizes, and none of the squares is one.
+        tickvals=one.axis.counts,
+        ticktext=[size_name(one, size) for size in one.axis.sizes],
+    )
+    shown = [value for trace in figure.data for value in trace.y]
+    figure.update_yaxes(
+        title_text="seconds a run" if quantity == SECONDS else "peak memory of the process, MiB",
+        **log_axis(shown),
     )
     return figure
 
@@ -104,10 +111,13 @@ def _page(measured: ScalingBenchmark) -> str:
             for quantity in (SECONDS, MEMORY)
         }
         for one in measured.axes
+        if measured.extent.asymptotic
     }
     return environment.get_template("scaling.html.j2").render(
         scaling=measured,
         sentences=sentences,
+        runs=runs_sentence(measured.extent),
+        too_small=None if measured.extent.asymptotic else TOO_SMALL,
         memory=memory_sentence(measured),
         meanings={name: one.meaning for name, one in CONTESTANTS.items()},
         figures=Markup(json.dumps(figures).replace("<", "\\u003c")),

@@ -7,22 +7,24 @@ from collections.abc import Callable, Sequence
 from xfrustum.reports.bench_scaling import LIMIT_MIB, AxisScaling, ScalingBenchmark
 from xfrustum.reports.scaling_contestants import CONTESTANTS, PIXELS
 from xfrustum.reports.scaling_expected import MEMORY, SECONDS, Finding
+from xfrustum.reports.scaling_extent import Extent
 from xfrustum.reports.scaling_process import ENOUGH_S, FEWEST, Measured
 
 Cell = Callable[[Measured], str]
+
+TOO_SMALL = "these sizes are too small for exponents to mean anything: this shows that it runs, and no more"
+"""Said once where the extent is not asymptotic."""
 
 
 def table(measured: ScalingBenchmark) -> str:
     """Return everything measured and found as text."""
     machine = measured.machine
     names = {name for one in measured.axes for name in one.measured}
-    repeat = measured.extent.repeat
     parts = [
         f"{machine['cores']} cores of {machine['processor']}; each point is a process of its own",
-        f"medians (lowest to highest) of {repeat} runs after a first one, or of fewer, not below "
-        f"{min(FEWEST, repeat)}, that take {ENOUGH_S:g} s",
-        *([] if measured.extent.asymptotic else ["sizes too small for exponents: it runs, and no more"]),
-        *(line for one in measured.axes for line in _axis(one)),
+        runs_sentence(measured.extent),
+        *([] if measured.extent.asymptotic else [TOO_SMALL]),
+        *(line for one in measured.axes for line in _axis(one, exponents=measured.extent.asymptotic)),
         "",
         memory_sentence(measured),
         "",
@@ -30,6 +32,19 @@ def table(measured: ScalingBenchmark) -> str:
         *(f"{name}: not here, {reason}" for name, reason in measured.unavailable.items()),
     ]
     return "\n".join(parts)
+
+
+def runs_sentence(extent: Extent) -> str:
+    """Say how many runs each time is the median of."""
+    if extent.repeat == 1:
+        return "times are of one run, after a first one that counts as set-up"
+    text = (
+        f"times are medians (lowest to highest) of {extent.repeat} runs, after a first one that counts as "
+        "set-up"
+    )
+    if extent.repeat <= FEWEST:
+        return text
+    return f"{text}; of fewer, but at least {FEWEST}, where these take {ENOUGH_S:g} s"
 
 
 def memory_sentence(measured: ScalingBenchmark) -> str:
@@ -48,11 +63,15 @@ def memory_sentence(measured: ScalingBenchmark) -> str:
 def growth_sentence(name: str, found: Finding) -> str:
     """Return a contestant's exponents, what was expected, and why."""
     exponents, (low, high) = found.exponents, found.expected
-    verdict = "" if found.as_expected else "NOT AS EXPECTED, although "
+    verdict = "NOT AS EXPECTED, although " if found.as_expected is False else ""
     return (
-        f"{name}: {exponents.overall:.2f}, at the large end {exponents.large_end:.2f} "
+        f"{name}: {_exponent(exponents.overall)}, at the large end {_exponent(exponents.large_end)} "
         f"(expected {low:g} to {high:g}): {verdict}{found.sentence}"
     )
+
+
+def _exponent(value: float | None) -> str:
+    return "unknown, as a cost is zero" if value is None else f"{value:.2f}"
 
 
 def size_name(one: AxisScaling, size: int) -> str:
@@ -60,8 +79,7 @@ def size_name(one: AxisScaling, size: int) -> str:
     return f"{size} x {size}" if one.axis.unit == PIXELS else f"{size:,}"
 
 
-def _axis(one: AxisScaling) -> list[str]:
-    findings = {quantity: one.findings(quantity) for quantity in (SECONDS, MEMORY)}
+def _axis(one: AxisScaling, *, exponents: bool) -> list[str]:
     floors = [f"{point.imported_mib:,.0f}" for points in one.measured.values() for point in points[:1]]
     return [
         "",
@@ -73,12 +91,19 @@ def _axis(one: AxisScaling) -> list[str]:
         "",
         *_rows(one, "peak, MiB", lambda point: f"{point.peak_mib:,.0f}", ("imported alone", *floors)),
         "",
+        *(_exponents(one) if exponents else []),
+        "tracing against rasterizing",
+        *(f"  {name}: {race.sentence(one.axis.unit)}" for name, race in one.overtakings.items()),
+    ]
+
+
+def _exponents(one: AxisScaling) -> list[str]:
+    findings = {quantity: one.findings(quantity) for quantity in (SECONDS, MEMORY)}
+    return [
         f"exponents of time in {one.axis.unit}",
         *(f"  {growth_sentence(name, found)}" for name, found in findings[SECONDS].items()),
         f"exponents of memory beyond what is imported in {one.axis.unit}",
         *(f"  {growth_sentence(name, found)}" for name, found in findings[MEMORY].items()),
-        "tracing against rasterizing",
-        *(f"  {name}: {race.sentence(one.axis.unit)}" for name, race in one.overtakings.items()),
     ]
 
 
@@ -99,4 +124,4 @@ def _milliseconds(point: Measured) -> str:
         f"{1e3 * value:,.4g}" if value < 1 else f"{1e3 * value:,.0f}"
         for value in (point.seconds.lowest, point.seconds.median, point.seconds.highest)
     )
-    return f"{middle} ({low} to {high})"
+    return middle if point.seconds.repetitions == 1 else f"{middle} ({low} to {high})"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
 from xfrustum.reports.best import percent
-from xfrustum.reports.figures import COLORS, INK, MARKERS, style
+from xfrustum.reports.figure_style import INK, error_bars, look, style
 from xfrustum.reports.trade_off import MAX_WRONG, Option, pareto
 
 LEAST_PX = 1e-4
@@ -24,24 +25,17 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
     figure = go.Figure()
     for place, family in enumerate(dict.fromkeys(_family(option) for option in options)):
         mine = [(one, best) for one, best in zip(options, front, strict=True) if _family(one) == family]
-        symbol = MARKERS[place % len(MARKERS)]
+        color, symbol = look(place)
         figure.add_scatter(
             x=[1000 * one.time_s.median for one, _ in mine],
             y=[max(one.displacement_p99_px, LEAST_PX) for one, _ in mine],
-            error_x={
-                "type": "data",
-                "symmetric": False,
-                "array": [1000 * (one.time_s.highest - one.time_s.median) for one, _ in mine],
-                "arrayminus": [1000 * (one.time_s.median - one.time_s.lowest) for one, _ in mine],
-                "thickness": 0.8,
-                "width": 0,
-            },
+            error_x=error_bars([one.time_s for one, _ in mine], factor=1000),
             name=family,
             mode="markers",
             marker={
                 "symbol": [symbol + ("" if best else "-open") for _, best in mine],
                 "size": [12 if best else 8 for _, best in mine],
-                "color": COLORS[place % len(COLORS)],
+                "color": color,
             },
             text=[f"{one.label}<br>wrong surface {one.surface_fraction:.3g}" for one, _ in mine],
             hovertemplate="%{text}<br>%{x:.3g} ms, %{y:.3g} px<extra></extra>",
@@ -58,28 +52,41 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
         line={"color": INK, "width": 1.5, "shape": "hv"},
         hoverinfo="skip",
     )
-    for limit in (tolerance_px, tolerance_px / 5):
-        figure.add_hline(
-            y=limit, line={"color": INK, "dash": "dot", "width": 1}, annotation_text=f"{limit:g} px"
-        )
+    # Two labels less than a decade apart: one above its line, one below.
+    _add_limit(figure, tolerance_px, "bottom")
+    _add_limit(figure, tolerance_px / 5, "top")
     _lay_out(figure)
     return figure
+
+
+def _add_limit(figure: go.Figure, limit_px: float, anchor: str) -> None:
+    figure.add_hline(y=limit_px, line={"color": INK, "dash": "dot", "width": 1})
+    # Shapes on a logarithmic axis take values, annotations their logarithms.
+    figure.add_annotation(
+        text=f"{limit_px:g} px",
+        x=1,
+        xref="x domain",
+        xanchor="right",
+        y=math.log10(limit_px),
+        yref="y",
+        yanchor=anchor,
+        showarrow=False,
+    )
 
 
 def _lay_out(figure: go.Figure) -> None:
     style(figure)
     figure.update_layout(height=520)
-    figure.update_layout(margin={"l": 78})
     # A range of less than a decade has no power of ten in it, and digits alone are read as numbers.
     ticks = [digit * 10.0**power for power in range(-2, 6) for digit in (1, 2, 3, 5, 7)]
     figure.update_xaxes(
-        title="time of a picture with read-back, ms",
+        title_text="time of a picture with read-back, ms",
         type="log",
         tickvals=ticks,
         ticktext=[f"{value:g}" for value in ticks],
     )
     figure.update_yaxes(
-        title={"text": "99th percentile of displacement, px", "standoff": 8},
+        title_text="99th percentile of displacement, px",
         type="log",
         exponentformat="power",
         dtick=1,

@@ -19,9 +19,9 @@ from xfrustum.reports.scaling_contestants import CONTESTANTS, RASTERIZERS, Unava
 from xfrustum.reports.scaling_expected import EXPECTED, MEMORY, SECONDS, finding
 from xfrustum.reports.scaling_extent import FULL, QUICK
 from xfrustum.reports.scaling_fit import Exponents, Overtaking
-from xfrustum.reports.scaling_page import staged
+from xfrustum.reports.scaling_page import scaling_figure, staged
 from xfrustum.reports.scaling_process import Job, Measured, measure, measure_apart, peak_mib
-from xfrustum.reports.scaling_table import table
+from xfrustum.reports.scaling_table import growth_sentence, runs_sentence, table
 from xfrustum.reports.timing import Spread
 from xfrustum.scenes import NOTHING, InputError
 from xfrustum.scenes.globes import GLOBES, REACH, globes
@@ -40,7 +40,30 @@ def test_a_fit_recovers_the_exponent_of_a_power_law(power: float) -> None:
 
 def test_a_constant_that_dominates_small_sizes_shows_less_at_the_large_end() -> None:
     found = Exponents.of(SIZES, [1.0 + 1e-5 * size for size in SIZES])
+    assert found.overall is not None and found.large_end is not None
     assert found.overall < found.large_end < 1
+
+
+@pytest.mark.parametrize(
+    ("costs", "known"),
+    [
+        ((0.0, 1.0, 10.0, 100.0), (False, True, False)),
+        ((1.0, 0.0, 10.0, 100.0), (False, False, True)),
+        ((0.0, 0.0, 0.0, 0.0), (False, False, False)),
+    ],
+)
+def test_a_cost_of_zero_has_no_exponent(costs: tuple[float, ...], known: tuple[bool, bool, bool]) -> None:
+    """A small size may take no more memory than what was imported."""
+    found = finding("apertures", MEMORY, "embree", SIZES, costs)
+    exponents = found.exponents
+    assert (
+        tuple(one is not None for one in (exponents.overall, exponents.large_end, exponents.growth)) == known
+    )
+    assert (found.as_expected is not None) is known[1]
+    text = growth_sentence("embree", found)
+    assert text.startswith("embree: unknown, as a cost is zero, at the large end ")
+    assert ("NOT AS EXPECTED" in text) is known[1]
+    assert ("an unknown number of times" in text) is not known[2]
 
 
 def runs(*medians: float, spread: float = 1.0) -> list[Spread]:
@@ -216,7 +239,9 @@ def test_quick_returns_all_there_is_as_json_and_as_a_page(
     assert found["asymptotic"] is False and set(found["meanings"]) == set(CONTESTANTS)
     assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
     assert json.loads((out / "scaling.json").read_text()) == found
-    assert "apertures-memory" in (out / "index.html").read_text()
+    page = (out / "index.html").read_text()
+    assert "apertures-memory" in page and "too small for exponents" in page
+    assert "Exponents of" not in page and "NOT AS EXPECTED" not in page and "Times are of one run" in page
 
 
 @pytest.mark.usefixtures("here")
@@ -226,9 +251,37 @@ def test_the_table_names_every_contestant_size_and_reason() -> None:
     lines = text.splitlines()
     for name, points in measured.axes[0].measured.items():
         assert points[-1].triangles == 4000
-        assert sum(line.startswith(f"  {name}: ") for line in lines) >= 2
+        assert sum(line.startswith(f"{name}: ") for line in lines) == 1
+        assert sum(line.startswith(f"  {name}: ") for line in lines) == (name not in RASTERIZERS)
     assert "every contestant fits in 8 GiB" in text or "need more than 8 GiB" in text
-    assert "imported alone" in text and "too small for exponents" in text
+    assert "imported alone" in text and text.count("too small for exponents") == 1
+    assert "exponents of time" not in text and "NOT AS EXPECTED" not in text
+    large = table(replace(measured, extent=replace(measured.extent, asymptotic=True)))
+    assert "too small for exponents" not in large and "exponents of time in triangles" in large
+    assert all(large.count(f"\n  {name}: ") >= 2 for name in measured.axes[0].measured)
+
+
+@pytest.mark.usefixtures("here")
+def test_the_page_says_what_its_numbers_are(tmp_path: Path) -> None:
+    measured = bench_scaling.bench_scaling(replace(QUICK, axes=QUICK.axes[:1]))
+    with staged(tmp_path / "out") as write:
+        write(replace(measured, extent=replace(FULL, axes=measured.extent.axes)))
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "<h3>Exponents of time</h3>" in page and "<h3>Exponents of memory" in page
+    assert "of 9 runs" in page and "too small for exponents" not in page
+    figure = scaling_figure(measured.axes[0], SECONDS)
+    # Both sizes are labeled, though only one is a power of ten.
+    assert figure.layout.xaxis.tickvals == (1000, 4000) and figure.layout.xaxis.ticktext == ("1,000", "4,000")
+
+
+@pytest.mark.parametrize("repeat", [1, 2, 9])
+def test_the_number_of_runs_is_said_as_it_is(repeat: int) -> None:
+    said = runs_sentence(replace(QUICK, repeat=repeat))
+    assert said.startswith(
+        "times are of one run," if repeat == 1 else "times are medians (lowest to highest)"
+    )
+    assert (f"of {repeat} runs" in said) is (repeat > 1)
+    assert ("of fewer, but at least 2, where these take 2 s" in said) is (repeat == 9)
 
 
 def test_a_contestant_that_does_not_run_here_is_named_and_left_out(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -110,7 +110,9 @@ def test_the_page_is_still_one_file_that_asks_for_nothing(files: ReportFiles) ->
     for part in (
         "<h2>Light</h2>",
         "What the raster misses",
-        "in radiance</tt>",
+        "of white</tt>",
+        "All three scales of errors are logarithmic",
+        "fraction of display white",
         "scale of the right one is logarithmic",
         'id="plot-eye"',
         'id="plot-flip"',
@@ -129,6 +131,7 @@ def test_an_unshaded_scene_has_none_of_it(tmp_path: Path) -> None:
     assert files.content["rows"][0]["comparison"]["radiance"] is None
     html = files.html.read_text()
     assert "<h2>Light</h2>" not in html and 'id="plot-flip"' not in html
+    assert "Both scales of errors are logarithmic" in html and "display white" not in html
     data = page_data(files)
     assert data["eye"] is None and "radiance" not in data["rows"][0]["pictures"]
     assert set(data["curves"][0]).isdisjoint({"radiance", "flip"})
