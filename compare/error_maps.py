@@ -110,4 +110,6 @@ def _judge(
 def _height_map(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NDArray[np.float64]:
     same = truth.covered & (truth.triangle == raster.triangle) & judged
     same &= np.isfinite(raster.height)
-    return np.where(same, raster.height - truth.height.astype(np.float64), np.nan)
+    # What is not the same may be anything.
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.where(same, raster.height - truth.height.astype(np.float64), np.nan)

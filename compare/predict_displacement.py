@@ -132,7 +132,7 @@ def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floa
     near = settings.near if settings.offset is Offset.PLATE else 0.0
     bent = near / (np.abs(points.height) + near)
     if settings.slabs:
-        bent[~in_first_slab(points.height, frustum, settings)] = 0.0
+        bent[np.isfinite(points.height) & ~in_first_slab(points.height, frustum, settings)] = 0.0
     if settings.camera is not Camera.BOTH or settings.offset is Offset.NONE:
         bent[~is_drawn(points.height, settings)] = np.nan
     return np.asarray(bent)

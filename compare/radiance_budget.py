@@ -166,7 +166,7 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | N
         done()
         errors[BAND_LIMITING] = found.error
         colors = np.concatenate((found.color[None], colors))
-    if scene.transport.shadows or scene.transport.interreflection:
+    if scene.transport.simulated:
         left_out = measure_left_out(scene, aperture, done).difference
         errors[TRANSPORT] = float(np.sqrt(np.mean(left_out.variance_of_mean)))
         links.insert(0, TRANSPORT)
@@ -189,7 +189,7 @@ def steps(scene: Scene) -> int:
     """Return how often `make_radiance_budget` says that a part of its work is done."""
     points, transport = scene.sampling.aperture, scene.transport
     averages = scene.sampling != Sampling()
-    return points * averages + (points > 1) + 2 * points * (transport.shadows or transport.interreflection)
+    return points * averages + (points > 1) + 2 * points * transport.simulated
 
 
 def averaged_colors(

@@ -58,7 +58,8 @@ def _surely_seen(
         return np.zeros(0, dtype=np.int64)
     same = asked & (truth.certainty <= Certainty.EXACT) & (truth.triangle == raster.triangle)
     # Most that are farther apart are so in height already: only the others need all coordinates.
-    same &= np.abs(raster.height - truth.height) <= largest_tolerance(scene)
+    with np.errstate(invalid="ignore", over="ignore"):
+        same &= np.abs(raster.height - truth.height) <= largest_tolerance(scene)
     pixels = np.flatnonzero(same & (raster.triangle != NOTHING))
     triangle = raster.triangle.ravel()[pixels]
     tolerance = position_tolerance(scene, triangle, np.empty((len(pixels), 3)))

@@ -7,9 +7,6 @@ import numpy as np
 from xfrustum.reference.cone import Floats
 from xfrustum.scenes.scene import Scene
 
-GENTLE = 1.0
-"""Slopes of lines that start no farther beside the scene's box than it is deep: at most one digit is lost."""
-
 CLEARANCE = 2.0**-6
 """Distance kept from the scene's box, as a share of its diagonal: far more than float32 rounds."""
 
@@ -36,21 +33,9 @@ def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) 
     low, high = scene.bounds
     clearance = CLEARANCE * float(np.linalg.norm(high - low))
     low, high = low - clearance, high + clearance
-    # Axis by axis: numpy is several times slower along rows of three.
-    if all(np.abs(directions[:, axis]).max(initial=0.0) <= GENTLE for axis in range(2)):
-        s: Floats | float = max(first, float(center[2] - high[2]))
-    else:
-        s = np.maximum(first, _entered(low, high, center, directions))
-    origins = np.empty_like(directions)
-    for axis in range(3):
-        origins[:, axis] = center[axis] + s * directions[:, axis]
-    return origins
-
-
-def _entered(low: Floats, high: Floats, center: Floats, directions: Floats) -> Floats:
-    """Return where lines enter a box, (N,): those beside it, where they pass its front."""
     front = float(center[2] - high[2])
     s = np.full(len(directions), front)
+    # Axis by axis: numpy is several times slower along rows of three.
     for axis in range(2):
         along = np.ascontiguousarray(directions[:, axis])
         side = np.where(along > 0, low[axis], high[axis]) - center[axis]
@@ -58,4 +43,8 @@ def _entered(low: Floats, high: Floats, center: Floats, directions: Floats) -> F
             # A line along the box's sides enters between them nowhere, or everywhere.
             s = np.maximum(s, np.divide(side, along, out=np.full(len(s), -np.inf), where=along != 0))
     # A line beside the box meets nothing, wherever it starts.
-    return np.where(np.isfinite(s), s, front)
+    s = np.maximum(np.where(np.isfinite(s), s, front), first)
+    origins = np.empty_like(directions)
+    for axis in range(3):
+        origins[:, axis] = center[axis] + s * directions[:, axis]
+    return origins

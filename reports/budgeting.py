@@ -31,6 +31,10 @@ from xfrustum.scenes.scene import Scene
 IMAGES = ("T0", "T1", "T2", "T3", "R0", "R1")
 """Names of the chain's images, as the files are called."""
 
+DATA, BY_TRIANGLE, BY_SURFACE = "budget.json", "causes-by-triangle.png", "causes-by-surface.png"
+FILES = (DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in IMAGES))
+"""What is always written."""
+
 LINK_COLORS = ("rgb(0,114,178)", "rgb(86,180,233)", "rgb(0,158,115)", "rgb(230,159,0)", "rgb(213,94,0)")
 """Okabe and Ito's palette, told apart by people with any color vision, in the order of the links."""
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
@@ -67,14 +71,14 @@ def write_budget(
     truth = chain.images[0]
     with Staging(out) as staging:
         text = json.dumps(json_ready(summary(budget, radiance)), allow_nan=False, indent=1)
-        (staging.folder / "budget.json").write_text(text + "\n", encoding="utf-8")
+        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
         for name, image in zip(IMAGES, chain.images, strict=True):
             (staging.folder / f"{name}.webp").write_bytes(images.picture(image))
         unexplained = budget.explanation.unexplained
         by_triangle = causes(truth, budget.charge, unexplained)
-        (staging.folder / "causes-by-triangle.png").write_bytes(by_triangle)
+        (staging.folder / BY_TRIANGLE).write_bytes(by_triangle)
         by_surface = causes(truth, budget.surface_charge, unexplained & (budget.surface_charge >= 0))
-        (staging.folder / "causes-by-surface.png").write_bytes(by_surface)
+        (staging.folder / BY_SURFACE).write_bytes(by_surface)
         for name, encoded in radiance_budgeting.pictures(radiance) if radiance else ():
             (staging.folder / name).write_bytes(encoded)
         return staging.commit()

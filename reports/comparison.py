@@ -18,6 +18,10 @@ from xfrustum.scenes.exr import image_size, read_image
 from xfrustum.scenes.hogel_image import HogelCamera
 from xfrustum.scenes.scene import Scene
 
+_NAMES = ("displacement", "triangle", "height", "radiance", "surface")
+FILES = ("comparison.json", *(f"{name}.png" for name in _NAMES))
+"""What may be written."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FileComparison:

@@ -121,7 +121,7 @@ class ShadingReport:
 def is_shaded(scene: Scene) -> bool:
     """Return whether a scene says how it looks: materials, lights, environment, colors, textures, shadows."""
     looks, surface = scene.appearance, scene.surface
-    if scene.transport.shadows or scene.transport.interreflection:
+    if scene.transport.simulated:
         return True
     named = bool(looks.materials) or looks.environment is not None or looks.lights != (DEFAULT_LIGHT,)
     return named or surface.vertex_colors is not None or surface.texture_of_triangle is not None

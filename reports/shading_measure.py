@@ -51,7 +51,7 @@ def measure_shading(
         return None
     nears = sorted({one.near for one in settings}, reverse=True)
     eye = _shows_eye(scene)
-    transported = scene.transport.shadows or scene.transport.interreflection
+    transported = scene.transport.simulated
     steps = 2 + 2 * (scene.sampling.aperture > 1) + eye * len(nears)
     steps += transported * 2 * len(apertures) * scene.sampling.aperture
     middle = apertures[0]

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 STDERR = 2
 """The file descriptor that libraries in C and C++ write to, whatever `sys.stderr` is."""
 
-_ALONE = threading.RLock()
+_ALONE = threading.Lock()
 """Two threads that swap the descriptor at once would put back what the other one put there."""
 
 

@@ -68,6 +68,11 @@ class Transport:
                 "fewer than two have no variance"
             )
 
+    @property
+    def simulated(self) -> bool:
+        """Whether there is anything to simulate."""
+        return self.shadows or self.interreflection
+
 
 PLASTIC = 1.32471795724474602596
 """The real root of x^3 = x + 1: its powers give the most even additive recurrence in two dimensions."""

@@ -39,13 +39,11 @@ def _explain(problem: ErrorDetails) -> str:
     if problem["type"] == "missing" and isinstance(location[-1], str):
         return f"{key} is missing; it must be {allowed}"
     shown = "a table" if isinstance(problem["input"], dict) else repr(problem["input"])[:80]
-    if problem["type"] == "missing":
-        shown = "missing"
-    whole = location
-    while isinstance(whole[-1], int):
-        whole = whole[:-1]
-    found = f"not {shown}" if whole == location else f"but {key} is {shown}"
-    return f"{_dotted(whole)} must be {allowed}, {found}"
+    if not isinstance(location[-1], int):
+        return f"{key} must be {allowed}, not {shown}"
+    *whole, element = location
+    found = "missing" if problem["type"] == "missing" else shown
+    return f"{_dotted(tuple(whole))} must be {allowed}, but element {element} is {found}"
 
 
 def _dotted(location: Location) -> str:

@@ -375,6 +375,15 @@ def test_a_picture_is_the_same_whatever_was_drawn_before() -> None:
     assert pictures.count(pictures[0]) == len(pictures)
 
 
+def test_no_highlight_is_so_small_that_a_device_may_flush_it() -> None:
+    scene = dressed_scene("asymmetric", RESOLUTION)
+    alone = reduced(scene, environment=None, materials=materials(ambient=NONE, diffuse=NONE))
+    color = color_of(drawn(alone, reversed_d32f(0.5)))
+    darkest = min(PLAIN.specular) * min(min(light.color) for light in LIGHTS)
+    assert color[color > 0].min() >= 2.0**-100 * darkest * (1 - 1e-6)
+    assert color[color > 0].min() < 1e-20
+
+
 @pytest.mark.parametrize("effect", Effect)
 def test_what_a_scene_calls_for_is_seen_to_be_missing(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", RESOLUTION)

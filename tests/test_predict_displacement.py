@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from tests.views import view
 from xfrustum.compare.film import pixel_centers
-from xfrustum.compare.predict_displacement import displacement_field
+from xfrustum.compare.predict_displacement import (
+    TruePoints,
+    displacement_field,
+    displacement_lengths,
+    displacements,
+)
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import model_cameras
 from xfrustum.scenes import Aperture, Camera, DoubleFrustum, Frustum, HogelImage
@@ -100,3 +105,17 @@ def test_a_small_near_loses_no_digits() -> None:
     # To first order in n over the smallest height.
     tolerance = 1e-9 / float(np.abs(truth.height[shown]).min())
     np.testing.assert_allclose(small[shown], 10 * smaller[shown], rtol=2 * tolerance)
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_lengths_are_those_of_the_vectors(name: str, options: dict[str, Any]) -> None:
+    scene = view(name, (48, 36))
+    truth = Reference(scene).trace(scene.default_apertures()[-1])
+    settings = DoubleFrustum(near=1e-2 * scene.frustum.longest_reach, **options)
+    every = TruePoints.of(truth)
+    for points in (every, every.shown()):
+        vectors = displacements(points, scene.frustum, settings)
+        found = displacement_lengths(points, scene.frustum, settings)
+        np.testing.assert_allclose(found, np.hypot(vectors[..., 0], vectors[..., 1]), rtol=1e-12, atol=1e-12)
+    assert np.isnan(displacement_lengths(every, scene.frustum, settings)[~truth.off_plate]).all()

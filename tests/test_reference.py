@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
+import math
 
 import numpy as np
 import pytest
 
 from tests.brute_force import exact_s, first_hits, near_an_edge
-from tests.views import lines_by_definition, view
+from tests.views import lines_by_definition, soup, view
 from xfrustum.reference import Reference
-from xfrustum.scenes import NOTHING, Certainty
+from xfrustum.reference.entry import CLEARANCE, ray_origins
+from xfrustum.scenes import NOTHING, Certainty, Frustum
 
 LOG = logging.getLogger(__name__)
 """Figures behind the verdicts: shown with --log-cli-level=INFO."""
@@ -105,3 +107,24 @@ def test_s_is_right_to_a_billionth_of_itself(name: str) -> None:
         np.testing.assert_allclose(
             image.position[row, column], center + s * d[row, column], rtol=1e-9, atol=1e-12
         )
+
+
+@pytest.mark.parametrize("size", [(200.0, 150.0, 100.0), (20.0, 20.0, 2000.0), (3.0, 500.0, 40.0)])
+def test_rays_start_just_outside_the_scene_however_deep_and_narrow_it_is(
+    size: tuple[float, float, float],
+) -> None:
+    """A float32 origin far beside the scene would spend its digits on that distance."""
+    half = np.array(size) / 2
+    corners = np.array([-half, half * (1, -1, -1), half])[None]
+    scene = soup(corners, Frustum(resolution=(8, 8), reach=(size[2], size[2]), fov=(1.0, 1.0)))
+    center = np.array([0.3, -0.2, 0.0])
+    inside = np.random.default_rng(5).uniform(-half, half, (1000, 3))
+    # From a tenth of the depth on, in the narrow scene no line is steep.
+    inside = inside[np.abs(inside[:, 2]) > size[2] / 10]
+    directions = (inside - center) / -inside[:, 2:]
+    origins = ray_origins(scene, center, directions, -math.inf)
+    s = -origins[:, 2]
+    np.testing.assert_allclose(origins, center + s[:, None] * directions, rtol=1e-12, atol=1e-12)
+    assert (s <= -inside[:, 2]).all()
+    clearance = CLEARANCE * np.linalg.norm(2 * half)
+    np.testing.assert_allclose(np.max(np.abs(origins) - half, axis=1), clearance, rtol=1e-9)

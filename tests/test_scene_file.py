@@ -84,22 +84,25 @@ def test_a_material_names_a_table(tmp_path: Path) -> None:
         ([PLATE, FRUSTUM.replace("reach", "reech")], ["frustum.reech", "frustum.reach"]),
         ([PLATE, FRUSTUM, BOX, BOX, "rotate = [0, 0, 0]\n"], ["object[1].rotate", "object[1].rotate_deg"]),
         (["nmae = 'x'\n", PLATE, FRUSTUM], ["nmae", "nearest valid key is name"]),
-        ([PLATE.replace("81", "81.5"), FRUSTUM], ["plate.hogels[0]", "integers", "81.5"]),
+        ([PLATE.replace("81", "81.5"), FRUSTUM], ["plate.hogels", "integers", "element 0 is 81.5"]),
         ([PLATE.replace("81", "0"), FRUSTUM], ["plate.hogels", "at least 1"]),
         ([PLATE.replace("80", "-80"), FRUSTUM], ["plate.size", "positive"]),
         (
             [PLATE.replace("80", "nan"), FRUSTUM],
-            ["two positive lengths", "plate.size[0] is nan"],
+            ["two positive lengths", "element 0 is nan"],
         ),
-        ([PLATE.replace("80", "'80'"), FRUSTUM], ["plate.size[0]", "two positive lengths", "'80'"]),
-        ([PLATE.replace("80", "true"), FRUSTUM], ["plate.size[0]", "True"]),
+        ([PLATE.replace("80", "'80'"), FRUSTUM], ["plate.size", "two positive lengths", "element 0 is '80'"]),
+        ([PLATE.replace("80", "true"), FRUSTUM], ["plate.size", "element 0 is True"]),
         (
             [PLATE.replace("[80, 60.0]", "[80]"), FRUSTUM],
-            ["two positive", "plate.size[1] is missing"],
+            ["two positive", "element 1 is missing"],
         ),
         ([PLATE.replace("[80, 60.0]", "80"), FRUSTUM], ["plate.size", "not 80"]),
         ([PLATE, FRUSTUM.replace("150", "0")], ["frustum.reach", "positive"]),
-        ([PLATE, FRUSTUM.replace("45.0", "180")], ["frustum.fov_deg[1]", "between 0 and 180"]),
+        (
+            [PLATE, FRUSTUM.replace("45.0", "180")],
+            ["frustum.fov_deg", "element 1 is 180", "between 0 and 180"],
+        ),
         ([PLATE, FRUSTUM.replace("512", "0")], ["frustum.resolution", "at least 1"]),
         ([PLATE, FRUSTUM.replace("fov_deg = [60, 45.0]\n", "")], ["fov_deg = [x, y] degrees", "screen = {"]),
         (
@@ -111,7 +114,10 @@ def test_a_material_names_a_table(tmp_path: Path) -> None:
         ([PLATE, FRUSTUM, BOX, 'mesh = "a.obj"\n'], ["object[0]", "not both"]),
         ([PLATE, FRUSTUM, BOX.replace("box", "bax")], ["object[0].shape", "nearest is box"]),
         ([PLATE, FRUSTUM, BOX, "scale = 0\n"], ["object[0].scale", "positive number"]),
-        ([PLATE, FRUSTUM, BOX, "rotate_deg = [1, 2]\n"], ["object[0].rotate_deg[2]", "three angles"]),
+        (
+            [PLATE, FRUSTUM, BOX, "rotate_deg = [1, 2]\n"],
+            ["object[0].rotate_deg", "element 2 is missing", "three angles"],
+        ),
         (
             [PLATE, FRUSTUM, BOX, "scale = 1\ntransform = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n"],
             ["both transform and scale", "any of scale, rotate_deg and translate"],

@@ -159,11 +159,11 @@ def raster(
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for error pictures.")
 def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
     """Compare a raster image with the truth, both EXR."""
-    from xfrustum.reports.comparison import compare_files, table, write_comparison
+    from xfrustum.reports.comparison import FILES, compare_files, table, write_comparison
     from xfrustum.reports.outputs import check_writable_folder
 
     if out is not None:
-        check_writable_folder(out)
+        check_writable_folder(out, FILES)
     compared = compare_files(truth, raster)
     if compared.note:
         click.echo(f"xfrustum: note: {compared.note}", err=True)

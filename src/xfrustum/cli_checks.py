@@ -39,13 +39,13 @@ def budget(
 ) -> None:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart."""
     from xfrustum.reports import radiance_budgeting
-    from xfrustum.reports.budgeting import budget_of, summary, table, write_budget
+    from xfrustum.reports.budgeting import FILES, budget_of, summary, table, write_budget
     from xfrustum.reports.outputs import check_writable_folder
     from xfrustum.scenes import open_scene
 
     opened = light.applied(open_scene(scene))
     if out is not None:
-        check_writable_folder(out)
+        check_writable_folder(out, FILES)
     charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
     radiance = radiance_budgeting.radiance_budget_of(opened, chain, progress=not quiet)
     if out is not None:

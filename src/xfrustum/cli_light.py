@@ -71,7 +71,13 @@ class Light:
     samples: int | None = None
 
     def applied(self, scene: Scene) -> Scene:
-        """Return the scene with these settings instead of its own."""
+        """Return the scene with these settings instead of its own.
+
+        Raises
+        ------
+        click.UsageError
+            Light paths are asked for, but no light transport.
+        """
         sampling = {
             "supersample": self.supersample,
             "multisample": self.multisample,
@@ -82,11 +88,14 @@ class Light:
             "interreflection": self.interreflection,
             "samples": self.samples,
         }
-        return replace(
+        changed = replace(
             scene,
             sampling=replace(scene.sampling, **_given(sampling)),
             transport=replace(scene.transport, **_given(transport)),
         )
+        if self.samples is not None and not changed.transport.simulated:
+            raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
+        return changed
 
     def chosen(self, scene: Scene, camera: Camera | None = None) -> frozenset[Effect]:
         """Return the effects asked for, of a scene and the cameras that draw it."""
@@ -108,15 +117,10 @@ class Light:
         Raises
         ------
         click.UsageError
-            Light transport is asked for, but of another tracer, or not with all effects; or light paths
-            are, without it.
+            Light transport is asked for, but of another tracer, or not with all effects.
         """
         transport = scene.transport
-        if not (transport.shadows or transport.interreflection):
-            if self.samples is not None:
-                raise click.UsageError(
-                    "--samples are light paths: ask for --shadows or --interreflection too"
-                )
+        if not transport.simulated:
             return given or "embree", False
         insisted = bool(self.shadows or self.interreflection)
         local_effects = self.effects != "auto"
