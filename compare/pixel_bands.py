@@ -11,8 +11,9 @@ from xfrustum.scenes.hogel_image import HogelImage
 
 Judged = TypeVar("Judged")
 
-BAND_PIXELS = 1 << 15
-"""Of a band: a plane in double precision takes 256 kB, and a processor's caches hold several of them."""
+BAND_PIXELS = 1 << 16
+"""Of a band: a plane in double precision takes 512 kB, and a processor's caches hold a few. In smaller bands
+threads wait for each other: NumPy lets go of Python's lock only while it computes."""
 
 ALONE_PIXELS = 1 << 20
 """Of an image: up to here bands follow each other. Smaller images come in numbers, each with a thread of

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import math
-import os
 import time
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from xfrustum.compare import ErrorMaps, compare_images
-from xfrustum.compare.predict import Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports import images, provenance
-from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports import provenance
+from xfrustum.reports.measurement import Sweep
 from xfrustum.reports.progress import progress_bar
-from xfrustum.reports.shading import is_shaded
+from xfrustum.reports.sweep_bench import SweepBench
 from xfrustum.reports.timing import Stopwatch
 from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.effects import chosen
 from xfrustum.scenes.frustum import Frustum
-from xfrustum.scenes.hogel_image import HogelImage
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
@@ -43,13 +38,6 @@ _LARGEST_NEAR, _SMALLEST_NEAR = 1e-1, 1e-8
 PAGE_PIXELS = 120_000_000
 """Pixels of all settings together that are shown in full. All pictures of a setting take between a
 tenth and a fifth of a byte per pixel, so that the page stays under 30 MB; larger sweeps are shown reduced."""
-
-
-PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-"""That this process may run on."""
-
-AT_ONCE_PIXELS = 1 << 20
-"""Pixels of all images that are judged side by side, some 200 bytes each; a larger image is judged alone."""
 
 
 def default_nears(frustum: Frustum) -> tuple[float, ...]:
@@ -98,7 +86,9 @@ def sweep(
     with watch.stage("prepare"):
         reference = Reference(scene, tracer=tracer, effects=chosen(scene, effects))
         rasterizer = Rasterizer(scene, effects=chosen(scene, effects))
-    bench = _Bench(scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings)))
+    bench = SweepBench(
+        scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings))
+    )
     with rasterizer:
         _run(bench, apertures, settings, watch, progress)
     opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
@@ -117,7 +107,7 @@ def sweep(
 
 
 def _run(
-    bench: _Bench,
+    bench: SweepBench,
     apertures: Sequence[Aperture],
     settings: Sequence[DoubleFrustum],
     watch: Stopwatch,
@@ -132,8 +122,7 @@ def _run(
             bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
             bench.trace(aperture, watch)
             bar.update()
-            for start in range(0, len(settings), bench.at_once):
-                some = settings[start : start + bench.at_once]
+            for some in _batches(settings, bench.at_once):
                 bar.set_postfix_str(
                     f"aperture {aperture.column},{aperture.row}: {some[0].depth_label}", refresh=False
                 )
@@ -141,95 +130,13 @@ def _run(
                 bar.update(len(some))
 
 
+def _batches(settings: Sequence[DoubleFrustum], size: int) -> Iterator[Sequence[DoubleFrustum]]:
+    """Yield parts of about that size: a remainder by itself would leave processors idle."""
+    count = max(1, round(len(settings) / size))
+    for part in np.array_split(np.arange(len(settings)), count):
+        yield [settings[i] for i in part]
+
+
 def _reduction(frustum: Frustum, count: int) -> int:
     width, height = frustum.resolution
     return max(1, math.ceil(math.sqrt(width * height * count / PAGE_PIXELS)))
-
-
-class _Bench:
-    """The two renderers of a scene, the truth of the aperture at hand, and all that was measured.
-
-    Attributes
-    ----------
-    at_once
-        How many settings are judged side by side.
-    """
-
-    _truth: HogelImage
-    _predictor: Predictor
-
-    def __init__(self, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:
-        self._frustum = scene.frustum
-        self._shaded = is_shaded(scene)
-        self._reference = reference
-        self._rasterizer = rasterizer
-        self.at_once = max(1, min(2 * PROCESSORS, AT_ONCE_PIXELS // math.prod(scene.frustum.resolution)))
-        self.reduction = reduction
-        self.rows: list[Measurement] = []
-        self.pictures: list[SettingPictures] = []
-        self.truths: list[bytes] = []
-
-    def warm_up(self, aperture: Aperture, settings: Sequence[DoubleFrustum]) -> None:
-        """Draw once what compiles a program or allocates a target: no row's time is to have that in it."""
-        for setting in {(s.depth, s.mapping): s for s in settings}.values():
-            self._rasterizer.render(aperture, setting, normals=False, color=True)
-
-    def trace(self, aperture: Aperture, watch: Stopwatch) -> None:
-        lap = Stopwatch()
-        with lap.stage("trace"):
-            self._truth = self._reference.trace(aperture)
-        self._trace_s = dict(lap.seconds)
-        with lap.stage("pictures"):
-            self.truths.append(images.picture(self._truth, self.reduction))
-        with lap.stage("predict"):
-            gaps = self._reference.gaps(aperture)
-            bits = int(self._rasterizer.device["subpixel_bits"])
-            self._predictor = Predictor(self._truth, gaps, self._frustum, bits)
-        watch.add(lap.seconds)
-
-    def measure(self, aperture: Aperture, settings: Sequence[DoubleFrustum], watch: Stopwatch) -> None:
-        """Draw some settings one after the other, alone on the machine, then judge them side by side."""
-        drawn = [self._draw(aperture, setting) for setting in settings]
-        with ThreadPoolExecutor(PROCESSORS) as pool:
-            judged = list(pool.map(self._judge, drawn))
-            # By themselves: they belong to the page, whose price is not that of the measurement.
-            with watch.stage("pictures"):
-                pictures = pool.map(
-                    self._encoded, (image for image, _ in drawn), (maps for _, maps in judged)
-                )
-                self.pictures.extend(pictures)
-        for row, _ in judged:
-            self.rows.append(row)
-            watch.add({stage: row.times_s[stage] for stage in row.times_s.keys() - self._trace_s.keys()})
-
-    def _draw(self, aperture: Aperture, settings: DoubleFrustum) -> tuple[HogelImage, Stopwatch]:
-        lap = Stopwatch()
-        with lap.stage("raster"):
-            drawn = self._rasterizer.render(aperture, settings, normals=False, color=True)
-        # Part of the frame: what is left is orders and read-back.
-        lap.record("gpu", self._rasterizer.times["draw"].gpu_s)
-        return drawn, lap
-
-    def _judge(self, measured: tuple[HogelImage, Stopwatch]) -> tuple[Measurement, ErrorMaps]:
-        drawn, lap = measured
-        settings = drawn.camera.settings
-        assert settings is not None, "the rasterizer says with which settings it drew"
-        with lap.stage("compare"):
-            # Colors that a scene says nothing of say nothing of the raster, and take their time.
-            comparison = compare_images(
-                self._truth, drawn, self._reference, radiance=self._shaded, perceptual=self._shaded
-            )
-        with lap.stage("predict"):
-            predicted = self._predictor.predict(settings)
-        row = Measurement(
-            aperture=drawn.camera.aperture,
-            settings=settings,
-            comparison=comparison.summary(),
-            certainty=comparison.certainty,
-            predicted=predicted,
-            times_s={**self._trace_s, **lap.seconds},
-        )
-        return row, comparison.maps
-
-    def _encoded(self, drawn: HogelImage, maps: ErrorMaps) -> SettingPictures:
-        return images.setting_pictures(drawn, maps, self._frustum.longest_reach, self.reduction)
