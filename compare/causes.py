@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.clip_seams import distance_to_segments, seams
 from xfrustum.compare.depth_rounding import depths
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.edge_rounding import covers, placement
@@ -24,9 +25,12 @@ from xfrustum.scenes.scene import Scene
 SUBPIXEL_BITS = 4
 """Fewest that OpenGL allows (GL_SUBPIXEL_BITS): what may be asked of any rasterizer."""
 
+SNAPPED_PX = math.sqrt(2) / 2 * 2.0**-SUBPIXEL_BITS
+"""How far corners are moved that snap to the nearest subpixel: half a step of either coordinate."""
+
 CAUSES = ("edge", "order", "lost", "unexplained")
-"""The center lies on an edge to within rounding; two surfaces lie closer in depth than it is stored;
-a surface lies so close to the clear value; none of these."""
+"""The center lies on an edge to within rounding, be it one that clipping made; two surfaces lie closer in
+depth than it is stored; a surface lies so close to the clear value; none of these."""
 
 NO_NEAR = 1e-6
 """Stands for near 0, as a part of the reach, where depth is taken to be stored in 32 bits."""
@@ -78,6 +82,9 @@ def causes(
     order = possible.all(axis=0) & close.any(axis=0) & ~edge
     lost = possible[1] & cleared.any(axis=0) & ~edge & ~order
     rest = ~(edge | order | lost)
+    seam = np.flatnonzero(rest)
+    seam = seam[_on_seams(scene, model, (traced, image), columns[seam], rows[seam])]
+    edge[seam], rest[seam] = True, False
     return {name: int(mask.sum()) for name, mask in zip(CAUSES, (edge, order, lost, rest), strict=True)}
 
 
@@ -92,7 +99,28 @@ def _on_border(
     off = np.full(len(rows), np.inf)
     for place, extent in ((columns + 0.5 + model.shift[0], width), (rows + 0.5 + model.shift[1], height)):
         off = np.minimum(off, np.minimum(np.abs(place), np.abs(place - extent)))
-    return np.asarray(off <= math.sqrt(2) / 2 * 2.0**-SUBPIXEL_BITS)
+    return np.asarray(off <= SNAPPED_PX)
+
+
+def _on_seams(
+    scene: Scene,
+    model: DrawnModel,
+    images: tuple[HogelImage, HogelImage],
+    columns: NDArray[np.int64],
+    rows: NDArray[np.int64],
+) -> NDArray[np.bool_]:
+    """Return which pixels are sampled where clipping may have split a triangle that either image shows."""
+    points = np.stack((columns + 0.5 + model.shift[0], rows + 0.5 + model.shift[1]), axis=1)
+    pencils = [_seen_by(scene, model, images[0].camera.aperture, side) for side in (1, -1)]
+    found = np.zeros(len(points), dtype=np.bool_)
+    for image in images:
+        shown = image.triangle[rows, columns]
+        for number in np.unique(shown[(shown != NOTHING) & (shown < len(scene.faces))]).tolist():
+            here = shown == number
+            for pencil in pencils:
+                split = seams(scene.triangles[number], pencil, model.shift)
+                found[here] |= distance_to_segments(points[here], split) <= SNAPPED_PX
+    return found
 
 
 def _settings(scene: Scene, model: DrawnModel) -> DoubleFrustum:

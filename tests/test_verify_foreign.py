@@ -37,6 +37,6 @@ def test_conventions_and_offset_of_another_renderer_are_found(name: str, shared_
     assert summary["corrected"]["fraction"] < 0.01
     charged = summary["corrected"]["causes"]
     assert sum(charged.values()) == summary["corrected"]["wrong"]
-    assert charged["unexplained"] <= 1
+    assert charged["unexplained"] == 0
     assert not found.passed
     assert len(found.hogels) == 25

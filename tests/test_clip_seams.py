@@ -1,0 +1,112 @@
+"""Where clipping may split a triangle: against polygons cut by hand, on the film and in depth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from xfrustum.compare.clip_seams import distance_to_segments, seams
+from xfrustum.reference.lines import Pencil
+
+Floats = NDArray[np.float64]
+SIZE = 128
+STRAIGHT = (0.0, 0.0)
+ROUNDING_PX = 2e-9
+"""Far more than a dozen operations on places of up to some hundred pixels; they are sorted by nine digits."""
+
+
+def pencil(side: int, near: float = 0.1) -> Pencil:
+    """Return the lines of a camera in the plate with a film of 90 degrees, pushed aside by its shear."""
+    ends = (near, 10.0) if side > 0 else (-10.0, -near)
+    return Pencil(
+        center=(0.2, -0.1, 0.0),
+        shear=(0.3, -0.2),
+        half_extent=(1.0, 1.0),
+        resolution=(SIZE, SIZE),
+        s_range=ends,
+    )
+
+
+def seen_at(places: Floats, s: Floats, lines: Pencil) -> Floats:
+    """Return the points (N, 3) at distances s that a camera without shift sees at film places (N, 2)."""
+    u, v = places[:, 0] * 2 / SIZE - 1, 1 - places[:, 1] * 2 / SIZE
+    d = np.stack((u + lines.shear[0], v + lines.shear[1], -np.ones(len(s))), axis=1)
+    return np.asarray(lines.center) + s[:, None] * d
+
+
+def assert_same_segments(found: Floats, expected: list[tuple[Floats, Floats]]) -> None:
+    """In any order, and from either end."""
+
+    def ordered(some: Any) -> list[Any]:
+        return sorted(sorted(end.tolist() for end in each) for each in np.asarray(some).round(9))
+
+    np.testing.assert_allclose(ordered(found), ordered(expected), rtol=0, atol=ROUNDING_PX)
+
+
+CUT = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 148.0)])
+"""Its third corner is 20 pixels below the film."""
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_triangle_inside_the_film_is_not_split(side: int) -> None:
+    lines = pencil(side)
+    corners = seen_at(
+        np.array([(1.0, 2.0), (126.0, 9.0), (60.0, 127.0)]), side * np.array([1.0, 2.0, 3.0]), lines
+    )
+    assert seams(corners, lines, STRAIGHT).shape == (0, 2, 2)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_triangle_over_one_border_leaves_a_quadrangle_with_two_diagonals(side: int) -> None:
+    lines = pencil(side)
+    corners = seen_at(CUT, side * np.array([2.0, 1.0, 3.0]), lines)
+    a, b, c = CUT
+    on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
+    assert_same_segments(seams(corners, lines, STRAIGHT), [(a, on_bc), (b, on_ca)])
+
+
+def test_shifted_sampling_points_leave_the_borders_where_they_are() -> None:
+    """The camera's film is shifted with them: the same point is seen at a column and row less the shift."""
+    lines, shift = pencil(1), (0.5, -0.25)
+    corners = seen_at(CUT - shift, np.array([2.0, 1.0, 3.0]), lines)
+    a, b, c = CUT
+    on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
+    assert_same_segments(seams(corners, lines, shift), [(a, on_bc), (b, on_ca)])
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_near_plane_cuts_in_depth(side: int) -> None:
+    lines = pencil(side, near=1.0)
+    places, s = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 100.0)]), side * np.array([2.0, 3.0, 0.5])
+    corners = seen_at(places, s, lines)
+    near = [corners[i] + (corners[2] - corners[i]) * (abs(s[i]) - 1) / (abs(s[i]) - 0.5) for i in (0, 1)]
+    found = seams(corners, lines, STRAIGHT)
+    assert len(found) == 2
+    ends = {tuple(np.round(end, 6)) for end in found.reshape(-1, 2)}
+    for point in near:
+        slope = (point - lines.center)[:2] / -(point[2] - lines.center[2]) - lines.shear
+        assert tuple(np.round(((slope[0] + 1) * SIZE / 2, (1 - slope[1]) * SIZE / 2), 6)) in ends
+
+
+@pytest.mark.parametrize("place", [(-50.0, 20.0), (64.0, 200.0)])
+def test_nothing_is_left_of_a_triangle_beside_the_film(place: tuple[float, float]) -> None:
+    lines = pencil(1)
+    corners = seen_at(
+        np.array(place) + np.array([(0.0, 0.0), (9.0, 2.0), (3.0, 8.0)]), np.array([1.0, 2.0, 3.0]), lines
+    )
+    assert seams(corners, lines, STRAIGHT).shape == (0, 2, 2)
+
+
+def test_distances_are_those_to_the_nearest_of_many_points_along() -> None:
+    random = np.random.default_rng(4)
+    points, segments = random.uniform(0, 10, (50, 2)), random.uniform(0, 10, (3, 2, 2))
+    along = np.linspace(0, 1, 20001)[:, None, None]
+    many = (segments[:, 0] + along * (segments[:, 1] - segments[:, 0])).reshape(-1, 2)
+    nearest = [np.linalg.norm(many - point, axis=1).min() for point in points]
+    np.testing.assert_allclose(distance_to_segments(points, segments), nearest, atol=1e-3)
+    assert np.isinf(distance_to_segments(points, segments[:0])).all()
+    dot = np.full((1, 2, 2), 5.0)
+    np.testing.assert_allclose(distance_to_segments(points, dot), np.linalg.norm(points - 5, axis=1))
