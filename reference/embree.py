@@ -55,15 +55,7 @@ class EmbreeTracer:
         directions: NDArray[np.float64],
         until: NDArray[np.float64] | None = None,
     ) -> NDArray[np.int32]:
-        """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
-
-        Parameters
-        ----------
-        origins, directions
-            (N, 3) scene units; directions need no unit length.
-        until
-            (N,) how far each ray goes, in lengths of its direction; None for no end.
-        """
+        """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._empty or len(origins) == 0:
             return hits

@@ -7,6 +7,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -304,14 +305,25 @@ def test_messages_are_dropped_where_the_work_fails_and_kept_where_it_does_not(
     assert capfd.readouterr().err == "a warning\nafterwards\n"
 
 
-def test_threads_that_read_images_at_once_leave_standard_error_where_it_was(tmp_path: Path) -> None:
-    paths = [tmp_path / f"{number}.exr" for number in range(8)]
-    for path in paths:
-        write_image(path, an_image())
+def test_threads_that_read_images_at_once_leave_standard_error_where_it_was() -> None:
+    """A second thread waits. If it did not, it would put back the descriptor that the first had put there."""
+    first_is_in, second_is_in = Event(), Event()
+
+    def first() -> None:
+        with without_messages_of_failure():
+            first_is_in.set()
+            second_is_in.wait(0.5)
+
+    def second() -> None:
+        first_is_in.wait()
+        with without_messages_of_failure():
+            second_is_in.set()
+            finished.result()
+
     before = os.fstat(2)
-    with ThreadPoolExecutor(4) as pool:
-        for _ in range(5):
-            assert len(list(pool.map(read_image, paths))) == len(paths)
+    with ThreadPoolExecutor(2) as pool:
+        finished = pool.submit(first)
+        pool.submit(second).result()
     after = os.fstat(2)
     assert (after.st_dev, after.st_ino) == (before.st_dev, before.st_ino)
 
