@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 EPSILON = float(np.finfo(np.float64).eps)
 
+MAX_STEPS = 1e18
+"""Steps along a patch that are counted at most: a quotient may be infinite, which is no number of steps."""
+
 
 def evenly(count: int) -> Array:
     """Return the count + 1 parameters that divide 0..1 into equal steps."""
@@ -106,6 +109,6 @@ def steps_for(net: Array, chord_tolerance: float) -> tuple[int, int]:
     f_uu, f_uv, f_vv = second_derivative_bounds(net)
     along_u, along_v = f_uu + f_uv, f_uv + f_vv
     halves = 2 if along_u > 0 and along_v > 0 else 1
-    needed = (math.sqrt(halves * bound / (8 * chord_tolerance)) for bound in (along_u, along_v))
-    steps_u, steps_v = (max(1, math.ceil(steps)) for steps in needed)
+    needed = (math.sqrt(halves * (bound / chord_tolerance) / 8) for bound in (along_u, along_v))
+    steps_u, steps_v = (max(1, math.ceil(min(steps, MAX_STEPS))) for steps in needed)
     return steps_u, steps_v

@@ -9,6 +9,7 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.input_files import bounded_memory, regular_size
 from xfrustum.scenes.light import Environment
 
 _FORMATS = ("openexr", "hdr")
@@ -31,9 +32,9 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
         The file is missing, damaged, of another format, not RGB, or has radiance that is negative or not
         finite.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such environment map; its path is relative to the scene file")
-    return Environment(radiance=_read_rgb(path), strength=strength, name=str(path))
+    regular_size(path, "environment map", "its path is relative to the scene file")
+    with bounded_memory(path):
+        return Environment(radiance=_read_rgb(path), strength=strength, name=str(path))
 
 
 def _read_rgb(path: Path) -> NDArray[np.float32]:

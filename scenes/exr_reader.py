@@ -28,6 +28,7 @@ from xfrustum.scenes.exr_channels import (
     TRIANGLE,
     VARIANCE,
 )
+from xfrustum.scenes.exr_header import check_header
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.quiet import without_messages_of_failure
 
@@ -131,17 +132,12 @@ def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 def _guarded(path: Path, read: Callable[[OpenEXR.InputFile], Found]) -> Found:
     """Return what is read of a file; whatever OpenEXR makes of damage is an InputError."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of an image file")
-    if not path.is_file():
-        raise InputError(f"{path}: no such image file")
+    check_header(path)
     try:
         # OpenEXR prints beside what it raises.
         with without_messages_of_failure():
-            if not OpenEXR.isOpenExrFile(str(path)):
-                raise InputError(f"{path}: is not an OpenEXR image")
             return read(OpenEXR.InputFile(str(path)))
-    except (OSError, RuntimeError, KeyError, TypeError) as error:
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
         raise InputError(f"{path}: the OpenEXR image is damaged ({error}); write it again") from error
 
 

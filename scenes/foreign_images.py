@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.exr_header import MAGIC
 from xfrustum.scenes.exr_reader import read_image
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
-
-EXR_MAGIC = bytes.fromhex("762f3101")
-"""First four bytes of every OpenEXR file."""
+from xfrustum.scenes.input_files import bounded_memory, regular_size
 
 
 class Encoding(StrEnum):
@@ -46,14 +45,13 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
     InputError
         Missing, unreadable, or of another size.
     """
+    regular_size(path, "file")
     try:
         with path.open("rb") as file:
-            magic = file.read(len(EXR_MAGIC))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
+            magic = file.read(len(MAGIC))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    if magic == EXR_MAGIC:
+    if magic == MAGIC:
         return read_image(path, camera, partial=True)
     return _of_picture(_pixels(path, camera), camera, encoding)
 
@@ -61,7 +59,7 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
 def _pixels(path: Path, camera: HogelCamera) -> NDArray[np.uint8]:
     """Return RGB (H, W, 3) of a picture."""
     try:
-        with Image.open(path) as picture:
+        with bounded_memory(path), Image.open(path) as picture:
             _check_size(path, picture.size, camera)
             if picture.mode not in ("RGB", "RGBA", "P", "L", "1"):
                 raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")

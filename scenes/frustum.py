@@ -12,6 +12,13 @@ from dataclasses import dataclass
 
 from xfrustum.scenes.errors import InputError
 
+SMALLEST_SLOPE = 1e-12
+"""Smallest half-extent of a film, as a slope.
+
+Neighbouring lines of an image 1e4 pixels wide differ by 2e-4 of it. At 1e-12 that is the rounding of a shear
+of order one in double precision: below, they would be the same line.
+"""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Screen:
@@ -39,6 +46,12 @@ class Screen:
             raise InputError(f"frustum.screen.center must be finite, not {list(self.center)}")
         if not all(math.isfinite(s) and s > 0 for s in self.size):
             raise InputError(f"frustum.screen.size must be two positive lengths, not {list(self.size)}")
+        least = 2 * abs(self.height) * SMALLEST_SLOPE
+        if min(self.size) < least:
+            raise InputError(
+                f"frustum.screen.size must be at least {least:.3g} for a screen at height {self.height:.6g}, "
+                f"not {list(self.size)}: no image resolves such angles"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +91,11 @@ class Frustum:
             raise InputError(
                 "frustum.fov_deg must be two angles between 0 and 180 degrees, "
                 f"not {[math.degrees(angle) for angle in self.fov]}"
+            )
+        if self.fov is not None and min(self.fov) < 2 * SMALLEST_SLOPE:
+            raise InputError(
+                f"frustum.fov_deg must be at least {math.degrees(2 * SMALLEST_SLOPE):.1e} degrees, "
+                f"not {[math.degrees(angle) for angle in self.fov]}: no image resolves such angles"
             )
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.material import Color
+from xfrustum.scenes.material import LARGEST_COEFFICIENT, Color
 
 BRIGHTEST = 1e30
 """Radiance: sums and products with coefficients stay within float32's range in pictures, 3e38."""
@@ -42,8 +42,10 @@ class DirectionalLight:
         length = math.hypot(*self.direction)
         if not (math.isfinite(length) and length > 0):
             raise InputError(f"direction must be a vector with a length, not {list(self.direction)}")
-        if not all(math.isfinite(part) and part >= 0 for part in self.color):
-            raise InputError(f"color must be three numbers of at least 0, not {list(self.color)}")
+        if not all(0 <= part <= LARGEST_COEFFICIENT for part in self.color):
+            raise InputError(
+                f"color must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {list(self.color)}"
+            )
         x, y, z = (part / length for part in self.direction)
         object.__setattr__(self, "direction", (x, y, z))
 

@@ -13,6 +13,9 @@ from xfrustum.scenes.errors import InputError
 Color = tuple[float, float, float]
 """Linear RGB."""
 
+LARGEST_COEFFICIENT = 1e15
+"""Of materials and lights: their product, 1e30, and sums over lights stay within float32's range, 3e38."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
@@ -43,8 +46,10 @@ class Material:
     def __post_init__(self) -> None:
         for name in ("ambient", "diffuse", "specular", "reflectivity"):
             color = getattr(self, name)
-            if not all(math.isfinite(part) and part >= 0 for part in color):
-                raise InputError(f"{name} must be three numbers of at least 0, not {list(color)}")
+            if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
+                raise InputError(
+                    f"{name} must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {list(color)}"
+                )
         if max(self.reflectivity) > 1:
             raise InputError(f"reflectivity must lie between 0 and 1, not {list(self.reflectivity)}")
         if not (math.isfinite(self.exponent) and self.exponent > 0):

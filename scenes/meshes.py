@@ -10,7 +10,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.input_files import bounded_memory
 from xfrustum.scenes.mesh_attributes import vertex_colors, vertex_normals
+from xfrustum.scenes.mesh_source import MeshResolver, check_mesh_source
 from xfrustum.scenes.scene import SceneObject
 
 _GLTF = (".gltf", ".glb")
@@ -31,9 +33,17 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
         The file is missing, of a type that trimesh does not read, damaged, without triangles, or
         has vertices that are not finite or faces that point past them.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such mesh file; a mesh path is relative to its scene file")
-    parts = _read_parts(path)
+    check_mesh_source(path)
+    with bounded_memory(path):
+        return _loaded(path, material)
+
+
+def _loaded(path: Path, material: str | None) -> SceneObject:
+    """Read a mesh file that has been checked, and join its parts."""
+    resolver = MeshResolver(str(path))
+    parts = _read_parts(path, resolver)
+    if resolver.refused:
+        raise InputError(f"{path}: {resolver.refused[0]}")
     if not parts:
         raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
     for part in parts:
@@ -57,11 +67,11 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
     )
 
 
-def _read_parts(path: Path) -> list[trimesh.Trimesh]:
+def _read_parts(path: Path, resolver: MeshResolver) -> list[trimesh.Trimesh]:
     """Return the meshes of a file, each where its node places it, those without faces left out."""
     kinds = ", ".join(sorted(trimesh.available_formats()))
     try:
-        return _placed(trimesh.load_scene(str(path), process=False))
+        return _placed(trimesh.load_scene(str(path), process=False, resolver=resolver))
     except OSError as error:
         raise InputError(f"{path}: cannot read the mesh ({error.strerror or 'I/O error'})") from error
     except NotImplementedError as error:
@@ -70,6 +80,8 @@ def _read_parts(path: Path) -> list[trimesh.Trimesh]:
         raise InputError(
             f"{path}: faces point past the vertices, or the file is damaged; export the mesh again"
         ) from error
+    except MemoryError:
+        raise
     except Exception as error:  # trimesh's loaders raise whatever their parser stumbled over
         reason = (str(error).splitlines() or [""])[0][:120] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh ({reason}); export the mesh again") from error
@@ -94,7 +106,9 @@ def _placed(scene: Any) -> list[trimesh.Trimesh]:
 
 
 def _check_faces(path: Path, part: trimesh.Trimesh) -> None:
-    """Raise InputError where a part's own faces leave its own vertices."""
+    """Raise InputError where a part's own faces leave its own vertices, or these are no points in space."""
+    if part.vertices.ndim != 2 or part.vertices.shape[1] != 3 or part.faces.shape[1:] != (3,):
+        raise InputError(f"{path}: vertices need three coordinates each; export the mesh again")
     lowest, highest = int(part.faces.min()), int(part.faces.max())
     if lowest < 0 or highest >= len(part.vertices):
         raise InputError(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.input_files import bounded_memory, regular_size
 from xfrustum.scenes.scene import SceneObject
 from xfrustum.scenes.tessellation import tessellate
 
@@ -60,8 +61,12 @@ def read_patches(path: Path) -> list[NDArray[np.float64]]:
     InputError
         The file is missing or damaged.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such patch file; a mesh path is relative to its scene file")
+    regular_size(path, "patch file", "a mesh path is relative to its scene file")
+    with bounded_memory(path):
+        return _nets(path)
+
+
+def _nets(path: Path) -> list[NDArray[np.float64]]:
     try:
         words = path.read_text(encoding="ascii").split(maxsplit=_WORDS_AT_MOST)
     except OSError as error:
@@ -85,9 +90,13 @@ def _whole(path: Path, words: list[str], what: str) -> int:
     """Return a positive whole number."""
     if not words:
         raise InputError(f"{path}: ends before {what}; write the file again")
-    if not (words[0].isdigit() and int(words[0]) > 0):
+    digits = words[0].lstrip("0")
+    if not (digits.isascii() and digits.isdigit()):
         raise InputError(f"{path}: {what} must be a whole number of at least 1, not {words[0][:40]!r}")
-    return int(words[0])
+    # A file has no more words than this, and Python refuses to read a number of thousands of digits.
+    if len(digits) > len(str(_WORDS_AT_MOST)):
+        raise InputError(f"{path}: {what} must be at most {_WORDS_AT_MOST:,}, not {words[0][:40]}..")
+    return int(digits)
 
 
 def _net(path: Path, words: list[str], shape: tuple[int, int, int], number: int) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from xfrustum.scenes.appearance import Appearance
 from xfrustum.scenes.environment_file import read_environment
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum, Screen
+from xfrustum.scenes.input_files import SCENE_FILE_SIZE, read_small
 from xfrustum.scenes.light import DEFAULT_LIGHT, DirectionalLight, Environment
 from xfrustum.scenes.material import Material
 from xfrustum.scenes.meshes import load_mesh
@@ -142,13 +143,11 @@ def _environment(path: Path, file: SceneTables) -> Environment | None:
 def _parse(path: Path) -> SceneTables:
     """Return the file's checked tables."""
     try:
-        tables = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such scene file") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the scene file ({error.strerror})") from error
+        tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
     except ValueError as error:  # neither UTF-8 nor TOML
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: not valid TOML: arrays or tables are nested too deeply") from error
     try:
         return SceneTables.model_validate(tables)
     except ValidationError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -11,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from pydantic_core import PydanticCustomError
 
 from xfrustum.scenes.light import DirectionalLight
-from xfrustum.scenes.material import Material
+from xfrustum.scenes.material import LARGEST_COEFFICIENT, Material
 from xfrustum.scenes.placement import placement
 from xfrustum.scenes.sampling import MAX_SAMPLES, Sampling, Transport
 from xfrustum.scenes.shapes import SHAPES
@@ -30,7 +29,9 @@ def _color(value: Any) -> tuple[float, float, float]:
 
 
 def _is_coefficient(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= LARGEST_COEFFICIENT
+    )
 
 
 def _share(value: Any) -> tuple[float, float, float]:
@@ -52,7 +53,7 @@ Row = tuple[Number, Number, Number, Number]
 Color = Annotated[tuple[float, float, float], BeforeValidator(_color)]
 Share = Annotated[tuple[float, float, float], BeforeValidator(_share)]
 
-_COLOR = "a number or [red, green, blue], each at least 0"
+_COLOR = f"a number or [red, green, blue], each at least 0 and at most {LARGEST_COEFFICIENT:.0e}"
 _SHARE = "a number or [red, green, blue], each between 0 and 1"
 _SAMPLES = f"a count between 1 and {MAX_SAMPLES}"
 

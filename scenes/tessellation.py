@@ -44,14 +44,26 @@ def tessellate(
     InputError
         The tolerance asks for more than `MAX_TRIANGLES`, or all patches are without area.
     """
-    steps = matched_steps(nets, [steps_for(net, chord_tolerance) for net in nets])
-    triangles = sum(2 * along_u * along_v for along_u, along_v in steps)
+    least = [steps_for(net, chord_tolerance) for net in nets]
+    triangles = _triangles(least)
+    # Matching only adds steps, and counts them in 64 bits, which an absurd tolerance would overflow.
+    if triangles <= MAX_TRIANGLES:
+        least = matched_steps(nets, least)
+        triangles = _triangles(least)
     if triangles > MAX_TRIANGLES:
         raise InputError(
-            f"a chord tolerance of {chord_tolerance:.3g} takes {triangles:,} triangles, more than "
+            f"a chord tolerance of {chord_tolerance:.3g} takes {_count(triangles)} triangles, more than "
             f"{MAX_TRIANGLES:,}; choose a larger chord_tolerance"
         )
-    return cut(nets, steps, name=name, material=material)
+    return cut(nets, least, name=name, material=material)
+
+
+def _count(number: int) -> str:
+    return f"{number:,}" if number < 10**15 else f"{float(number):.0e}"
+
+
+def _triangles(steps: Steps) -> int:
+    return sum(2 * along_u * along_v for along_u, along_v in steps)
 
 
 def cut(nets: Sequence[Array], steps: Steps, *, name: str, material: str | None = None) -> SceneObject:

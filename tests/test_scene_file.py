@@ -153,7 +153,7 @@ def test_unreadable_files_are_input_errors(tmp_path: Path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     for name, words in [
         ("missing.toml", "no such"),
-        ("folder.toml", "cannot read"),
+        ("folder.toml", "is a folder"),
         ("bytes.toml", "not valid"),
     ]:
         with pytest.raises(InputError, match=words):

@@ -105,7 +105,7 @@ def test_missing_damaged_and_wrongly_sized_files_are_listed_and_the_rest_judged(
     assert status == 1
     problems = [hogel["problem"] for hogel in found["hogels"]]
     for problem, words in zip(
-        problems, ("no such file", "damaged", "31 x 32", "not an image", "cannot be read"), strict=False
+        problems, ("no such file", "damaged", "31 x 32", "not an image", "is a folder"), strict=False
     ):
         assert words in problem
     assert [hogel["verdict"] for hogel in found["hogels"]] == ["missing"] * 5 + ["pass"]

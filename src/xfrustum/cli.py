@@ -13,6 +13,7 @@ import click
 
 from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_plate, cli_study, cli_verify
 from xfrustum import cli_options as options
+from xfrustum.cli_numbers import Size
 from xfrustum.cli_termination import Terminated, terminated_like_interrupted
 
 if TYPE_CHECKING:
@@ -29,14 +30,23 @@ TERMINATED = 143
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
 @click.version_option(package_name="xfrustum", message="%(version)s")
+@click.option(
+    "--max-input-memory",
+    type=Size(),
+    help="Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
+)
 @click.pass_context
-def cli(context: click.Context) -> None:
+def cli(context: click.Context, max_input_memory: int | None) -> None:
     """Measure how far renderers of full-parallax spatial displays are from the truth.
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
+    elif max_input_memory is not None:
+        from xfrustum.scenes.input_files import input_memory
+
+        context.with_resource(input_memory(max_input_memory))
 
 
 @cli.command()

@@ -1,0 +1,216 @@
+"""Files from outside: regular files only, and a bound on the memory that reading one may take.
+
+A scene names meshes, textures and maps, and people name scenes and pictures. A name may lead to a pipe, on
+which reading waits for ever, to a device without end, or to a file of a few bytes that declares gigabytes.
+Everything that is read goes through `regular_size` first; what a library reads, within `bounded_memory`.
+"""
+
+from __future__ import annotations
+
+import resource
+import stat
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from PIL import Image
+
+from xfrustum.scenes.errors import InputError
+
+DEFAULT_MEMORY = 1 << 30
+"""Bytes that one input may take while it is read, whatever the size of its file."""
+
+MEMORY_PER_BYTE = 64
+"""Bytes of memory that every byte of an input file may take besides.
+
+The readers of meshes need up to 30 times the file's size (a text such as OFF: lines, words and numbers as
+Python objects, then arrays); twice that lets every honest file through, however large it is. What takes more
+than this and `DEFAULT_MEMORY` is compressed, or declares what is not there.
+"""
+
+SCENE_FILE_SIZE = 1 << 24
+"""Bytes of the largest scene file: sixteen million, where people write some hundreds."""
+
+RAISING_OPTION = "--max-input-memory"
+"""Option of the command line that raises the bound."""
+
+_KINDS = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+class _Bound:
+    """The bound of this process, which is what has the memory."""
+
+    memory = DEFAULT_MEMORY
+
+
+_BOUNDING = threading.RLock()
+"""Two threads that change the process's limit at once would put back what the other one set."""
+
+
+@contextmanager
+def input_memory(size: int) -> Iterator[None]:
+    """Let one input take this many bytes of memory within a block.
+
+    Raises
+    ------
+    InputError
+        The size is not positive.
+    """
+    if size <= 0:
+        raise InputError(f"{RAISING_OPTION} must be a positive size, not {size}")
+    before, _Bound.memory = _Bound.memory, size
+    try:
+        yield
+    finally:
+        _Bound.memory = before
+
+
+def regular_size(path: Path, what: str, advice: str = "") -> int:
+    """Return the size in bytes of a regular file.
+
+    Parameters
+    ----------
+    path
+        Symbolic links are followed.
+    what
+        What it should be, such as "mesh file".
+    advice
+        What to do where there is no such file.
+
+    Raises
+    ------
+    InputError
+        Missing, a folder, a pipe, a device or a socket, or not to be reached.
+    """
+    try:
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputError(f"{path}: no such {what}{f'; {advice}' if advice else ''}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:  # a NUL in the name
+        raise InputError(f"{path}: no file has such a name ({error})") from error
+    if stat.S_ISREG(status.st_mode):
+        return status.st_size
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"{path}: is a folder; give the name of {_article(what)} {what}")
+    kind = next((name for test, name in _KINDS if test(status.st_mode)), "no regular file")
+    raise InputError(f"{path}: is {kind}; {_article(what)} {what} must be a regular file")
+
+
+def read_small(path: Path, what: str, largest: int) -> bytes:
+    """Return the bytes of a small file.
+
+    Raises
+    ------
+    InputError
+        See `regular_size`; or the file is larger than `largest` bytes.
+    """
+    size = regular_size(path, what)
+    if size > largest:
+        raise InputError(
+            f"{path}: has {in_words(size)}, more than {_article(what)} {what} has; give the right file"
+        )
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def allowed_memory(size: int) -> int:
+    """Return how many bytes reading a file of some size may take."""
+    return max(_Bound.memory, MEMORY_PER_BYTE * size)
+
+
+def check_declared(path: Path, declared: int, what: str) -> None:
+    """Refuse a file that declares more bytes than its size and the bound allow.
+
+    Raises
+    ------
+    InputError
+        See above; the option that raises the bound is named.
+    """
+    if declared > allowed_memory(regular_size(path, "file")):
+        raise _too_much(path, f"{what}, {in_words(declared)} of memory")
+
+
+@contextmanager
+def bounded_memory(path: Path) -> Iterator[None]:
+    """Let a library read a file within a bound of memory, on systems that know one.
+
+    The bound is on the address space of the process, which other threads share.
+
+    Raises
+    ------
+    InputError
+        Reading took more memory than `allowed_memory`.
+    """
+    allowed = allowed_memory(regular_size(path, "file"))
+    with _BOUNDING, _address_space(allowed), _pictures_of_any_size():
+        try:
+            yield
+        except MemoryError as error:
+            raise _too_much(path, f"more than {in_words(allowed)} of memory") from error
+
+
+@contextmanager
+def _pictures_of_any_size() -> Iterator[None]:
+    """Put the bound on memory in the place of Pillow's own bound on pixels, which no option raises."""
+    before, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+    try:
+        yield
+    finally:
+        Image.MAX_IMAGE_PIXELS = before
+
+
+def _too_much(path: Path, what: str) -> InputError:
+    size = regular_size(path, "file")
+    return InputError(
+        f"{path}: reading it takes {what}; a file of {in_words(size)} should take at most "
+        f"{in_words(allowed_memory(size))}; mend the file, or raise the bound with {RAISING_OPTION}"
+    )
+
+
+@contextmanager
+def _address_space(more: int) -> Iterator[None]:
+    """Let the process's address space grow by at most so many bytes within a block."""
+    used = _address_space_used()
+    if used is None:
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = used + more
+    for other in (soft, hard):
+        limit = limit if other == resource.RLIM_INFINITY else min(limit, other)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def _address_space_used() -> int | None:
+    """Return the bytes of this process's address space; None where the system does not say."""
+    with suppress(OSError, ValueError, IndexError):
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        return pages * resource.getpagesize()
+    return None
+
+
+def _article(what: str) -> str:
+    return "an" if what[0] in "aeiou" else "a"
+
+
+def in_words(size: float) -> str:
+    """Return a size such as "3.2 MiB"."""
+    for unit in ("bytes", "KiB", "MiB", "GiB"):
+        if size < 1024 or unit == "GiB":
+            return f"{size:.3g} {unit}" if unit != "bytes" else f"{int(size)} bytes"
+        size /= 1024
+    raise AssertionError
