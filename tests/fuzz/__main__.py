@@ -1,0 +1,111 @@
+"""`make fuzz`: many mutated inputs of each kind, and how each of them ended.
+
+Run as `python -m tests.fuzz [--kind KIND] [--count N] [--seed S] [--jobs J] [--keep DIR]`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import multiprocessing
+import os
+import random
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+from tests.fuzz.child import outcome_of
+from tests.fuzz.findings import findings
+from tests.fuzz.inputs import KINDS, Seed
+from tests.fuzz.mutations import mutated, mutated_arguments
+
+CORPUS = Path(__file__).parent / "corpus"
+BATCH = 50
+"""Inputs that a worker takes at once."""
+
+
+def attacked(seed: Seed, number: int) -> tuple[tuple[str, ...], dict[str, bytes], bytes]:
+    """Return the command, the files and what was mutated of one input; the same number gives the same."""
+    chance = random.Random(f"{seed.name} {number}")
+    files = dict(seed.files)
+    if not seed.mutated:
+        command = mutated_arguments(seed.command, chance)
+        return command, files, json.dumps(command).encode("utf-8", "surrogatepass")
+    files[seed.mutated] = mutated(files[seed.mutated], chance)
+    return seed.command, files, files[seed.mutated]
+
+
+def batch_of(work: tuple[Seed, range, Path | None]) -> tuple[Counter[str], list[str]]:
+    """Run a batch of inputs; return the counts by exit status and the lines about what was found."""
+    seed, numbers, keep = work
+    counts: Counter[str] = Counter()
+    lines = []
+    for number in numbers:
+        command, files, payload = attacked(seed, number)
+        outcome = outcome_of(command, files)
+        counts["hang" if outcome.hung else str(outcome.status)] += 1
+        for finding in findings(outcome, seed.outputs, named=bool(seed.mutated)):
+            counts[finding] += 1
+            told = outcome.errors.decode("utf-8", "replace").strip().splitlines()
+            lines.append(f"{seed.name} {number}: {finding}: {(told or [''])[-1][:200]!r}")
+            if keep is not None:
+                name = f"{seed.name}.{finding}.{hashlib.sha256(payload).hexdigest()[:12]}"
+                (keep / name).write_bytes(payload)
+    return counts, lines
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Fuzz, print the table, and return 1 where anything was found."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser.add_argument("--kind", choices=sorted(KINDS), action="append", help="default: all")
+    parser.add_argument("--count", type=int, default=10_000, help="inputs of each kind")
+    parser.add_argument("--seed", type=int, default=0, help="number of the first input")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--keep", type=Path, help="folder for the inputs that found something")
+    chosen = parser.parse_args(arguments)
+    if chosen.keep is not None:
+        chosen.keep.mkdir(parents=True, exist_ok=True)
+    seeds = {kind: KINDS[kind]() for kind in chosen.kind or KINDS}
+    _import_everything()
+    found = False
+    with multiprocessing.get_context("fork").Pool(chosen.jobs) as workers:
+        for kind, of_kind in seeds.items():
+            start = time.monotonic()
+            work = [
+                (seed, range(first, min(first + BATCH, end)), chosen.keep)
+                for seed in of_kind
+                for first, end in _batches(chosen.count // len(of_kind), chosen.seed)
+            ]
+            counts: Counter[str] = Counter()
+            for more, lines in workers.imap_unordered(batch_of, work):
+                counts += more
+                for line in lines:
+                    print(line, file=sys.stderr, flush=True)
+            ran = sum(n for name, n in counts.items() if name == "hang" or name.lstrip("-").isdigit())
+            told = ", ".join(f"{name}: {count:,}" for name, count in sorted(counts.items()))
+            print(f"{kind}: {ran:,} inputs in {time.monotonic() - start:.0f} s: {told}", flush=True)
+            found |= any(not name.isdigit() or int(name) > 2 for name in counts)
+    return int(found)
+
+
+def _batches(count: int, first: int) -> list[tuple[int, int]]:
+    return [(at, first + count) for at in range(first, first + count, BATCH)]
+
+
+def _import_everything() -> None:
+    """Import once what every child would import: forking it costs a hundredth of that."""
+    import xfrustum.cli
+    import xfrustum.compare
+    import xfrustum.raster
+    import xfrustum.reference
+    import xfrustum.reports.comparison
+    import xfrustum.reports.plate
+    import xfrustum.reports.tracing
+    import xfrustum.reports.transported
+    import xfrustum.reports.verification  # noqa: F401
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,118 @@
+"""One input in a process of its own: forked from one that has everything imported, and watched."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+HANG_S = 20.0
+"""Seconds after which a command that reads one small input hangs."""
+
+WRITTEN_BYTES = 1 << 26
+"""Bytes of the largest file that an input may make a command write."""
+
+FORKED, CRASHED = 99, 98
+"""Exit statuses of a child that no command has: what was to run could not be run, or raised."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of one command.
+
+    Attributes
+    ----------
+    status
+        Exit status; minus the signal's number where one ended it.
+    errors, output
+        What it wrote to standard error and standard output.
+    peak_bytes
+        Memory at its largest.
+    wall_s
+        Seconds.
+    hung
+        Whether it was ended after `HANG_S`.
+    left
+        Files and folders in its folder afterwards that were not there before, at the top.
+    """
+
+    status: int
+    errors: bytes
+    output: bytes
+    peak_bytes: int
+    wall_s: float
+    hung: bool
+    left: frozenset[str]
+
+
+def outcome_of(command: tuple[str, ...], files: Mapping[str, bytes]) -> Outcome:
+    """Run a command of `xfrustum` in a folder with some files, in a forked process."""
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
+        folder = Path(name) / "here"
+        told = Path(name)
+        for file, data in files.items():
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / file).write_bytes(data)
+        before = set(os.listdir(folder))
+        start = time.monotonic()
+        process = os.fork()
+        if process == 0:
+            _become(command, folder, told)
+        status, usage, hung = _waited(process, start + HANG_S)
+        return Outcome(
+            status=status,
+            errors=(told / "stderr").read_bytes(),
+            output=(told / "stdout").read_bytes(),
+            peak_bytes=usage.ru_maxrss * 1024,
+            wall_s=time.monotonic() - start,
+            hung=hung,
+            left=frozenset(set(os.listdir(folder)) - before),
+        )
+
+
+def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
+    """Run a command in this process, which is the child, and end it."""
+    status = FORKED
+    try:
+        os.setsid()
+        os.chdir(folder)
+        for descriptor, name in ((1, "stdout"), (2, "stderr")):
+            os.dup2(os.open(told / name, os.O_CREAT | os.O_WRONLY, 0o600), descriptor)
+        sys.stdin.close()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (WRITTEN_BYTES, WRITTEN_BYTES))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        from xfrustum.cli import main
+
+        status = CRASHED
+        status = main(list(command))
+    except SystemExit as ended:
+        status = ended.code if isinstance(ended.code, int) else 1
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def _waited(process: int, until: float) -> tuple[int, resource.struct_rusage, bool]:
+    """Return exit status, use of resources, and whether the process had to be ended."""
+    hung, pause = False, 0.001
+    while True:
+        done, status, usage = os.wait4(process, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status), usage, hung
+        if time.monotonic() > until and not hung:
+            hung = True
+            os.killpg(process, signal.SIGKILL)
+        time.sleep(pause)
+        pause = min(2 * pause, 0.05)

@@ -1,0 +1,420 @@
+"""What is mutated: files that are valid, of every kind that is read, and the commands that read them."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from PIL import Image
+
+SCENE = """name = "small"
+units = "mm"
+
+[plate]
+size   = [10.0, 8.0]
+hogels = [3, 2]
+
+[frustum]
+resolution = [16, 12]
+fov_deg    = [60.0, 50.0]
+reach      = [20.0, 20.0]
+"""
+
+SHEARED = SCENE.replace(
+    "fov_deg    = [60.0, 50.0]", "screen = { height = -15.0, center = [0.0, 1.0], size = [20.0, 16.0] }"
+)
+
+SHAPE = """
+[[object]]
+shape      = "sphere"
+scale      = 5.0
+rotate_deg = [0.0, 35.0, 0.0]
+translate  = [0.0, 1.0, -4.0]
+"""
+
+LIT = """
+[[object]]
+shape     = "box"
+transform = [[2.0, 0.0, 0.0, 1.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0]]
+material  = "paint"
+smooth    = true
+
+[material.paint]
+ambient      = 0.2
+diffuse      = [0.42, 0.05, 0.05]
+specular     = 0.35
+exponent     = 50.0
+reflectivity = 0.16
+
+[[light]]
+direction = [-2.0, 3.0, 2.0]
+color     = [1.0, 0.9, 0.8]
+
+[environment]
+map      = "map.exr"
+strength = 0.5
+
+[sampling]
+supersample = 2
+multisample = 1
+aperture    = 4
+
+[transport]
+shadows = false
+samples = 4
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seed:
+    """A valid input: files, the one that is mutated, and the command that reads them.
+
+    Attributes
+    ----------
+    name
+        Unique among all seeds; names of findings begin with it.
+    files
+        Content by name, relative to the folder that the command runs in.
+    mutated
+        Name of the file that is mutated; empty where the command line itself is.
+    command
+        Arguments of `xfrustum`.
+    outputs
+        Files and folders that the command may leave when it ends with 0 or 1.
+    """
+
+    name: str
+    files: Mapping[str, bytes]
+    mutated: str
+    command: tuple[str, ...]
+    outputs: frozenset[str] = field(default_factory=frozenset)
+
+
+def _with_mesh(name: str, scene: str = SCENE) -> bytes:
+    return (scene + f'\n[[object]]\nmesh = "{name}"\nscale = 4.0\ntranslate = [0.0, 0.0, -3.0]\n').encode()
+
+
+def _of_mesh(name: str, data: bytes, **more: bytes) -> Seed:
+    """Return the seed of one mesh file; `more` are the files that it refers to, with `_` for the dot."""
+    files = {"scene.toml": _with_mesh(name), name: data, **{k.replace("_", "."): v for k, v in more.items()}}
+    return Seed(
+        name=f"mesh-{name.replace('.', '-')}",
+        files=files,
+        mutated=name,
+        command=("trace", "scene.toml", "--out", "out.exr", "--quiet"),
+        outputs=frozenset({"out.exr"}),
+    )
+
+
+def scenes() -> list[Seed]:
+    """Return scene files with every table."""
+    trace = ("trace", "scene.toml", "--out", "out.exr", "--quiet")
+    texts = {"shape": SCENE + SHAPE, "lit": SCENE + LIT, "sheared": SHEARED + SHAPE + SHAPE}
+    return [
+        Seed(
+            name=f"scene-{name}",
+            files={"scene.toml": text.encode(), "map.exr": _exr_map()},
+            mutated="scene.toml",
+            command=trace,
+            outputs=frozenset({"out.exr"}),
+        )
+        for name, text in texts.items()
+    ]
+
+
+def meshes() -> list[Seed]:
+    """Return a mesh of every format that is read."""
+    box = trimesh.creation.box()
+    obj = (
+        b"# a comment\nmtllib a.mtl\no part\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+        b"vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1 2/2 4/3\nf 1//1 3//1 4//1\n"
+    )
+    mtl = b"newmtl m\nKd 0.5 0.5 0.5\nmap_Kd skin.png\n"
+    found = [
+        _of_mesh("a.obj", obj, a_mtl=mtl, skin_png=_picture()),
+        _of_mesh("a.ply", _ascii_ply()),
+        _of_mesh("a.stl", bytes(box.export(file_type="stl"))),
+        _of_mesh("a.off", box.export(file_type="off").encode()),
+        _of_mesh("a.gltf", _gltf()),
+        _of_mesh("a.glb", bytes(box.export(file_type="glb"))),
+        _of_mesh("a.zip", _zipped({"a.obj": obj.replace(b"mtllib a.mtl\n", b"")})),
+    ]
+    binary = _of_mesh("a.ply", bytes(box.export(file_type="ply")))
+    text = _of_mesh("a.stl", box.export(file_type="stl_ascii").encode())
+    material, skin = found[0], found[0]
+    return [
+        *found,
+        _renamed(binary, "mesh-ply-binary"),
+        _renamed(text, "mesh-stl-ascii"),
+        _renamed(material, "mesh-mtl", "a.mtl"),
+        _renamed(skin, "mesh-texture", "skin.png"),
+    ]
+
+
+def _renamed(seed: Seed, name: str, mutated: str = "") -> Seed:
+    return Seed(
+        name=name,
+        files=seed.files,
+        mutated=mutated or seed.mutated,
+        command=seed.command,
+        outputs=seed.outputs,
+    )
+
+
+def patches() -> list[Seed]:
+    """Return a file of two Bezier patches."""
+    corners = "\n".join(f"{x / 3:.3f} {y / 3:.3f} {0.2 * x * y / 9:.3f}" for x in range(4) for y in range(4))
+    low = "\n".join(f"{x:.1f} {y:.1f} 1.0" for x in range(2) for y in range(3))
+    text = f"2\n3 3\n{corners}\n1 2\n{low}\n".encode()
+    return [_renamed(_of_mesh("a.bpt", text), "patches-two")]
+
+
+def images() -> list[Seed]:
+    """Return hogel images as OpenEXR, as our own truth and as a raster."""
+    packed = {"truth.exr": _hogel("trace"), "raster.exr": _hogel("raster", "--near", "0.1")}
+    plain = {name: _unpacked(data) for name, data in packed.items()}
+    return [
+        Seed(
+            name=f"exr-{how}-{name.split('.')[0]}",
+            files=files,
+            mutated=name,
+            command=("compare", "truth.exr", "raster.exr", "--json"),
+        )
+        for how, files in (("packed", packed), ("plain", plain))
+        for name in files
+    ]
+
+
+def environments() -> list[Seed]:
+    """Return latitude-longitude maps, OpenEXR and Radiance HDR."""
+    found = []
+    for name, data in (("map.exr", _exr_map()), ("map.hdr", _hdr_map())):
+        scene = (SCENE + LIT).replace("map.exr", name).encode()
+        found.append(
+            Seed(
+                name=f"environment-{name.split('.')[1]}",
+                files={"scene.toml": scene, name: data},
+                mutated=name,
+                command=("trace", "scene.toml", "--out", "out.exr", "--quiet"),
+                outputs=frozenset({"out.exr"}),
+            )
+        )
+    return found
+
+
+def pictures() -> list[Seed]:
+    """Return the pictures of a foreign renderer, one of which is mutated."""
+    found = []
+    for suffix in ("png", "bmp", "tif", "exr"):
+        data = _hogel("trace") if suffix == "exr" else _picture((16, 12), suffix)
+        found.append(
+            Seed(
+                name=f"picture-{suffix}",
+                files={"scene.toml": (SCENE + SHAPE).encode(), f"1x1.{suffix}": data},
+                mutated=f"1x1.{suffix}",
+                command=(
+                    *("verify", "scene.toml", "{i}x{j}." + suffix, "--apertures", "1,1"),
+                    *("--encoding", "triangle-id", "--junit", "out.xml", "--json", "--quiet"),
+                ),
+                outputs=frozenset({"out.xml"}),
+            )
+        )
+    return found
+
+
+def stores() -> list[Seed]:
+    """Return a plate of six hogels as a Zarr store, of which metadata or a chunk is mutated."""
+    files = {"scene.toml": (SCENE + SHAPE).encode(), **_store()}
+    inside = [name for name in files if name.startswith("p.zarr")]
+    documents = [name for name in inside if name.endswith(".json")]
+    chunks = sorted(set(inside) - set(documents))[:2]
+    return [
+        Seed(
+            name=f"zarr-{number}",
+            files=files,
+            mutated=name,
+            command=(*_PLATE, "--apertures", "0-1,0"),
+            outputs=frozenset({"p.zarr"}),
+        )
+        for number, name in enumerate((*documents, *chunks))
+    ]
+
+
+_PLATE = ("plate", "scene.toml", "--near", "0.1", "--ids", "--out", "p.zarr", "--quiet", "--json")
+
+
+def commands() -> list[Seed]:
+    """Return command lines of every cheap command."""
+    files = {"scene.toml": (SCENE + SHAPE).encode(), "truth.exr": _hogel("trace")}
+    lines = [
+        "trace scene.toml --aperture 1,1 --out out.exr --quiet",
+        "raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2,5 --out out.exr",
+        "raster scene.toml --near 0.1 --pivot camera --fit 10 --offset none --camera c-star --out out.exr",
+        "compare truth.exr truth.exr --json --out out",
+        "scenes --json",
+        "plate scene.toml --near 0.1 --apertures 0-1,0;*,1 --color uint8 --out out.zarr --quiet",
+        "verify scene.toml {i}x{j}.exr --apertures 1,1;0,0 --max-wrong 1% --accept near --out out --quiet",
+        "budget scene.toml --near 0.1 --json",
+    ]
+    return [
+        Seed(
+            name=f"command-{number}",
+            files=files,
+            mutated="",
+            command=tuple(line.split()),
+            outputs=frozenset({"out.exr", "out", "out.zarr"}),
+        )
+        for number, line in enumerate(lines)
+    ]
+
+
+KINDS: dict[str, Callable[[], list[Seed]]] = {
+    "scene": scenes,
+    "mesh": meshes,
+    "patches": patches,
+    "exr": images,
+    "environment": environments,
+    "picture": pictures,
+    "zarr": stores,
+    "command": commands,
+}
+"""The seeds of each kind of input."""
+
+
+def seed_named(name: str) -> Seed:
+    """Return the seed of a finding's name."""
+    return next(seed for seed in KINDS[name.split("-", maxsplit=1)[0]]() if seed.name == name)
+
+
+def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
+    pixels = np.arange(size[0] * size[1] * 3, dtype=np.uint8).reshape(size[1], size[0], 3) % 40
+    pixels[..., :2] = 0
+    held = io.BytesIO()
+    Image.fromarray(pixels).save(held, format={"tif": "tiff"}.get(suffix, suffix))
+    return held.getvalue()
+
+
+def _ascii_ply() -> bytes:
+    return (
+        b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        b"property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
+        b"property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n3 0 1 2\n"
+    )
+
+
+def _gltf() -> bytes:
+    positions = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
+    indices = struct.pack("<3H", 0, 1, 2)
+    data = base64.b64encode(positions + indices).decode()
+    tree = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.4, 0.3, 1.0]}}],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "type": "VEC3",
+                "count": 3,
+                "min": [0, 0, 0],
+                "max": [1, 1, 0],
+            },
+            {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 3},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 6},
+        ],
+        "buffers": [{"uri": "data:application/octet-stream;base64," + data, "byteLength": 42}],
+    }
+    return json.dumps(tree).encode()
+
+
+def _zipped(files: Mapping[str, bytes]) -> bytes:
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(zipfile.ZipInfo(name), data)
+    return held.getvalue()
+
+
+def _exr_map() -> bytes:
+    return _written_map("map.exr")
+
+
+def _hdr_map() -> bytes:
+    return _written_map("map.hdr")
+
+
+def _written_map(name: str) -> bytes:
+    import OpenImageIO as oiio
+
+    pixels = np.linspace(0, 2, 8 * 4 * 3, dtype=np.float32).reshape(4, 8, 3)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        output = oiio.ImageOutput.create(str(path))
+        output.open(str(path), oiio.ImageSpec(8, 4, 3, oiio.FLOAT))
+        output.write_image(pixels)
+        output.close()
+        return path.read_bytes()
+
+
+def _made(command: tuple[str, ...], files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the files that a command makes, run in a process of its own: OpenGL and forks do not mix."""
+    import subprocess
+    import sys
+
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in files.items():
+            (Path(folder) / name).write_bytes(data)
+        subprocess.run(
+            [sys.executable, "-m", "xfrustum", *command], cwd=folder, check=True, capture_output=True
+        )
+        made = sorted(path for path in Path(folder).rglob("*") if path.is_file())
+        return {
+            path.relative_to(folder).as_posix(): path.read_bytes() for path in made if path.name not in files
+        }
+
+
+def _unpacked(data: bytes) -> bytes:
+    """Return an OpenEXR file without compression, so that damage reaches the pixels."""
+    import Imath
+    import OpenEXR
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "image.exr"
+        path.write_bytes(data)
+        packed = OpenEXR.InputFile(str(path))
+        header = packed.header()
+        planes = {name: packed.channel(name) for name in header["channels"]}
+        header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
+        plain = OpenEXR.OutputFile(str(path), header)
+        plain.writePixels(planes)
+        plain.close()
+        return path.read_bytes()
+
+
+_HOGELS: dict[tuple[str, ...], bytes] = {}
+
+
+def _hogel(*command: str) -> bytes:
+    if command not in _HOGELS:
+        line = (command[0], "scene.toml", "--aperture", "1,1", *command[1:], "--out", "out.exr")
+        _HOGELS[command] = _made(line, {"scene.toml": (SCENE + SHAPE).encode()})["out.exr"]
+    return _HOGELS[command]
+
+
+def _store() -> dict[str, bytes]:
+    return _made((*_PLATE, "--apertures", "*,*"), {"scene.toml": (SCENE + SHAPE).encode()})

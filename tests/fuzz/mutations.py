@@ -1,0 +1,179 @@
+"""Seeded damage: some of it blind, some of it with an idea of what texts and binary files are made of."""
+
+from __future__ import annotations
+
+import random
+import re
+import struct
+from collections.abc import Callable
+
+NUMBERS = (
+    *(
+        "0",
+        "-0.0",
+        "-1",
+        "1",
+        "2",
+        "1e308",
+        "-1e308",
+        "1e-308",
+        "5e-324",
+        "1e-40",
+        "1e40",
+        "nan",
+        "inf",
+        "-inf",
+    ),
+    *("0x10", "1_000", "2147483647", "2147483648", "-2147483649", "4294967296", "9223372036854775808"),
+    *("1" + "0" * 30, "9" * 400, "9" * 5000, "0." + "0" * 400 + "1", "1e99999", "true", '"text"', "[]", "{}"),
+)
+"""Numbers, and what is none, that have broken readers of numbers."""
+
+WORDS = (
+    "",
+    " ",
+    "\0",
+    "\x1b[31m",
+    "\r\n",
+    "\u2028",
+    "..",
+    "../../etc/passwd",
+    "<script>",
+    "%s%n",
+    "{",
+    "}",
+    "'",
+    '"',
+)
+"""Texts that have broken readers of texts, and pages that show them."""
+
+WHOLE = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
+"""Whole numbers at the ends of their types."""
+
+_NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
+_WORD = re.compile(rb"[A-Za-z_][\w.-]*|\"[^\"\n]*\"")
+_LARGEST = 1 << 22
+"""Bytes of the largest mutated file: copies of copies grow without end."""
+
+Mutation = Callable[[bytes, random.Random], bytes]
+
+
+def mutated(data: bytes, chance: random.Random) -> bytes:
+    """Return a copy with one to four pieces of damage."""
+    for _ in range(chance.choice((1, 1, 1, 2, 2, 3, 4))):
+        data = chance.choice(MUTATIONS)(data, chance)[:_LARGEST]
+    return data
+
+
+def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tuple[str, ...]:
+    """Return a command line of which one to three arguments are damaged; names of files stay inside the folder."""
+    damaged = list(arguments)
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        at = chance.randrange(1, len(damaged)) if len(damaged) > 1 else 0
+        action = chance.randrange(5)
+        if action == 0:
+            damaged[at] = chance.choice(
+                (*NUMBERS, *WORDS, "--", "-", "--help", "--near", "0,0", "1,1;", "*,*")
+            )
+        elif action == 1:
+            del damaged[at]
+        elif action == 2:
+            damaged.insert(at, damaged[chance.randrange(len(damaged))])
+        elif action == 3:
+            raw = mutated(damaged[at].encode("utf-8", "surrogateescape"), chance)[:300]
+            damaged[at] = raw.replace(b"\0", b"0").decode("utf-8", "surrogateescape")
+        else:
+            raw = damaged[at].encode("utf-8", "surrogateescape")
+            raw = _NUMBER.sub(lambda _: chance.choice(NUMBERS).encode(), raw)
+            damaged[at] = raw.decode("utf-8", "surrogateescape")
+    # No system passes on an argument with a zero byte.
+    return tuple(argument.replace("\0", "0") for argument in damaged)
+
+
+def _flip(data: bytes, chance: random.Random) -> bytes:
+    if not data:
+        return data
+    at = chance.randrange(len(data))
+    return data[:at] + bytes([data[at] ^ 1 << chance.randrange(8)]) + data[at + 1 :]
+
+
+def _random_byte(data: bytes, chance: random.Random) -> bytes:
+    at = chance.randrange(len(data) + 1)
+    return data[:at] + bytes([chance.randrange(256)]) + data[at + chance.randrange(2) :]
+
+
+def _truncate(data: bytes, chance: random.Random) -> bytes:
+    return data[: chance.randrange(len(data) + 1)]
+
+
+def _remove(data: bytes, chance: random.Random) -> bytes:
+    start = chance.randrange(len(data) + 1)
+    return data[:start] + data[start + chance.choice((1, 2, 4, 16, 256)) :]
+
+
+def _repeat(data: bytes, chance: random.Random) -> bytes:
+    start = chance.randrange(len(data) + 1)
+    piece = data[start : start + chance.choice((1, 4, 16, 256))]
+    return data[:start] + piece * chance.choice((2, 3, 10, 1000)) + data[start:]
+
+
+def _exchange(data: bytes, chance: random.Random) -> bytes:
+    length = chance.choice((1, 4, 16))
+    if len(data) < 2 * length:
+        return data
+    first, second = sorted(chance.randrange(len(data) - length + 1) for _ in range(2))
+    if second - first < length:
+        return data
+    one, other = data[first : first + length], data[second : second + length]
+    return data[:first] + other + data[first + length : second] + one + data[second + length :]
+
+
+def _whole_number(data: bytes, chance: random.Random) -> bytes:
+    size, code = chance.choice(((1, "B"), (2, "H"), (4, "I"), (8, "Q")))
+    if len(data) < size:
+        return data
+    at = chance.randrange(len(data) - size + 1)
+    value = chance.choice(WHOLE) & (1 << 8 * size) - 1
+    return data[:at] + struct.pack(chance.choice("<>") + code, value) + data[at + size :]
+
+
+def _number(data: bytes, chance: random.Random) -> bytes:
+    return _in_place(_NUMBER, chance.choice(NUMBERS).encode(), data, chance)
+
+
+def _word(data: bytes, chance: random.Random) -> bytes:
+    return _in_place(_WORD, chance.choice(WORDS).encode(), data, chance)
+
+
+def _in_place(pattern: re.Pattern[bytes], piece: bytes, data: bytes, chance: random.Random) -> bytes:
+    found = list(pattern.finditer(data[: 1 << 16]))
+    if not found:
+        return data
+    match = chance.choice(found)
+    return data[: match.start()] + piece + data[match.end() :]
+
+
+def _line(data: bytes, chance: random.Random) -> bytes:
+    lines = data.split(b"\n")
+    at, other = chance.randrange(len(lines)), chance.randrange(len(lines))
+    action = chance.randrange(3)
+    if action == 0:
+        del lines[at]
+    elif action == 1:
+        lines.insert(at, lines[other])
+    else:
+        lines[at], lines[other] = lines[other], lines[at]
+    return b"\n".join(lines)
+
+
+def _nest(data: bytes, chance: random.Random) -> bytes:
+    depth = chance.choice((10, 600, 20_000))
+    at = chance.randrange(len(data) + 1)
+    return data[:at] + b"[" * depth + (b"]" * depth if chance.random() < 0.5 else b"") + data[at:]
+
+
+MUTATIONS: tuple[Mutation, ...] = (
+    *(_flip, _random_byte, _truncate, _remove, _repeat, _exchange, _whole_number, _whole_number),
+    *(_number, _number, _number, _word, _word, _line, _nest),
+)
+"""Every kind of damage; those that find most are in here more than once."""
