@@ -6,12 +6,14 @@ OUT ?= report
 XFRUSTUM := .venv/bin/xfrustum
 READY := .venv/.ready
 
-.PHONY: help report test test-all setup lock clean
+.PHONY: help report test test-all fuzz kill setup lock clean
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
 	@echo 'make test      all checks: ruff, mypy, import-linter, pytest'
 	@echo 'make test-all  the same, with the slow tests'
+	@echo 'make fuzz      10,000 damaged inputs of every kind (FUZZ_ARGS="--kind mesh --count 100")'
+	@echo 'make kill      signals at random moments of every command (KILL_ARGS="--count 5")'
 	@echo 'make setup     only the set-up: system packages where they are missing, and .venv'
 	@echo 'make lock      write requirements.lock anew (LOCK=--upgrade for the newest versions)'
 	@echo 'make clean     remove what the commands above made, .venv included'
@@ -35,6 +37,12 @@ $(READY): requirements.lock pyproject.toml $(wildcard scripts/*)
 	scripts/system_packages.sh
 	scripts/make_venv.sh
 	@touch $@
+
+fuzz: setup
+	.venv/bin/python -m tests.fuzz $(FUZZ_ARGS)
+
+kill: setup
+	.venv/bin/python -m tests.fuzz.kill $(KILL_ARGS)
 
 lock:
 	scripts/lock.sh $(LOCK)

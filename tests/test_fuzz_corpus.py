@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import random
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from tests.fuzz.child import Outcome
 from tests.fuzz.findings import findings
 from tests.fuzz.inputs import seed_named
 from tests.fuzz.mutations import mutated
@@ -20,13 +23,11 @@ def outcome_in_a_process_of_its_own(name: str, payload: bytes) -> list[str]:
 
     The process is started anew and not forked: this one may have threads and an OpenGL context.
     """
-    import subprocess
-    import sys
-
     program = (
         "import json, sys\n"
         "from tests.fuzz.child import outcome_of\n"
-        "from tests.fuzz.findings import findings\n"
+        "from tests.fuzz.child import Outcome
+from tests.fuzz.findings import findings\n"
         "from tests.fuzz.inputs import seed_named\n"
         "seed, payload = seed_named(sys.argv[1]), sys.stdin.buffer.read()\n"
         "command, files = seed.command, dict(seed.files)\n"
@@ -56,9 +57,7 @@ def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
     assert len(set(once)) > 40
 
 
-def test_every_finding_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tests.fuzz.child import Outcome
-
+def test_every_finding_is_found() -> None:
     assert seed_named("patches-two").mutated == "a.bpt"
 
     def told(**changes: object) -> list[str]:

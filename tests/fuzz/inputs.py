@@ -257,7 +257,7 @@ def commands() -> list[Seed]:
     files = {"scene.toml": (SCENE + SHAPE).encode(), "truth.exr": _hogel("trace")}
     lines = [
         "trace scene.toml --aperture 1,1 --out out.exr --quiet",
-        "raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2,5 --out out.exr",
+        "raster scene.toml --aperture 1,1 --near 0.1 --depth d24 --mapping reversed --slabs 2 --out out.exr",
         "raster scene.toml --near 0.1 --pivot camera --fit 10 --offset none --camera c-star --out out.exr",
         "compare truth.exr truth.exr --json --out out",
         "scenes --json",
@@ -307,7 +307,8 @@ def _ascii_ply() -> bytes:
     return (
         b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
         b"property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
-        b"property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n3 0 1 2\n"
+        b"property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n1 0 0 0 255 0\n"
+        b"0 1 0 0 0 255\n3 0 1 2\n"
     )
 
 
@@ -365,6 +366,7 @@ def _written_map(name: str) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         output = oiio.ImageOutput.create(str(path))
+        assert output is not None
         output.open(str(path), oiio.ImageSpec(8, 4, 3, oiio.FLOAT))
         output.write_image(pixels)
         output.close()

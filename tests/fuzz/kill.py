@@ -171,7 +171,7 @@ def killed(
             stderr=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             start_new_session=True,
-            preexec_fn=_default_signals,
+            preexec_fn=_default_signals,  # noqa: PLW1509 - it takes no lock
         )
         time.sleep(moment)
         sent = process.poll() is None
@@ -247,8 +247,8 @@ def _tried(victim: Victim, count: int, jobs: int) -> Iterator[str]:
         told = ", ".join(f"{status}: {n}" for status, n in sorted(counts.items()))
         sent = sum(ending.sent for ending in endings)
         print(
-            f"{victim.name} {number.name}: {count} runs, {sent} hit; statuses {told}; {resumed} resumed or ran again; "
-            f"{len(wrong)} problems {dict(Counter(wrong)) or ''}",
+            f"{victim.name} {number.name}: {count} runs, {sent} hit; statuses {told}; "
+            f"{resumed} resumed or ran again; {len(wrong)} problems {dict(Counter(wrong)) or ''}",
             flush=True,
         )
         yield from wrong

@@ -66,7 +66,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
 
 
 def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tuple[str, ...]:
-    """Return a command line of which one to three arguments are damaged; names of files stay inside the folder."""
+    """Return a command line of which one to three arguments are damaged."""
     damaged = list(arguments)
     for _ in range(chance.choice((1, 1, 2, 3))):
         at = chance.randrange(1, len(damaged)) if len(damaged) > 1 else 0
