@@ -6,46 +6,30 @@ import json
 import random
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.fuzz.child import Outcome
 from tests.fuzz.findings import findings
-from tests.fuzz.inputs import seed_named
 from tests.fuzz.mutations import mutated
+from tests.fuzz.replay import entries
 
-CORPUS = sorted((Path(__file__).parent / "fuzz" / "corpus").glob("*.*"))
 
-
-def outcome_in_a_process_of_its_own(name: str, payload: bytes) -> list[str]:
-    """Return what is found of an input.
-
-    The process is started anew and not forked: this one may have threads and an OpenGL context.
-    """
-    program = (
-        "import json, sys\n"
-        "from tests.fuzz.child import outcome_of\n"
-        "from tests.fuzz.child import Outcome
-from tests.fuzz.findings import findings\n"
-        "from tests.fuzz.inputs import seed_named\n"
-        "seed, payload = seed_named(sys.argv[1]), sys.stdin.buffer.read()\n"
-        "command, files = seed.command, dict(seed.files)\n"
-        "if seed.mutated: files[seed.mutated] = payload\n"
-        "else: command = tuple(json.loads(payload.decode('utf-8', 'surrogatepass')))\n"
-        "found = findings(outcome_of(command, files), seed.outputs, named=bool(seed.mutated))\n"
-        "print(json.dumps(list(found)))\n"
-    )
+@pytest.fixture(scope="module")
+def replayed() -> dict[str, list[str]]:
+    """What each input finds; in a process that can fork, which this one, with its threads, cannot."""
     checkout = Path(__file__).resolve().parents[1]
-    done = subprocess.run(
-        [sys.executable, "-c", program, name], input=payload, cwd=checkout, capture_output=True, check=True
-    )
-    return list(json.loads(done.stdout))
+    line = [sys.executable, "-m", "tests.fuzz.replay"]
+    done = subprocess.run(line, cwd=checkout, capture_output=True, check=True)
+    return dict(json.loads(done.stdout))
 
 
-@pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.name)
-def test_no_input_of_the_corpus_finds_anything_again(path: Path) -> None:
-    assert outcome_in_a_process_of_its_own(path.name.split(".")[0], path.read_bytes()) == []
+@pytest.mark.parametrize("name", [path.name for path in entries()])
+def test_no_input_of_the_corpus_finds_anything_again(name: str, replayed: dict[str, list[str]]) -> None:
+    assert replayed[name] == []
 
 
 def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
@@ -58,12 +42,17 @@ def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
 
 
 def test_every_finding_is_found() -> None:
-    assert seed_named("patches-two").mutated == "a.bpt"
-
-    def told(**changes: object) -> list[str]:
-        fine = {"status": 2, "errors": b"xfrustum: error: no\n", "output": b"", "peak_bytes": 1}
-        fine |= {"wall_s": 0.1, "hung": False, "left": frozenset()}
-        return list(findings(Outcome(**(fine | changes)), frozenset({"out.exr"}), named=True))  # type: ignore[arg-type]
+    def told(**changes: Any) -> list[str]:
+        fine = Outcome(
+            status=2,
+            errors=b"xfrustum: error: no\n",
+            output=b"",
+            peak_bytes=1,
+            wall_s=0.1,
+            hung=False,
+            left=frozenset(),
+        )
+        return list(findings(replace(fine, **changes), frozenset({"out.exr"}), named=True))
 
     assert told() == []
     assert told(hung=True, status=-9) == ["hang"]

@@ -5,6 +5,7 @@ mutations   seeded damage: to bytes, to numbers and names in texts, to structure
 child       one input in a forked process, with limits on time and bytes, and what came of it
 findings    what no outcome may be: tracebacks, crashes, hangs, memory, leftovers
 __main__    `make fuzz`: many inputs of each kind, counted by exit status; findings go to `corpus`
+replay      every input of `corpus` again
 kill        `make kill`: signals at random moments of every command
 
 What `corpus` holds is replayed by `make test` (tests/test_fuzz_corpus.py).

@@ -21,7 +21,6 @@ from tests.fuzz.findings import findings
 from tests.fuzz.inputs import KINDS, Seed
 from tests.fuzz.mutations import mutated, mutated_arguments
 
-CORPUS = Path(__file__).parent / "corpus"
 BATCH = 50
 """Inputs that a worker takes at once."""
 
@@ -68,7 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
     if chosen.keep is not None:
         chosen.keep.mkdir(parents=True, exist_ok=True)
     seeds = {kind: KINDS[kind]() for kind in chosen.kind or KINDS}
-    _import_everything()
+    import_everything()
     found = False
     with multiprocessing.get_context("fork").Pool(chosen.jobs) as workers:
         for kind, of_kind in seeds.items():
@@ -94,7 +93,7 @@ def _batches(count: int, first: int) -> list[tuple[int, int]]:
     return [(at, first + count) for at in range(first, first + count, BATCH)]
 
 
-def _import_everything() -> None:
+def import_everything() -> None:
     """Import once what every child would import: forking it costs a hundredth of that."""
     import xfrustum.cli
     import xfrustum.compare

@@ -290,11 +290,6 @@ KINDS: dict[str, Callable[[], list[Seed]]] = {
 """The seeds of each kind of input."""
 
 
-def seed_named(name: str) -> Seed:
-    """Return the seed of a finding's name."""
-    return next(seed for seed in KINDS[name.split("-", maxsplit=1)[0]]() if seed.name == name)
-
-
 def _picture(size: tuple[int, int] = (8, 4), suffix: str = "png") -> bytes:
     pixels = np.arange(size[0] * size[1] * 3, dtype=np.uint8).reshape(size[1], size[0], 3) % 40
     pixels[..., :2] = 0
