@@ -16,6 +16,9 @@ RELATIVE_CHORD = 1e-3
 """Default chord tolerance, of the diagonal of the box about the control points: half a pixel where the
 patches fill an image of 512."""
 
+LARGEST_COORDINATE = 1e100
+"""Coordinates of control points: their squares and degrees' products stay far from overflow, 1e308."""
+
 _WORDS_AT_MOST = 1 << 27
 """Numbers in a file: more would not fit into memory as Python's own."""
 
@@ -108,4 +111,8 @@ def _net(path: Path, words: list[str], shape: tuple[int, int, int], number: int)
         raise InputError(f"{path}: a control point of patch {number} is not a number ({error})") from error
     if not np.isfinite(net).all():
         raise InputError(f"{path}: a control point of patch {number} is NaN or infinite; repair it")
+    if np.abs(net).max() > LARGEST_COORDINATE:
+        raise InputError(
+            f"{path}: a control point of patch {number} is beyond {LARGEST_COORDINATE:.0e}; repair it"
+        )
     return net

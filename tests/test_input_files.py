@@ -179,6 +179,13 @@ def test_meshes_without_the_third_coordinate_and_endless_numbers_are_one_line(
         assert "number of patches must be at most" in refusal(tmp_path / "a.bpt")
 
 
+def test_control_points_whose_squares_overflow_are_refused(tmp_path: Path) -> None:
+    corners = "\n".join(f"{x} {y} {'1e300' if x == y == 1 else 0}" for x in range(3) for y in range(3))
+    (tmp_path / "a.bpt").write_text(f"1\n2 2\n{corners}\n")
+    with pytest.raises(InputError, match="beyond 1e\\+100"):
+        load_patches(tmp_path / "a.bpt")
+
+
 def test_a_chord_tolerance_beyond_counting_is_refused(tmp_path: Path) -> None:
     corners = "\n".join(f"{x} {y} {x * y}" for x in range(4) for y in range(4))
     (tmp_path / "a.bpt").write_text(f"1\n3 3\n{corners}\n")
