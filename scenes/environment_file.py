@@ -9,6 +9,7 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.exr_header import MAGIC, check_header
 from xfrustum.scenes.input_files import bounded_memory, regular_size
 from xfrustum.scenes.light import Environment
 
@@ -33,8 +34,14 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
         finite.
     """
     regular_size(path, "environment map", "its path is relative to the scene file")
-    with bounded_memory(path):
-        return Environment(radiance=_read_rgb(path), strength=strength, name=str(path))
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) == MAGIC:
+            check_header(path)
+    try:
+        with bounded_memory(path):
+            return Environment(radiance=_read_rgb(path), strength=strength, name=str(path))
+    except (UnicodeDecodeError, RuntimeError) as error:  # from the library's own reading of headers
+        raise InputError(f"{path}: the environment map is damaged ({error}); write it again") from error
 
 
 def _read_rgb(path: Path) -> NDArray[np.float32]:
