@@ -239,7 +239,7 @@ def _equally(verdict: Verdict, units: str) -> str:
         return ". "
     return (
         f"; the {verdict.window.nears} nears measured there are equally good. "
-        f"In the middle, at {digits(verdict.settings.near)} {units}, "
+        f"At {digits(verdict.settings.near)} {units}, "
     )
 
 

@@ -46,17 +46,19 @@ def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
     """Return both ends of the scale of height errors, as fractions of the longest reach.
 
     Smaller errors than the lower end are white. It is the error that rounding alone may make of a 32-bit
-    surface point (`compare.rounding`), rounded up to 1, 2 or 5 of its power of ten.
+    surface point (`compare.rounding`) as far away as the reach, or as the scene's largest coordinate if that
+    is larger, rounded up to 1, 2 or 5 of its power of ten.
 
     Parameters
     ----------
     scene
-        Where it is not at hand, its largest coordinate is taken to be the reach.
+        None where it is not at hand.
     reach
         Longest reach, scene units.
     """
-    of_reach = POSITION_ROUNDINGS * FLOAT32_ROUNDING
-    rounding = max(largest_tolerance(scene) / reach, FLOAT32_ROUNDING) if scene else of_reach
+    rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
+    if scene is not None:
+        rounding = max(rounding, largest_tolerance(scene) / reach)
     # A far vertex may make a scale of less than a decade; its upper end stays.
     return min(_rounded_up(rounding), LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
 

@@ -61,10 +61,13 @@ class Option:
     def beats(self, other: Option) -> bool:
         """Whether it is nowhere worse than another, and somewhere better.
 
-        Of times, worse and better are those that are told apart.
+        Its time is no worse where its median is not beyond the other's interval, and better where the two
+        are told apart.
         """
         mine, others = self._errors(), other._errors()
-        if other.time_s.told_below(self.time_s) or any(a > b for a, b in zip(mine, others, strict=True)):
+        if self.time_s.median > other.time_s.interval[1] or any(
+            a > b for a, b in zip(mine, others, strict=True)
+        ):
             return False
         return mine != others or self.time_s.told_below(other.time_s)
 

@@ -12,7 +12,8 @@ NARROW = 0.05
 their time: ways whose intervals overlap then are equally fast to within a tenth."""
 
 MAX_REPETITIONS = 25
-"""Repetitions after which nothing is repeated further: an interval narrows with the square root of their number."""
+"""Repetitions after which nothing is repeated further: an interval narrows with the square root of
+their number."""
 
 Unsettled = Callable[[Sequence[Spread]], Sequence[bool]]
 """Says of each contestant, from the times of all, whether further turns could change its place."""
