@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from xfrustum.compare.paired import CONFIDENCE
 from xfrustum.reports import best, figures, images, shading_page, trade_off
-from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.measurement import TOLERANCE_PX, Measurement, SettingPictures, Sweep
 from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.sweep_bench import REPEAT_BUDGET_S
 from xfrustum.reports.tables import json_ready, recommended_command, report_object
@@ -104,7 +104,7 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
         ],
         "eye": shading_page.eye_figure(shading),
         "times": json.loads(figures.stage_times(sweep).to_json()),
-        "cost": json.loads(trade_off_figure(trade_off.options_of(sweep), trade_off.TOLERANCE_PX).to_json()),
+        "cost": json.loads(trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX).to_json()),
     }
 
 

@@ -99,6 +99,6 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
     """Return the command that draws the first of some apertures as planned."""
-    assert made.near is not None
+    assert made.near is not None and made.depth is not None and made.mapping is not None
     settings = DoubleFrustum(near=made.near, depth=made.depth, mapping=made.mapping, slabs=made.slabs)
     return raster_command(scene, apertures[0], settings)

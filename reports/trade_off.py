@@ -127,7 +127,7 @@ class Answer:
     @property
     def option(self) -> Option | None:
         """The one of them with the least error."""
-        return self.ranking and self.ranking.least_error
+        return self.ranking.least_error if self.ranking else None
 
 
 def pareto(options: Sequence[Option]) -> list[bool]:
@@ -153,7 +153,7 @@ def rank(options: Sequence[Option], tolerance_px: float) -> Ranking | None:
 def cheapest(options: Sequence[Option], tolerance_px: float) -> Option | None:
     """Return the option with the least error of the fastest ones within a tolerance."""
     ranking = rank(options, tolerance_px)
-    return ranking and ranking.least_error
+    return ranking.least_error if ranking else None
 
 
 def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:

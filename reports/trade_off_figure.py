@@ -9,7 +9,8 @@ import plotly.graph_objects as go
 
 from xfrustum.reports.best import percent
 from xfrustum.reports.figure_style import INK, error_bars, look, style
-from xfrustum.reports.trade_off import MAX_WRONG, Option, pareto
+from xfrustum.reports.measurement import MAX_WRONG
+from xfrustum.reports.trade_off import Option, pareto
 
 LEAST_PX = 1e-4
 """Smaller displacements are drawn here: 32-bit positions cannot tell them, and a logarithm has no zero."""

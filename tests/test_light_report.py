@@ -78,7 +78,10 @@ def test_effects_are_explained_and_what_all_of_them_would_cost_is_measured(files
     assert shading["same_bits"] is True
     assert set(shading["saved_s"]) == set(shading["image_s"]) == {"raster", "reference"}
     assert all(seconds > 0 for seconds in shading["image_s"].values())
-    assert any("all effects take" in note for note in files.notes)
+    assert set(shading["saved_interval_s"]) == set(shading["saved_s"])
+    for name, (low, high) in shading["saved_interval_s"].items():
+        assert low <= shading["saved_s"][name] <= high
+    assert any("all effects take" in note or "all effects could not be told" in note for note in files.notes)
 
 
 def test_the_bent_eye_vector_is_predicted_and_measured_at_every_near(files: ReportFiles) -> None:
