@@ -149,5 +149,5 @@ def _confidence(cost: Cost) -> str:
 
 
 def milliseconds(seconds: float) -> str:
-    """Write a time."""
-    return f"{digits(1e3 * seconds)} ms"
+    """Write a time, from one second on in seconds."""
+    return f"{digits(seconds)} s" if seconds >= 1 else f"{digits(1e3 * seconds)} ms"

@@ -22,7 +22,7 @@ from xfrustum.reports import images
 from xfrustum.reports.measurement import Measurement, SettingPictures
 from xfrustum.reports.shading import is_shaded
 from xfrustum.reports.timing import FEWEST_REPETITIONS, SharedStopwatch, Spread, Stopwatch
-from xfrustum.reports.turns import settled, take_turn, take_turns_until_settled
+from xfrustum.reports.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.hogel_image import HogelImage
 from xfrustum.scenes.plate import Aperture
@@ -153,7 +153,7 @@ class SweepBench:
         for _ in range(FEWEST_REPETITIONS):
             take_turn(runs, seconds)
         left = budget_s - sum(map(sum, seconds))
-        take_turns_until_settled(runs, seconds, _near_the_fastest, left)
+        take_turns_until_settled(runs, seconds, _unsettled, left)
         return {setting: Spread.of(taken) for setting, taken in zip(settings, seconds, strict=True)}
 
     def _render(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
@@ -209,9 +209,7 @@ def _wrong_pixels(maps: ErrorMaps) -> dict[str, PixelSet]:
     return found
 
 
-def _near_the_fastest(spreads: Sequence[Spread]) -> list[bool]:
-    """Return who is not told apart from the fastest, unless all of those are known well."""
+def _unsettled(spreads: Sequence[Spread]) -> list[bool]:
+    """Return who takes a further turn."""
     fastest = min(spreads, key=lambda one: one.median)
-    tied = [not fastest.told_below(one) for one in spreads]
-    known = all(settled(one) for one, close in zip(spreads, tied, strict=True) if close)
-    return [False] * len(spreads) if known or sum(tied) == 1 else tied
+    return open_races([one for one in spreads if not fastest.told_below(one)], spreads)

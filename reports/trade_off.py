@@ -11,7 +11,7 @@ from typing import Any
 from xfrustum.reports.best import DISPLACEMENT_TIE_PX, best_setting, digits, percent, pixels
 from xfrustum.reports.measurement import MAX_WRONG, TOLERANCE_PX, Measurement, Sweep
 from xfrustum.reports.timing import FEWEST_REPETITIONS, Spread
-from xfrustum.reports.turns import settled
+from xfrustum.reports.turns import open_races
 
 STRICTER = 0.2
 """Of the tolerance: what is asked besides, a tenth of a pixel where half a pixel is asked for."""
@@ -159,16 +159,20 @@ def cheapest(options: Sequence[Option], tolerance_px: float) -> Option | None:
 def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:
     """Return which options further repetitions could rank, within the tolerance or a fifth of it.
 
-    Those are the ones not told apart from the fastest, as long as one of them is known badly.
+    See `turns.open_races`; options that do not keep the tolerance take no part.
     """
-    racing: set[int] = set()
+    racing = [False] * len(options)
     for tolerance in (tolerance_px, STRICTER * tolerance_px):
         ranking = rank(options, tolerance)
-        if ranking is None or len(ranking.fastest) == 1:
+        if ranking is None:
             continue
-        if not all(settled(one.time_s) for one in ranking.fastest):
-            racing |= {id(one) for one in ranking.fastest}
-    return [id(option) in racing for option in options]
+        tied = [one.time_s for one in ranking.fastest]
+        turns = open_races(tied, [one.time_s for one in options])
+        racing = [
+            before or (turn and one.within(tolerance))
+            for before, turn, one in zip(racing, turns, options, strict=True)
+        ]
+    return racing
 
 
 def answers(
@@ -242,7 +246,7 @@ def _fewer(ranking: Ranking) -> str:
 def _least(ranking: Ranking, recommended: Option | None) -> str:
     """Say which of several is to be taken."""
     if recommended is None:
-        return f"The least error among them has {_described(ranking.least_error)}."
+        return f"The least error among them is that of {_described(ranking.least_error)}."
     if recommended in ranking.fastest:
         return "The setting recommended above is one of them."
     return f"The setting recommended above takes {_taken(recommended.time_s)}."

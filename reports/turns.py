@@ -15,6 +15,9 @@ MAX_REPETITIONS = 25
 """Repetitions after which nothing is repeated further: an interval narrows with the square root of
 their number."""
 
+CLEARLY_SLOWER = 2.0
+"""Ratio of medians beyond which a way is not repeated further: no slow minute makes it the fastest."""
+
 Unsettled = Callable[[Sequence[Spread]], Sequence[bool]]
 """Says of each contestant, from the times of all, whether further turns could change its place."""
 
@@ -57,6 +60,18 @@ def take_turns_until_settled(
             return
         with watch.stage("turns"):
             take_turn(list(compress(runs, racing)), list(compress(seconds, racing)))
+
+
+def open_races(tied: Sequence[Spread], spreads: Sequence[Spread]) -> list[bool]:
+    """Return which of some spreads take a further turn, given those that are not told apart from the fastest.
+
+    Nobody does where one is the fastest, or all that are tied are known well. Else all do that are not
+    clearly slower, also who is told apart by now: times are compared that come from the same minutes.
+    """
+    if len(tied) < 2 or all(map(settled, tied)):
+        return [False] * len(spreads)
+    limit = CLEARLY_SLOWER * min(one.median for one in tied)
+    return [one.median <= limit for one in spreads]
 
 
 def settled(spread: Spread) -> bool:

@@ -26,7 +26,7 @@ from xfrustum.reports.images import _levels
 from xfrustum.reports.measurement import MAX_WRONG
 from xfrustum.reports.timing import CONFIDENCE, Spread
 from xfrustum.reports.trade_off import Option, answers, cheapest, pareto, rank, unsettled
-from xfrustum.reports.turns import take_turn, take_turns_until_settled
+from xfrustum.reports.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.scenes import builtin
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.hogel_image import Certainty
@@ -80,7 +80,7 @@ def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
     said = answers([careful, quick], 0.5)[0].sentence
     assert said.startswith("The fastest way to stay under 0.5 px is one of these 2, 43 to 99.5 ms a picture")
     assert "5 repetitions do not tell apart" in said
-    assert ". The least error among them has careful, 99.5 ms" in said
+    assert ". The least error among them is that of careful, 99.5 ms" in said
     # Further repetitions leave the outlier out of the interval.
     quick, careful = timed("quick", [43.0] * 8 + [120], 0.4), timed("careful", [99.5] * 9, 0.01)
     assert answers([careful, quick], 0.5)[0].sentence.startswith(
@@ -272,3 +272,14 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert words in page[: page.index('id="plot"')]
     assert json.loads((tmp_path / "out" / "cost.json").read_text())["answers"] == printed["answers"]
     assert main(["cost", scene, "--tolerance-px", "0"]) == 2
+
+
+def test_all_that_are_not_clearly_slower_take_every_turn() -> None:
+    """Who is told apart in one minute is compared in the next one too; who takes thrice as long is not."""
+    noisy, slow = [1.0, 1.0, 1.2, 1.0, 1.0], [1.4, 1.4, 1.5, 1.4, 1.4]
+    spreads = [Spread.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
+    assert spreads[0].told_below(spreads[2])
+    assert open_races(spreads[:2], spreads) == [True, True, True, False]
+    assert open_races(spreads[:1], spreads) == [False] * 4
+    steady = [Spread.of([1.0, 1.01, 1.0, 1.02, 1.01])] * 2
+    assert open_races(steady, steady) == [False, False]

@@ -89,7 +89,7 @@ def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_
 
 
 def test_pixels_wrong_in_both_say_nothing_and_those_of_one_alone_decide() -> None:
-    """Forty pixels more: where they are the only difference that is worse, and among a thousand it is noise."""
+    """Forty pixels more decide where no other pixel differs, and are noise where a thousand do."""
     worse, better = some(540), some(500)
     shuffled = GENERATOR.permutation(some(500).ravel()).reshape(FILM)
     assert len(equally_good([judged(1e-3, better), judged(2e-3, worse)])) == 1
