@@ -70,7 +70,8 @@ def open_races(tied: Sequence[Spread], spreads: Sequence[Spread]) -> list[bool]:
     """
     if len(tied) < 2 or all(map(settled, tied)):
         return [False] * len(spreads)
-    limit = CLEARLY_SLOWER * min(one.median for one in tied)
+    medians = [one.median for one in tied]
+    limit = max(CLEARLY_SLOWER * min(medians), *medians)
     return [one.median <= limit for one in spreads]
 
 
