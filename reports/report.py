@@ -79,8 +79,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     Parameters
     ----------
     out
-        Folder for the three files; `default_folder` where None. Nothing appears there before all
-        three are complete.
+        Folder for the files; `default_folder` where None. Nothing appears there before all are complete.
     nears
         Offsets in scene units, each between 0 and the reach; 25 logarithmic ones where None.
     apertures
@@ -109,8 +108,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         watch = Stopwatch()
         with watch.stage("light"):
             shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
-        if shading is not None:
-            measured = measured.with_stage("light", watch.seconds["light"])
+        measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
         content = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
