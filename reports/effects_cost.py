@@ -19,7 +19,8 @@ from xfrustum.scenes.scene import Scene
 
 ONCE = Sampling()
 PROCEDURE = (
-    "each image with and without the effect, in turn, after one of each that warms up; "
+    "each image with and without the effect, in turn, the first of a pair in alternation, "
+    "after one of each that warms up; "
     "medians, of the differences for costs; color only, one sample unless samples are what is measured; "
     "light transport from its time for 4 paths a pixel"
 )
