@@ -90,7 +90,7 @@ def _sentences(plan: EffectsPlan) -> Iterator[str]:
     yield f"light transport: {' and '.join(asked) or 'none'}; tracer: {plan.tracer}"
     if plan.left_out:
         parts = (
-            f"{name} {_duration(cost.without)}, with all effects {_time(cost)}{' more' if cost.resolved else ''}"
+            f"{name} {_duration(cost.without)}, all effects besides {_time(cost)}"
             for name, cost in plan.left_out.items()
         )
         yield f"one image: {'; '.join(parts)}"

@@ -30,7 +30,7 @@ DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D32F, DepthMapping.STANDARD),
     (DepthFormat.D32F, DepthMapping.REVERSED),
 )
-"""Cheapest first: of equally good settings at one near, the verdict names the first."""
+"""Cheapest first: of windows of the same nears, the first is recommended."""
 
 DEFAULT_NEAR_COUNT = 25
 _LARGEST_NEAR, _SMALLEST_NEAR = 1e-1, 1e-8
