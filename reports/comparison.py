@@ -33,12 +33,15 @@ class FileComparison:
         Its `surface` is None where the scene is not at hand to trace.
     reach
         The truth's longest reach, scene units.
+    heights
+        Both ends of the scale of height errors; see `images.height_range`.
     note
         Why the scene is not at hand; empty where it is.
     """
 
     comparison: Comparison
     reach: float
+    heights: tuple[float, float]
     note: str
 
 
@@ -62,9 +65,11 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
     raster_image = read_image(raster, true_image.camera)
     scene, note = _scene_again(true_image.camera, truth.parent)
     reference = None if scene is None else Reference(scene)
+    reach = max(true_image.camera.reach)
     return FileComparison(
         comparison=compare_images(true_image, raster_image, reference, perceptual=True),
-        reach=max(true_image.camera.reach),
+        reach=reach,
+        heights=images.height_range(scene, reach),
         note=note,
     )
 
@@ -107,7 +112,8 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
         (staging.folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
         (staging.folder / "displacement.png").write_bytes(images.displacement_map(maps.displacement))
         (staging.folder / "triangle.png").write_bytes(images.mask(maps.triangle, images.TRIANGLE_COLOR))
-        (staging.folder / "height.png").write_bytes(images.height_map(maps.height, compared.reach))
+        height = images.height_map(maps.height, compared.reach, compared.heights)
+        (staging.folder / "height.png").write_bytes(height)
         if maps.radiance is not None:
             (staging.folder / "radiance.png").write_bytes(images.radiance_map(maps.radiance))
         if maps.surface is not None:

@@ -14,7 +14,8 @@ from xfrustum.reports.cost_ways import Contestant, drawn, traced
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.tables import json_ready
 from xfrustum.reports.timing import Spread, Stopwatch
-from xfrustum.reports.trade_off import Answer, Option, answers, summary
+from xfrustum.reports.trade_off import Answer, Option, answers, summary, unsettled
+from xfrustum.reports.turns import take_turn, take_turns_until_settled
 from xfrustum.scenes.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
@@ -85,7 +86,8 @@ def measure_cost(
         Of the 99th percentile of displacement; a fifth of it is answered for too.
     repeat
         Measured pictures of each configuration, after one that warms up. All configurations take turns,
-        so that a slow minute is everybody's.
+        so that a slow minute is everybody's. Those that may be the fastest make more, until they are told
+        apart or that has taken as long again.
 
     Raises
     ------
@@ -95,6 +97,7 @@ def measure_cost(
     if not tolerance_px > 0 or repeat < 1:
         raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
     aperture = scene.plate.middle if aperture is None else aperture
+    asked = Asked(repeat=repeat, tolerance_px=tolerance_px)
     watch = Stopwatch()
     with ExitStack() as stack:
         with watch.stage("raster"):
@@ -110,7 +113,7 @@ def measure_cost(
             *drawn(scene, aperture, drawers),
             *traced(aperture, tracers),
         ]
-        options = _race(contestants, tracers["embree"], aperture, repeat, progress)
+        options = _race(contestants, tracers["embree"], aperture, asked, progress)
     opengl = {f"OpenGL {name}": value for name, value in device.items()}
     libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
     return CostReport(
@@ -125,37 +128,75 @@ def measure_cost(
 
 
 def _race(
-    contestants: list[Contestant], reference: Reference, aperture: Aperture, repeat: int, progress: bool
+    contestants: list[Contestant],
+    reference: Reference,
+    aperture: Aperture,
+    asked: Asked,
+    progress: bool,
 ) -> list[Option]:
-    """Let each make its picture in turn; the first is judged, and not timed."""
+    """Let each make its picture in turn; the first is judged, and not timed.
+
+    Those that may be the fastest within a tolerance go on in turns until they are told apart, for at
+    most as long again.
+    """
     truth = reference.trace(aperture)
+    timed = [Timed(one) for one in contestants]
     errors: list[tuple[float, float]] = []
-    taken: list[dict[str, list[float]]] = [{"time_s": [], "gpu_s": [], "read_s": []} for _ in contestants]
-    with progress_bar(len(contestants) * (1 + repeat), "cost", "picture", shown=progress) as bar:
+    with progress_bar(len(contestants) * (1 + asked.repeat), "cost", "picture", shown=progress) as bar:
         for one in contestants:
             judged = compare_images(truth, one.picture(), reference, radiance=False)
             moved, wrong = judged.displacement_px, judged.surface_wrong or 0
-            errors.append((moved.p99 if moved else 0.0, wrong / max(judged.judged, 1)))
+            p99 = moved.p99 if moved and one.renderer == "raster" else 0.0
+            errors.append((p99, wrong / max(judged.judged, 1)))
             bar.update()
-        for _ in range(repeat):
-            for one, times in zip(contestants, taken, strict=True):
-                watch = Stopwatch()
-                with watch.stage("picture"):
-                    one.picture()
-                times["time_s"].append(watch.seconds["picture"])
-                if one.rasterizer is not None:
-                    stages = one.rasterizer.times
-                    times["gpu_s"].append(stages["draw"].gpu_s)
-                    times["read_s"].append(stages["read"].wall_s)
-                bar.update()
-    return [
-        Option(
-            renderer=one.renderer,
-            label=one.label,
-            configuration=one.configuration,
-            displacement_p99_px=p99 if one.renderer == "raster" else 0.0,
-            surface_fraction=wrong,
-            **{name: Spread.of(values) for name, values in times.items() if values},
+        for _ in range(asked.repeat):
+            take_turn(timed, [one.time_s for one in timed])
+            bar.update(len(timed))
+    spent = sum(sum(one.time_s) for one in timed)
+
+    def options() -> list[Option]:
+        return [one.option(*error) for one, error in zip(timed, errors, strict=True)]
+
+    take_turns_until_settled(
+        timed, [one.time_s for one in timed], lambda _: unsettled(options(), asked.tolerance_px), spent
+    )
+    return options()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What decides how often pictures are made: turns that all take, and the tolerance that is asked for."""
+
+    repeat: int
+    tolerance_px: float
+
+
+class Timed:
+    """A contestant and the seconds of its pictures; calling it makes one picture."""
+
+    def __init__(self, contestant: Contestant) -> None:
+        self._contestant = contestant
+        self.time_s: list[float] = []
+        self._gpu_s: list[float] = []
+        self._read_s: list[float] = []
+
+    def __call__(self) -> None:
+        """Make a picture, and note what its stages took."""
+        self._contestant.picture()
+        if self._contestant.rasterizer is not None:
+            stages = self._contestant.rasterizer.times
+            self._gpu_s.append(stages["draw"].gpu_s)
+            self._read_s.append(stages["read"].wall_s)
+
+    def option(self, displacement_p99_px: float, surface_fraction: float) -> Option:
+        """Return the contestant with its error and what its pictures took."""
+        return Option(
+            renderer=self._contestant.renderer,
+            label=self._contestant.label,
+            configuration=self._contestant.configuration,
+            displacement_p99_px=displacement_p99_px,
+            surface_fraction=surface_fraction,
+            time_s=Spread.of(self.time_s),
+            gpu_s=Spread.of(self._gpu_s) if self._gpu_s else None,
+            read_s=Spread.of(self._read_s) if self._read_s else None,
         )
-        for one, (p99, wrong), times in zip(contestants, errors, taken, strict=True)
-    ]

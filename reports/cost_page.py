@@ -12,6 +12,7 @@ from plotly.offline import get_plotlyjs
 from xfrustum.reports import best
 from xfrustum.reports.cost import CostReport
 from xfrustum.reports.outputs import Staging
+from xfrustum.reports.timing import CONFIDENCE
 from xfrustum.reports.trade_off import pareto
 from xfrustum.reports.trade_off_figure import trade_off_figure
 
@@ -25,9 +26,10 @@ def table(measured: CostReport) -> str:
     front.sort(key=lambda one: one.time_s.median)
     lines = [f"{'ms':>8}  {'from':>7}  {'to':>7}  {'99 %, px':>9}  {'wrong':>9}  on the Pareto front"]
     lines += [
-        f"{1e3 * one.time_s.median:8.2f}  {1e3 * one.time_s.lowest:7.2f}  {1e3 * one.time_s.highest:7.2f}  "
+        f"{1e3 * one.time_s.median:8.2f}  {1e3 * low:7.2f}  {1e3 * high:7.2f}  "
         f"{one.displacement_p99_px:9.3g}  {one.surface_fraction:9.3g}  {one.label}"
         for one in front
+        for low, high in (one.time_s.interval,)
     ]
     return "\n".join([*(answer.sentence for answer in measured.answers), "", *lines])
 
@@ -58,6 +60,7 @@ def _page(measured: CostReport) -> str:
     )
     return environment.get_template("cost.html.j2").render(
         cost=measured,
+        confidence=CONFIDENCE,
         rows=rows,
         figure=Markup(figure.to_json().replace("<", "\\u003c")),
         plotly_js=Markup(get_plotlyjs()),

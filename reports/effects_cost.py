@@ -10,7 +10,7 @@ from typing import Any
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.transport import PathTracer
-from xfrustum.reports.timing import Stopwatch
+from xfrustum.reports.timing import FEWEST_DIFFERENCES, Stopwatch, median_interval
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.effects import Effect
 from xfrustum.scenes.plate import Aperture
@@ -19,7 +19,8 @@ from xfrustum.scenes.scene import Scene
 
 ONCE = Sampling()
 PROCEDURE = (
-    "each image with and without the effect, in turn, after one of each that warms up; "
+    "each image with and without the effect, in turn, the first of a pair in alternation, "
+    "after one of each that warms up; "
     "medians, of the differences for costs; color only, one sample unless samples are what is measured; "
     "light transport from its time for 4 paths a pixel"
 )
@@ -39,16 +40,25 @@ class Cost:
         Median of the differences between the image with it and the one without.
     spread
         Half the distance between the quartiles of the differences.
-    resolved
-        Whether all differences are positive: by noise alone that happens once in 2^repeat times.
+    interval
+        Ends of the interval that holds the true median difference; see `timing.median_interval`.
+    repetitions
+        How many differences there are.
     without
         Median time of the image without it.
     """
 
     seconds: float
     spread: float
-    resolved: bool
+    interval: tuple[float, float]
+    repetitions: int
     without: float
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the effect is told to take time, or to save it: the interval is on one side of zero."""
+        low, high = self.interval
+        return self.repetitions >= FEWEST_DIFFERENCES and (low > 0 or high < 0)
 
 
 def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
@@ -59,17 +69,26 @@ def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
     with_it, without_it
         Make the images.
     repeat
-        Measured pairs, after one that warms up.
+        Measured pairs, after one that warms up. Which image of a pair is the first alternates: the second
+        may find caches filled, or a processor slowed down.
     """
-    pairs = [(_seconds(with_it), _seconds(without_it)) for _ in range(repeat + 1)][1:]
+    pairs = [_pair(with_it, without_it, swapped=turn % 2 == 0) for turn in range(repeat + 1)][1:]
     differences = [one - other for one, other in pairs]
     quartiles = statistics.quantiles(differences, n=4) if repeat > 1 else differences * 3
     return Cost(
         seconds=statistics.median(differences),
         spread=(quartiles[2] - quartiles[0]) / 2,
-        resolved=min(differences) > 0,
+        interval=median_interval(differences),
+        repetitions=repeat,
         without=statistics.median(other for _, other in pairs),
     )
+
+
+def _pair(with_it: Image, without_it: Image, *, swapped: bool) -> tuple[float, float]:
+    if swapped:
+        other = _seconds(without_it)
+        return _seconds(with_it), other
+    return _seconds(with_it), _seconds(without_it)
 
 
 def _seconds(image: Image) -> float:
@@ -131,7 +150,14 @@ class Stopwatches:
         # Paths are independent of each other: the time is proportional to their number.
         share = transport.samples / MEASURED_PATHS
         bar.update(2)
-        return {"reference": replace(found, seconds=share * found.seconds, spread=share * found.spread)}
+        low, high = found.interval
+        longer = replace(
+            found,
+            seconds=share * found.seconds,
+            spread=share * found.spread,
+            interval=(share * low, share * high),
+        )
+        return {"reference": longer}
 
     def _raster(self, rasterizer: Rasterizer, sampling: Sampling) -> Image:
         return lambda: rasterizer.render(self.aperture, self.settings, normals=False, sampling=sampling)

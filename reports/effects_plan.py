@@ -7,6 +7,7 @@ from typing import Any
 
 from xfrustum.reports.effects_cost import Cost, Stopwatches
 from xfrustum.reports.progress import progress_bar
+from xfrustum.reports.timing import FEWEST_DIFFERENCES
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.effects import ALL_EFFECTS, Effect, decide
 from xfrustum.scenes.plate import Aperture
@@ -14,7 +15,8 @@ from xfrustum.scenes.sampling import Sampling, Transport
 from xfrustum.scenes.scene import Scene
 from xfrustum.scenes.slabs import Slab, slabs
 
-REPEAT = 5
+REPEAT = FEWEST_DIFFERENCES
+"""Measured pairs of images for each effect."""
 NEAR = 1e-3
 """Of the reach, where nothing else is asked for: the time does not depend on it."""
 

@@ -26,6 +26,7 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
                     "reason": row.reason,
                     "cost_s": _by_renderer(row.costs, "seconds"),
                     "spread_s": _by_renderer(row.costs, "spread"),
+                    "interval_s": _by_renderer(row.costs, "interval"),
                     "resolved": _by_renderer(row.costs, "resolved"),
                 }
                 for row in plan.rows
@@ -47,6 +48,7 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
             "tracer": plan.tracer,
             "image_s": _by_renderer(plan.left_out, "without"),
             "left_out_s": _by_renderer(plan.left_out, "seconds"),
+            "left_out_interval_s": _by_renderer(plan.left_out, "interval"),
             "repeat": plan.repeat,
             "procedure": PROCEDURE,
         }
@@ -88,23 +90,25 @@ def _sentences(plan: EffectsPlan) -> Iterator[str]:
     yield f"light transport: {' and '.join(asked) or 'none'}; tracer: {plan.tracer}"
     if plan.left_out:
         parts = (
-            f"{name} {_duration(cost.without)}, with all effects {_time(cost)} more"
+            f"{name} {_duration(cost.without)}, all effects besides {_time(cost)}"
             for name, cost in plan.left_out.items()
         )
         yield f"one image: {'; '.join(parts)}"
         yield f"measured here: {plan.repeat} times {PROCEDURE}"
+        yield "not told: the interval of the differences, in brackets, holds zero, or repetitions are too few"
 
 
-def _by_renderer(costs: dict[str, Cost], what: str) -> dict[str, float | bool | None]:
+def _by_renderer(costs: dict[str, Cost], what: str) -> dict[str, Any]:
     return {name: getattr(costs[name], what) if name in costs else None for name in RENDERERS}
 
 
 def _time(cost: Cost | None) -> str:
-    """Write a cost; of one that cannot be told from zero, only that it is below what was measured."""
+    """Write a cost; of one that cannot be told from nothing, the interval of its repetitions."""
     if cost is None:
         return "-"
     if not cost.resolved:
-        return f"< {_duration(max(abs(cost.seconds), cost.spread))}"
+        low, high = cost.interval
+        return f"not told ({_duration(low)} to {_duration(high)})"
     return _duration(cost.seconds)
 
 

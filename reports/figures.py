@@ -30,22 +30,34 @@ def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
 
 
 def stage_times(sweep: Sweep) -> go.Figure:
-    """Return a bar per stage, wall seconds of the whole sweep."""
+    """Return a bar per stage: wall seconds that add up to those of everything, parts drawn as parts."""
     stages = list(sweep.times_s)
-    seconds = [sweep.times_s[stage] for stage in stages]
-    bars = go.Bar(
-        x=seconds,
-        y=stages,
-        orientation="h",
-        marker={"color": COLORS[1]},
-        text=[f"{value:.2f} s" for value in seconds],
-        textposition="auto",
-        hovertemplate="%{y}: %{x:.3f} s<extra></extra>",
-    )
-    figure = go.Figure(bars)
+    parts = {stage: sum(sweep.parts_s.get(stage, {}).values()) for stage in stages}
+    figure = go.Figure()
+    names = {stage: f"{stage}, of it {' and '.join(part)}" for stage, part in sweep.parts_s.items()}
+    for seconds, label, color in (
+        ([parts[stage] for stage in stages], "part", COLORS[2]),
+        ([sweep.times_s[stage] - parts[stage] for stage in stages], "stage", COLORS[1]),
+    ):
+        whole = label == "stage"
+        figure.add_bar(
+            x=seconds,
+            y=stages,
+            orientation="h",
+            marker={"color": color},
+            text=[f"{sweep.times_s[stage]:.2f} s" if whole else "" for stage in stages],
+            textposition="outside" if whole else "none",
+            cliponaxis=False,
+            customdata=[sweep.times_s[stage] if whole else parts[stage] for stage in stages],
+            hovertext=stages if whole else [names.get(stage, stage) for stage in stages],
+            hovertemplate="%{hovertext}: %{customdata:.3f} s<extra></extra>",
+            showlegend=False,
+        )
     style(figure)
-    figure.update_layout(height=70 + 34 * len(stages), margin={"l": 90, "r": 20, "t": 10, "b": 50})
-    figure.update_xaxes(title_text="wall seconds", rangemode="tozero")
+    figure.update_layout(
+        barmode="stack", height=70 + 34 * len(stages), margin={"l": 90, "r": 70, "t": 10, "b": 50}
+    )
+    figure.update_xaxes(title_text=f"wall seconds, {sweep.wall_s:.2f} in all", rangemode="tozero")
     figure.update_yaxes(autorange="reversed", showgrid=False)
     return figure
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -14,17 +15,18 @@ from skimage.measure import block_reduce
 
 from xfrustum.compare.displacement import lengths
 from xfrustum.compare.display import LEVELS, encoded
+from xfrustum.compare.rounding import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
 from xfrustum.reports.measurement import SettingPictures
 from xfrustum.scenes.hogel_image import HogelImage
 
 if TYPE_CHECKING:
     from xfrustum.compare import ErrorMaps
+    from xfrustum.scenes.scene import Scene
 
 DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
 """Ends of the logarithmic scale; the lower one is what 32-bit positions can measure."""
-HEIGHT_RANGE = (1e-7, 1e-2)
-"""Ends of the logarithmic scale on both sides of zero, in fractions of the longest reach; the lower
-one is the rounding of a 32-bit position."""
+LARGEST_HEIGHT_ERROR = 1e-2
+"""Upper end of the logarithmic scale on both sides of zero, as a fraction of the longest reach."""
 RADIANCE_RANGE = (1e-4, 1.0)
 """Ends of the logarithmic scale, linear radiance; the lower one is a fortieth of an 8-bit step."""
 SURFACE_COLOR = "rgb(224, 49, 49)"
@@ -40,7 +42,35 @@ _DROPPED_BITS = 2
 _KEPT_BITS = 0xFF << _DROPPED_BITS & 0xFF
 
 
-def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction: int = 1) -> SettingPictures:
+def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
+    """Return both ends of the scale of height errors, as fractions of the longest reach.
+
+    Smaller errors than the lower end are white. It is the error that rounding alone may make of a 32-bit
+    surface point (`compare.rounding`) as far away as the reach, or as the scene's largest coordinate if that
+    is larger, rounded up to 1, 2 or 5 of its power of ten.
+
+    Parameters
+    ----------
+    scene
+        None where it is not at hand.
+    reach
+        Longest reach, scene units.
+    """
+    rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
+    if scene is not None:
+        rounding = max(rounding, largest_tolerance(scene) / reach)
+    # A far vertex may make a scale of less than a decade; its upper end stays.
+    return min(_rounded_up(rounding), LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
+
+
+def _rounded_up(value: float) -> float:
+    power = math.floor(math.log10(value))
+    return next(float(f"{digit}e{power}") for digit in (1, 2, 5, 10) if float(f"{digit}e{power}") >= value)
+
+
+def setting_pictures(
+    drawn: HogelImage, maps: ErrorMaps, reach: float, heights: tuple[float, float], reduction: int = 1
+) -> SettingPictures:
     """Encode the raster image and its error maps.
 
     Parameters
@@ -49,6 +79,8 @@ def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction
         The raster image and what the comparison found, (H, W).
     reach
         Longest reach, scene units; the unit of the height scale.
+    heights
+        Both ends of that scale; see `height_range`.
     reduction
         Image pixels per picture pixel, along each side; errors keep the worst of a block.
     """
@@ -58,7 +90,7 @@ def setting_pictures(drawn: HogelImage, maps: ErrorMaps, reach: float, reduction
         displacement=displacement_map(maps.displacement, reduction),
         surface=mask(surface, SURFACE_COLOR, reduction),
         triangle=mask(maps.triangle, TRIANGLE_COLOR, reduction),
-        height=height_map(maps.height, reach, reduction),
+        height=height_map(maps.height, reach, heights, reduction),
         radiance=None if maps.radiance is None else radiance_map(maps.radiance, reduction),
     )
 
@@ -103,12 +135,15 @@ def displacement_map(displacement: NDArray[np.float64], reduction: int = 1) -> b
     return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
 
 
-def height_map(height: NDArray[np.floating], reach: float, reduction: int = 1) -> bytes:
+def height_map(
+    height: NDArray[np.floating], reach: float, heights: tuple[float, float], reduction: int = 1
+) -> bytes:
     """Encode the signed (H, W) height error as PNG, transparent where undefined.
 
-    Red is nearer to the viewer than the truth, blue farther; logarithmic over `HEIGHT_RANGE`.
+    Red is nearer to the viewer than the truth, blue farther; logarithmic between the ends of a
+    `height_range`, in fractions of the reach.
     """
-    low, high = np.log10(HEIGHT_RANGE)
+    low, high = np.log10(heights)
     known = np.isfinite(height)
     error = height[known]
     level = (_log10(np.abs(error) / reach) - low) / (high - low) * _HEIGHT_STEPS

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from xfrustum.compare.paired import PixelSet
+from xfrustum.reports.timing import Spread
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from xfrustum.compare.predict import Prediction
+
+
+MAX_WRONG = 1e-2
+"""Share of pixels with a wrong surface beyond which a picture is not within any tolerance. Displacement is
+judged by its 99th percentile, which leaves one pixel in a hundred out; as many may show another surface."""
+
+TOLERANCE_PX = 0.5
+"""Displacement, 99th percentile, that is asked for unless another is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +40,12 @@ class Measurement:
         The same by closed forms, from the scene's geometry alone.
     times_s
         Wall seconds per stage. The truth's time is the aperture's, the same in all its rows; `raster` is
-        a frame with read-back, and `gpu` that part of it in which the device drew.
+        a frame with read-back. Of `compare` and `predict`, done side by side, each row has its share.
+    parts_s
+        By stage: seconds of which parts of it took how long; `gpu` is the device's own time in a frame.
+    wrong
+        By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that is off
+        by more than 1/255; empty where they were not kept.
     """
 
     aperture: Aperture
@@ -39,6 +54,24 @@ class Measurement:
     certainty: Mapping[str, int]
     predicted: Prediction
     times_s: Mapping[str, float]
+    parts_s: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    wrong: Mapping[str, PixelSet] = field(default_factory=dict, repr=False)
+
+    def wrong_share(self, kind: str) -> float:
+        """Return the share of judged pixels that are wrong in one sense, `surface` or `radiance`."""
+        if kind == "surface":
+            return self.surface_fraction
+        radiance = self.comparison.get("radiance")
+        return float(radiance["above_step"]) if radiance else 0.0
+
+    def wrong_count(self, kind: str) -> int:
+        """Return the number of those pixels."""
+        pixels = self.wrong_pixels(kind)
+        return round(self.wrong_share(kind) * self.comparison["judged"]) if pixels is None else pixels.count
+
+    def wrong_pixels(self, kind: str) -> PixelSet | None:
+        """Return those pixels; None where they were not kept."""
+        return self.wrong.get(kind)
 
     @property
     def surface_fraction(self) -> float:
@@ -96,10 +129,15 @@ class Sweep:
     versions, devices
         What produced the numbers.
     times_s
-        Seconds per stage, of the whole sweep; `pictures` are those of the page. Settings are judged side by
-        side, and `gpu` is a part of `raster`: together they are more than `wall_s`.
+        Wall seconds per stage, which add up to `wall_s`; `pictures` are those of the page, `repeat` are
+        frames drawn again to be timed, `light` is what a shaded scene is measured for besides, and `other`
+        is the rest.
+    parts_s
+        By stage: seconds of which parts of it took how long.
     wall_s
-        What the sweep took.
+        What everything took.
+    frames_s
+        By setting: repeated frames with read-back at the first aperture, where they were timed.
     """
 
     scene: Scene
@@ -111,22 +149,31 @@ class Sweep:
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     times_s: Mapping[str, float]
+    parts_s: Mapping[str, Mapping[str, float]]
     wall_s: float
+    frames_s: Mapping[DoubleFrustum, Spread]
+
+    def with_stage(self, name: str, seconds: float) -> Sweep:
+        """Return the same with one more stage, done after all others."""
+        return replace(self, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
 
     @property
     def cost(self) -> dict[str, float]:
-        """What the sweep took beside what it cannot do without: its frames with read-back, its truths.
+        """What measuring took beside what it cannot do without: its frames with read-back, its truths.
 
-        Pictures belong to the page, and have a price of their own.
+        Pictures belong to the page, repeated frames to the ranking by time, and light has a section of its
+        own: each has a price of its own.
         """
         needed = self.times_s["raster"] + self.times_s["trace"]
-        measuring = self.wall_s - self.times_s["pictures"]
+        apart = sum(self.times_s.get(stage, 0.0) for stage in ("pictures", "repeat", "light"))
+        measuring = self.wall_s - apart
         return {
             "wall_s": measuring,
             "frames_s": self.times_s["raster"],
             "truths_s": self.times_s["trace"],
             "pictures_s": self.times_s["pictures"],
             "ratio": measuring / needed,
+            "total_s": self.wall_s,
         }
 
     @property
@@ -135,8 +182,12 @@ class Sweep:
         cost = self.cost
         frames = "a raster frame" if len(self.rows) == 1 else f"{len(self.rows)} raster frames"
         truths = "the certified truth" if len(self.truths) == 1 else f"{len(self.truths)} certified truths"
+        besides = [f"the page's pictures {cost['pictures_s']:.2f} s"]
+        for stage, words in (("repeat", "frames drawn again for their time"), ("light", "light")):
+            if stage in self.times_s:
+                besides.append(f"{words} {self.times_s[stage]:.2f} s")
         return (
-            f"Measured in {cost['wall_s']:.2f} s: {cost['ratio']:.2f} times what {frames} with read-back "
-            f"({cost['frames_s']:.2f} s) and {truths} ({cost['truths_s']:.2f} s) take. "
-            f"Encoding the page's pictures: {cost['pictures_s']:.2f} s."
+            f"Measured in {cost['wall_s']:.2f} s of wall time: {cost['ratio']:.2f} times what {frames} "
+            f"with read-back ({cost['frames_s']:.2f} s) and {truths} ({cost['truths_s']:.2f} s) take. "
+            f"Besides: {', '.join(besides)}; {cost['total_s']:.2f} s in all."
         )

@@ -13,10 +13,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from xfrustum.compare.paired import CONFIDENCE
 from xfrustum.reports import best, figures, images, shading_page, trade_off
-from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.measurement import TOLERANCE_PX, Measurement, SettingPictures, Sweep
 from xfrustum.reports.shading import ShadingReport
-from xfrustum.reports.tables import json_ready, report_object
+from xfrustum.reports.sweep_bench import REPEAT_BUDGET_S
+from xfrustum.reports.tables import json_ready, recommended_command, report_object
 from xfrustum.reports.trade_off_figure import trade_off_figure
 from xfrustum.scenes.hogel_image import Certainty
 
@@ -41,6 +43,8 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
     )
     environment.filters.update(percent=best.percent, pixels=best.pixels, digits=best.digits)
     reach = sweep.scene.frustum.longest_reach
+    options = trade_off.options_of(sweep)
+    recommended = trade_off.recommended_of(sweep, options)
     return environment.get_template("report.html.j2").render(
         scene=sweep.scene,
         frustum=_frustum_words(sweep),
@@ -48,6 +52,11 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         sentence=best.sentence(sweep.rows, sweep.scene.units, reach),
         can_be_judged=best.can_be_judged(sweep.rows),
         verdict=best.best_setting(sweep.rows),
+        command=recommended_command(sweep),
+        near_range=best.near_range,
+        unseen_px=best.UNSEEN_DISPLACEMENT_PX,
+        confidence=CONFIDENCE,
+        repeat_budget_s=REPEAT_BUDGET_S,
         per_depth=best.best_per_depth(sweep.rows),
         apertures=sweep.apertures,
         settings_count=len({row.settings for row in sweep.rows}),
@@ -59,11 +68,12 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         displacement_colors=images.displacement_scale(),
         displacement_range=images.DISPLACEMENT_RANGE_PX,
         height_colors=images.height_scale(),
-        height_range=images.HEIGHT_RANGE,
+        height_range=images.height_range(sweep.scene, reach),
         surface_color=images.SURFACE_COLOR,
         triangle_color=images.TRIANGLE_COLOR,
         shading=shading_page.context(shading),
-        trade_off=trade_off.answers(trade_off.options_of(sweep)),
+        trade_off=trade_off.answers(options, recommended=recommended),
+        total_s=sweep.wall_s,
         data=_script_json(_page_data(sweep, shading)),
         plotly_js=Markup(get_plotlyjs()),
     )
@@ -94,7 +104,7 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
         ],
         "eye": shading_page.eye_figure(shading),
         "times": json.loads(figures.stage_times(sweep).to_json()),
-        "cost": json.loads(trade_off_figure(trade_off.options_of(sweep), trade_off.TOLERANCE_PX).to_json()),
+        "cost": json.loads(trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX).to_json()),
     }
 
 
@@ -108,6 +118,7 @@ def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) 
         "predicted_surface": row.predicted.surface_fraction,
         "ratio": row.measured_over_predicted,
         "times_s": row.times_s,
+        "parts_s": row.parts_s,
         "pictures": {
             f.name: _keep(encoded, pictures)
             for f in fields(own)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
 import textwrap
 from collections.abc import Sequence
-from itertools import chain
 
 from scipy.stats import qmc
 
@@ -14,6 +12,8 @@ from xfrustum.compare.plan_search import DepthBuffer
 from xfrustum.compare.plan_views import Requirement
 from xfrustum.compare.predict_depth import MISORDERED
 from xfrustum.reports.progress import progress_bar
+from xfrustum.reports.raster_command import raster_command
+from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate import Aperture, Plate
 from xfrustum.scenes.scene import Scene
 
@@ -99,11 +99,6 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
     """Return the command that draws the first of some apertures as planned."""
-    assert made.near is not None
-    words = ["xfrustum", "raster", scene.source or scene.name]
-    if apertures[0] != scene.plate.middle:
-        words += ["--aperture", f"{apertures[0].column},{apertures[0].row}"]
-    words += ["--near", f"{made.near:g}", "--depth", str(made.depth), "--mapping", str(made.mapping)]
-    if made.slabs:
-        words += ["--slabs", ",".join(f"{height:g}" for height in made.slabs)]
-    return shlex.join(chain(words, ["--out", "raster.exr"]))
+    assert made.near is not None and made.depth is not None and made.mapping is not None
+    settings = DoubleFrustum(near=made.near, depth=made.depth, mapping=made.mapping, slabs=made.slabs)
+    return raster_command(scene, apertures[0], settings)

@@ -16,7 +16,8 @@ from xfrustum.reports.page import render_page
 from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.shading_measure import measure_shading
 from xfrustum.reports.sweep import DEFAULT_DEPTHS, DepthBuffer, default_nears, settings_grid, sweep
-from xfrustum.reports.tables import json_ready, report_object, write_parquet
+from xfrustum.reports.tables import json_ready, recommended_command, report_object, write_parquet
+from xfrustum.reports.timing import Stopwatch
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
@@ -41,6 +42,8 @@ class ReportFiles:
         Further sentences: of a shaded scene, the time that effects take, and what is left out.
     cost
         What the sweep took, in words.
+    command
+        The command that draws as is recommended.
     """
 
     html: Path
@@ -51,6 +54,7 @@ class ReportFiles:
     content: dict[str, Any]
     notes: tuple[str, ...]
     cost: str
+    command: str
 
 
 def default_folder(scene: Scene) -> Path:
@@ -75,8 +79,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     Parameters
     ----------
     out
-        Folder for the three files; `default_folder` where None. Nothing appears there before all
-        three are complete.
+        Folder for the files; `default_folder` where None. Nothing appears there before all are complete.
     nears
         Offsets in scene units, each between 0 and the reach; 25 logarithmic ones where None.
     apertures
@@ -102,7 +105,10 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     names = ("index.html", "report.json", "measurements.parquet")
     with Staging(default_folder(scene) if out is None else out, names) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
-        shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
+        watch = Stopwatch()
+        with watch.stage("light"):
+            shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
+        measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
         content = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
@@ -114,6 +120,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         content=content,
         notes=tuple(shading.sentences()) if shading else (),
         cost=measured.cost_sentence,
+        command=recommended_command(measured),
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from xfrustum.reports.best import digits, percent
 from xfrustum.reports.effects_cost import Cost
+from xfrustum.reports.timing import CONFIDENCE, FEWEST_DIFFERENCES
 from xfrustum.scenes.effects import Decision
 from xfrustum.scenes.light import DEFAULT_LIGHT
 from xfrustum.scenes.plate import Aperture
@@ -92,6 +93,7 @@ class ShadingReport:
             "effects": self.names,
             "decisions": self.decisions,
             "saved_s": {name: cost.seconds for name, cost in self.saved.items()},
+            "saved_interval_s": {name: cost.interval for name, cost in self.saved.items()},
             "image_s": {name: cost.without for name, cost in self.saved.items()},
             "same_bits": self.same_bits,
             "sampling": self.scene.sampling,
@@ -128,13 +130,24 @@ def is_shaded(scene: Scene) -> bool:
 
 
 def _more(cost: Cost) -> str:
-    """Say what a cost is; one within its own spread cannot be told from nothing."""
-    if abs(cost.seconds) <= cost.spread:
-        return f"take as long, within {milliseconds(cost.spread)}"
+    """Say what all effects cost more; where repetitions do not tell it from nothing, that."""
+    low, high = (f"{digits(1e3 * end)}" for end in cost.interval)
+    if not cost.resolved:
+        return (
+            f"could not be told apart from that in {cost.repetitions} repetitions "
+            f"(the difference lies between {low} and {high} ms, {_confidence(cost)})"
+        )
     more = "more" if cost.seconds > 0 else "less"
-    return f"take {milliseconds(abs(cost.seconds))} {more} ({percent(abs(cost.seconds) / cost.without)})"
+    part = percent(abs(cost.seconds) / cost.without)
+    between = f"the difference lies between {low} and {high} ms, {_confidence(cost)}"
+    return f"take {milliseconds(abs(cost.seconds))} {more} ({part}; {between})"
+
+
+def _confidence(cost: Cost) -> str:
+    known = cost.repetitions >= FEWEST_DIFFERENCES
+    return f"with {percent(CONFIDENCE)} confidence" if known else "with too few repetitions"
 
 
 def milliseconds(seconds: float) -> str:
-    """Write a time."""
-    return f"{digits(1e3 * seconds)} ms"
+    """Write a time, from one second on in seconds."""
+    return f"{digits(seconds)} s" if seconds >= 1 else f"{digits(1e3 * seconds)} ms"

@@ -18,13 +18,14 @@ from xfrustum.reports import images
 from xfrustum.reports.effects_cost import Stopwatches
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.shading import EyeError, MissedLight, ShadingReport, is_shaded
+from xfrustum.reports.timing import FEWEST_DIFFERENCES
 from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.effects import ALL_EFFECTS, Effect, chosen, decide, needed
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.sampling import Sampling
 from xfrustum.scenes.scene import Scene
 
-REPEAT = 5
+REPEAT = FEWEST_DIFFERENCES
 """Measured pairs of images for a time."""
 
 

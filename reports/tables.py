@@ -14,9 +14,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from xfrustum.compare.paired import CONFIDENCE
 from xfrustum.reports import trade_off
 from xfrustum.reports.best import Verdict, best_per_depth, best_setting, sentence
 from xfrustum.reports.measurement import Measurement, Sweep
+from xfrustum.reports.raster_command import raster_command
 from xfrustum.scenes.scene import Scene
 
 # What `compare --json` may set to null as a whole still fills its columns.
@@ -47,20 +49,24 @@ def json_ready(value: Any) -> Any:
 def report_object(sweep: Sweep) -> dict[str, Any]:
     """Return the content of report.json: one object without NaN or infinity."""
     reach = sweep.scene.frustum.longest_reach
+    options = trade_off.options_of(sweep)
     report = {
         "scene": _scene_object(sweep.scene),
         "apertures": sweep.apertures,
         "best": {
             "sentence": sentence(sweep.rows, sweep.scene.units, reach),
             **_verdict_object(best_setting(sweep.rows), reach),
+            "command": recommended_command(sweep),
+            "confidence": CONFIDENCE,
         },
         "best_per_depth": [_verdict_object(verdict, reach) for verdict in best_per_depth(sweep.rows)],
         "rows": [_row_object(row, reach) for row in sweep.rows],
         "versions": sweep.versions,
         "devices": sweep.devices,
         "times_s": sweep.times_s,
+        "parts_s": sweep.parts_s,
         "cost": sweep.cost,
-        "trade_off": trade_off.summary(trade_off.options_of(sweep)),
+        "trade_off": trade_off.summary(options, recommended=trade_off.recommended_of(sweep, options)),
     }
     ready: dict[str, Any] = json_ready(report)
     return ready
@@ -101,6 +107,11 @@ def _flat_row(row: Measurement, reach: float) -> dict[str, Any]:
     for key, value in _predicted_object(row).items():
         flat |= _flatten(key, json_ready(value), _GROUPS.get(key.removeprefix("predicted_"), ()))
     flat |= {f"time_{_column(name)}_s": seconds for name, seconds in row.times_s.items()}
+    flat |= {
+        f"time_{_column(stage)}_{_column(part)}_s": seconds
+        for stage, parts in row.parts_s.items()
+        for part, seconds in parts.items()
+    }
     ready: dict[str, Any] = json_ready(flat)
     return ready
 
@@ -123,6 +134,7 @@ def _row_object(row: Measurement, reach: float) -> dict[str, Any]:
         "comparison": row.comparison,
         **_predicted_object(row),
         "times_s": row.times_s,
+        "parts_s": row.parts_s,
     }
 
 
@@ -147,7 +159,14 @@ def _verdict_object(verdict: Verdict, reach: float) -> dict[str, Any]:
         "near_per_reach": verdict.settings.near / reach,
         "surface_fraction": verdict.surface_fraction,
         "displacement_p99_px": verdict.displacement_p99_px,
+        "radiance_fraction": verdict.radiance_fraction,
+        "window": verdict.window,
     }
+
+
+def recommended_command(sweep: Sweep) -> str:
+    """Return the command that draws as a sweep recommends."""
+    return raster_command(sweep.scene, sweep.scene.plate.middle, best_setting(sweep.rows).settings)
 
 
 def _scene_object(scene: Scene) -> dict[str, Any]:

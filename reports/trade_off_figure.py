@@ -9,7 +9,8 @@ import plotly.graph_objects as go
 
 from xfrustum.reports.best import percent
 from xfrustum.reports.figure_style import INK, error_bars, look, style
-from xfrustum.reports.trade_off import MAX_WRONG, Option, pareto
+from xfrustum.reports.measurement import MAX_WRONG
+from xfrustum.reports.trade_off import Option, pareto
 
 LEAST_PX = 1e-4
 """Smaller displacements are drawn here: 32-bit positions cannot tell them, and a logarithm has no zero."""
@@ -23,8 +24,8 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
     """
     front = pareto(options)
     figure = go.Figure()
-    for place, family in enumerate(dict.fromkeys(_family(option) for option in options)):
-        mine = [(one, best) for one, best in zip(options, front, strict=True) if _family(one) == family]
+    for place, family in enumerate(dict.fromkeys(option.family for option in options)):
+        mine = [(one, best) for one, best in zip(options, front, strict=True) if one.family == family]
         color, symbol = look(place)
         figure.add_scatter(
             x=[1000 * one.time_s.median for one, _ in mine],
@@ -91,10 +92,6 @@ def _lay_out(figure: go.Figure) -> None:
         exponentformat="power",
         dtick=1,
     )
-
-
-def _family(option: Option) -> str:
-    return str(option.configuration.get("family", option.configuration.get("depth", option.label)))
 
 
 def _planar_front(options: Sequence[Option]) -> list[bool]:

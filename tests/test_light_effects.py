@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,8 @@ from hypothesis import strategies as st
 from xfrustum.cli import main
 from xfrustum.reports.effects_cost import cost
 from xfrustum.reports.effects_plan import explain
-from xfrustum.reports.effects_table import summary, table
+from xfrustum.reports.effects_table import _time, summary, table
+from xfrustum.reports.shading import _more
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance import Appearance
 from xfrustum.scenes.effects import ALL_EFFECTS, Effect, chosen, decide, needed
@@ -201,18 +203,47 @@ def test_costs_are_measured_for_every_effect_where_it_has_one() -> None:
 
 
 def test_a_cost_is_the_median_difference_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first pair warms up; one slow pair out of three does not matter."""
-    times = iter([90.0, 80.0, 5.0, 3.0, 50.0, 3.0, 7.0, 4.0])
-    monkeypatch.setattr("xfrustum.reports.effects_cost._seconds", lambda image: next(times))
-    found = cost(lambda: None, lambda: None, 3)
+    """The first pair warms up, and images of a pair swap places; one slow image does not matter."""
+    times = {"with": iter([90.0, 5.0, 50.0, 7.0, 6.0, 6.0, 6.0]), "without": iter([80.0, 3, 3, 4, 3, 3, 3])}
+    order: list[str] = []
+
+    def seconds(image: Callable[[], str]) -> float:
+        order.append(image())
+        return next(times[image()])
+
+    monkeypatch.setattr("xfrustum.reports.effects_cost._seconds", seconds)
+    found = cost(lambda: "with", lambda: "without", 6)
     assert (found.seconds, found.without) == (3.0, 3.0)
+    assert found.interval == (2.0, 47.0)
     assert found.resolved
+    firsts = order[::2]
+    assert firsts == ["without", "with"] * 3 + ["without"]
 
 
 def test_a_cost_within_the_noise_is_not_told_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
-    times = iter([0.0, 0.0, 4.0, 3.0, 5.0, 6.0, 7.0, 4.0])
-    monkeypatch.setattr("xfrustum.reports.effects_cost._seconds", lambda image: next(times))
-    assert not cost(lambda: None, lambda: None, 3).resolved
+    """205 ms with or without it, and a difference that repetitions put between -6 and 64 ms."""
+    differences = iter([0.0, 0.064, -0.006, 0.03, 0.02, -0.001, 0.01])
+    monkeypatch.setattr(
+        "xfrustum.reports.effects_cost._pair", lambda *_, **__: (0.205 + next(differences), 0.205)
+    )
+    found = cost(lambda: None, lambda: None, 6)
+    assert not found.resolved
+    said = _more(found)
+    assert "could not be told apart from that in 6 repetitions" in said
+    assert "between -6 and 64 ms" in said and "as long" not in said
+    assert _time(found) == "not told (-6 ms to 64 ms)"
+
+
+def test_a_cost_that_is_told_has_an_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    differences = iter([0.0, 0.030, 0.032, 0.031, 0.029, 0.035, 0.030])
+    monkeypatch.setattr(
+        "xfrustum.reports.effects_cost._pair", lambda *_, **__: (0.1 + next(differences), 0.1)
+    )
+    found = cost(lambda: None, lambda: None, 6)
+    assert found.resolved
+    assert _more(found) == (
+        "take 30.5 ms more (30 %; the difference lies between 29 and 35 ms, with 95 % confidence)"
+    )
 
 
 def test_explain_on_the_command_line_prints_one_json_object(capsys: pytest.CaptureFixture[str]) -> None:

@@ -78,7 +78,10 @@ def test_effects_are_explained_and_what_all_of_them_would_cost_is_measured(files
     assert shading["same_bits"] is True
     assert set(shading["saved_s"]) == set(shading["image_s"]) == {"raster", "reference"}
     assert all(seconds > 0 for seconds in shading["image_s"].values())
-    assert any("all effects take" in note for note in files.notes)
+    assert set(shading["saved_interval_s"]) == set(shading["saved_s"])
+    for name, (low, high) in shading["saved_interval_s"].items():
+        assert low <= shading["saved_s"][name] <= high
+    assert any("all effects take" in note or "all effects could not be told" in note for note in files.notes)
 
 
 def test_the_bent_eye_vector_is_predicted_and_measured_at_every_near(files: ReportFiles) -> None:
@@ -147,3 +150,17 @@ def test_a_matte_scene_has_no_curve_of_the_eye_vector(tmp_path: Path) -> None:
     assert shading["seconds_per_aperture_sample"] == {}
     assert 'id="plot-eye"' not in files.html.read_text()
     assert np.isfinite(files.content["rows"][0]["comparison"]["radiance"]["rms"])
+
+
+def test_light_is_a_stage_of_its_own_and_all_stages_add_up(files: ReportFiles) -> None:
+    times, cost = files.content["times_s"], files.content["cost"]
+    assert times["light"] > 0
+    assert sum(times.values()) == pytest.approx(cost["total_s"], rel=1e-9)
+    assert cost["wall_s"] <= cost["total_s"] - times["light"]
+
+
+def test_colors_are_part_of_what_is_recommended(files: ReportFiles) -> None:
+    best, html = files.content["best"], files.html.read_text()
+    row = next(row for row in files.content["rows"] if row["settings"]["near"] == best["near"])
+    assert best["radiance_fraction"] == row["comparison"]["radiance"]["above_step"]
+    assert "off in color by more than a level of 255" in files.sentence and "<dt>wrong color</dt>" in html

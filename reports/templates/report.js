@@ -53,7 +53,8 @@ function numbers(row) {
   const c = row.comparison, d = c.displacement_px, p = row.predicted.displacement_px;
   const share = (part) => (part === null ? "–" : `${part.wrong.toLocaleString()} (${short(100 * part.fraction)} %)`);
   const spread = (s) => ["rms", "p50", "p95", "p99", "max"].map((key) => `<td class="n">${short(s && s[key])}</td>`).join("");
-  const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms`).join(", ");
+  const parts = (stage) => Object.entries(row.parts_s[stage] || {}).map(([part, s]) => ` (of it ${part} ${short(1000 * s)})`).join("");
+  const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms${parts(stage)}`).join(", ");
   return `<thead><tr><th></th><th class="n">rms</th><th class="n">median</th><th class="n">95 %</th><th class="n">99 %</th><th class="n">max</th></tr></thead>
     <tr><td>displacement measured, px</td>${spread(d)}</tr>
     <tr><td>displacement predicted, px</td>${spread(p)}</tr>

@@ -103,7 +103,7 @@ def report(
             {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
         )
     else:
-        click.echo("\n".join((files.sentence, *files.notes, files.cost, str(files.html))))
+        click.echo("\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))))
 
 
 @cli.command()

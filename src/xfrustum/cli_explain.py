@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option(
     "--repeat",
     type=click.IntRange(0),
-    default=5,
+    default=6,
     show_default=True,
     help="Measured pairs of images; 0: none.",
 )
