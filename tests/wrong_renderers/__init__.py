@@ -1,4 +1,4 @@
-"""Twenty wrong renderers and a right one, written from CONVENTIONS.md alone: none of our code is in any of them.
+"""Wrong renderers and a right one, written from CONVENTIONS.md alone: none of our code is in them.
 
 | module | what it is |
 | --- | --- |

@@ -1,4 +1,4 @@
-"""Print the table of all renderers, or of some: `python -m tests.wrong_renderers --scene attic --encoding rgb`."""
+"""Print the table of all renderers, or of some: `python -m tests.wrong_renderers --scene attic`."""
 
 from __future__ import annotations
 

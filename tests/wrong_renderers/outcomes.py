@@ -73,11 +73,11 @@ class Outcome:
 
     @property
     def explained(self) -> float | None:
-        """Share of the wrong pixels that correction takes away, from the counts; None where nothing is wrong."""
+        """Share of the wrong pixels that correction takes away, by counts; None where nothing is wrong."""
         return 1 - self.residual / self.wrong if self.wrong else None
 
     def named(self, names: Iterable[str]) -> bool:
-        """Whether one of the names was given, or one that refines it, as `scene-offset-x` does `scene-offset`."""
+        """Whether one of the names was given, or one that refines it: `pitch-x` refines `pitch`."""
         return any(said == name or said.startswith(f"{name}-") for said in self.names for name in names)
 
 
@@ -164,13 +164,16 @@ def cases(scenes: Sequence[str] = tuple(SCENES), toys: Sequence[Toy] = tuple(TOY
 
 
 HEADER = (
-    "| scene | renderer | encoding | truly wrong | verdict | found (share explained by its own word) | taken away | "
-    "alternatives | said not to explain |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    "| scene | renderer | encoding | truly wrong | verdict | found (share explained, as said) | taken away "
+    "| alternatives | said not to explain |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
 )
 
 
 def row(outcome: Outcome) -> str:
-    """A line of the table; `truly wrong` is our own count in the worst hogel, `taken away` what correction leaves out."""
+    """A line of the table.
+
+    `truly wrong` is our own count in the worst hogel, `taken away` the share that correction mends.
+    """
     case = outcome.case
     found = ", ".join(
         f.name + (f" ({100 * f.explains:.0f} %)" if f.explains is not None else "") for f in outcome.findings

@@ -1,4 +1,4 @@
-"""The right renderer, from CONVENTIONS.md: each pixel's whole line against every triangle, the first from the viewer wins.
+"""The right renderer, from CONVENTIONS.md: each whole line against every triangle; the viewer's first wins.
 
 What the toys get wrong is a setting here where it concerns geometry; by default everything is right.
 """
@@ -42,11 +42,11 @@ class Mistakes:
     near: float = 0.0
     """Both cameras step back by it."""
     winner: str = "first"
-    """Which surface wins: `first`, `nearest in C*`, `no front`, `no back`, `back over front`, `farthest in C`."""
+    """Which surface wins; `rank` has the names."""
     cull: int = 0
-    """1: triangles that are seen counterclockwise are left out; -1: the others."""
+    """1: triangles seen counterclockwise are left out; -1: the others."""
     light: str = "right"
-    """`not conjugated`: C* has the light on the wrong side; `head`: it comes from the viewer, without ambient."""
+    """`right`; `not conjugated`: C* has it on the wrong side; `head`: from the viewer, without ambient."""
 
 
 RIGHT = Mistakes()
@@ -162,7 +162,7 @@ def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Shown:
 
 
 def met(world: World, i: int, j: int) -> Ints:
-    """Pixel * (number of triangles + 1) + triangle, sorted, for all that the right lines of one aperture meet."""
+    """Pixel * (number of triangles + 1) + triangle, sorted, of all that one aperture's right lines meet."""
     key = ("met", i, j)
     if key not in world.drawn:
         hits, _ = all_hits(world, i, j)

@@ -1,6 +1,6 @@
-"""The wrong renderers. Each is given a scene, an aperture and an encoding, and returns the picture that it would write.
+"""The wrong renderers: given a scene, an aperture and an encoding, each returns the picture it would write.
 
-`expected` has, by encoding, the names of faults of which one must be among what is found, or among its alternatives;
+`expected` has, by encoding, the names of faults of which one must be found, or be among the alternatives;
 an encoding without names asks only that nothing false is said. Names follow docs/verify.md.
 """
 
@@ -49,8 +49,8 @@ TWINS = {
     ("harbor", "tenfold"): ("scene-scale", "pitch"),
     ("harbor", "inches"): ("scene-scale", "pitch"),
 }
-"""Two causes of the very same pictures: with a centered frustum (P - a) / s is all that an image depends on, so moving
-all apertures is moving the scene the other way, and a scene g times as large is a plate g times as small."""
+"""Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s alone: to move
+all apertures is to move the scene the other way, and a scene g times as large is a plate g times as small."""
 
 
 TOYS: dict[str, Toy] = {}
@@ -82,7 +82,7 @@ def changed(change: Callable[[Picture], Picture]) -> Draw:
 
 
 def renumbered(change: Callable[[World, ray_caster.Ints], ray_caster.Ints]) -> Draw:
-    """A renderer whose numbers, one more than the triangle's or the object's, are changed before they are packed."""
+    """A renderer whose numbers, the triangle's or the object's + 1, are changed before they are packed."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         claims = ray_caster.numbers(world, ray_caster.draw(world, i, j), encoding)

@@ -88,7 +88,8 @@ class World:
             z, x, y, width, height = self.screen
             frustum = f"screen = {{ height = {z}, center = [{x}, {y}], size = [{width}, {height}] }}"
         text = (
-            f'name = "{self.name}"\nunits = "mm"\n[plate]\nsize = {list(self.size)}\nhogels = {list(self.hogels)}\n'
+            f'name = "{self.name}"\nunits = "mm"\n'
+            f"[plate]\nsize = {list(self.size)}\nhogels = {list(self.hogels)}\n"
             f"[frustum]\nresolution = {list(self.resolution)}\n{frustum}\nreach = {list(self.reach)}\n"
             f"[[light]]\ndirection = {list(self.light)}\n"
         )
@@ -185,7 +186,7 @@ def harbor() -> World:
 
 
 def attic() -> World:
-    """A recentered frustum, square films; 752 triangles in three objects, and nothing behind a third of them."""
+    """A recentered frustum, square films; 752 triangles in three objects before nothing."""
     return World(
         name="attic",
         size=(18.0, 21.0),
@@ -203,7 +204,7 @@ def attic() -> World:
 
 
 def crowd() -> World:
-    """The attic behind 65,884 triangles that no line shows: a wall beside them all, so numbers need 17 bits."""
+    """The attic, numbered after 65,884 triangles of a wall that no line shows: numbers need 17 bits."""
     attic_ = attic()
     wall = sheet(181, 182, lambda p, q: (400.0 + 20 * p, -10.0 + 20 * q, np.full_like(p, -20.0)))
     return World(
