@@ -1,11 +1,13 @@
 """No false pass, no false reason: what `verify` says of renderers that are wrong in ways that people are.
 
-The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong they really are
-is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of what was run.
+The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong they
+are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of what was run.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import subprocess
 import sys
@@ -16,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from click.testing import CliRunner
 
 import xfrustum
 from tests.wrong_renderers.outcomes import Case, Outcome, Studio, cases, table, world_of
@@ -28,36 +29,50 @@ LIMIT = 0.01
 """`verify`'s own limit of wrong pixels in each hogel, where nobody states another."""
 
 BEYOND_DOUBT = 1.5 * LIMIT
-"""A renderer with more than this in its worst hogel must not pass; between it and none at all, either is right:
-the brute force counts a displaced pixel only from a whole pixel on, and colors from a tenth of white on."""
+"""A renderer with more than this in its worst hogel must not pass; between it and none at all it may. Brute
+force counts a displaced pixel from a whole pixel on only, and colors from a tenth of white on."""
 
 MUST_EXPLAIN = 0.9
 """Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is wrong")."""
 
 CANNOT_BE_MENDED = frozenset({"8-bit-overflow", "wrong-encoding", "resampled"})
-"""Faults that lose what was there: no correction can bring it back, so its count proves nothing about them."""
+"""Faults that lose what was there: no correction can bring it back, so its count proves nothing."""
 
-QUICK_ENCODINGS = {
-    "attic": {"triangle-id": frozenset(TOYS)},
-    "harbor": {
-        "triangle-id": frozenset({"right", "corners", "tenfold", "moved-z", "no-back", "antialiased"})
-    },
-}
-"""What runs every time; all else is slow. Registration of plain pictures takes seconds, numbers a fraction."""
+MAX_DISPLACEMENT_PX = 0.5
+"""`verify`'s own limit, where nobody states another."""
 
-QUICK_PICTURES = {
-    ("attic", "right", "rgb"),
-    ("attic", "rolled", "rgb"),
-    ("attic", "near", "rgb"),
-    ("attic", "nearest", "rgb"),
-    ("attic", "right", "object-id"),
-    ("attic", "blue-red", "object-id"),
+DISPLACED = frozenset(
+    (
+        "rolled",
+        "corners",
+        "moved-x",
+        "moved-y",
+        "moved-z",
+        "moved-all",
+        "near",
+        "fov",
+        "half-angle",
+        "square-film",
+    )
+)
+"""Renderers that show surfaces where they do not belong, most of them by more than a pixel."""
+
+QUICK = {
+    ("attic", "triangle-id"): (
+        *("right", "blue-red", "plus-none", "plus-two", "low-byte", "gray", "white", "black", "other-order"),
+        *("rolled", "resampled-nearest", "jpeg", "antialiased", "mirrored", "half-pixel", "every-second"),
+        *("one-hogel", "corners", "edge-to-edge", "moved-all", "tenth", "nearest", "no-front", "no-back"),
+        *("culled", "near", "fov"),
+    ),
+    ("attic", "object-id"): ("right", "blue-red"),
+    ("attic", "rgb"): ("right", "rolled"),
+    ("harbor", "triangle-id"): ("right", "corners"),
 }
+"""Renderers that run every time; all else is slow. To register plain pictures takes seconds, numbers less."""
 
 
 def is_quick(case: Case) -> bool:
-    quick = QUICK_ENCODINGS.get(case.scene, {}).get(case.encoding, frozenset())
-    return case.toy in quick or (case.scene, case.toy, case.encoding) in QUICK_PICTURES
+    return case.toy in QUICK.get((case.scene, case.encoding), ())
 
 
 def parameters(of: list[Case]) -> list[object]:
@@ -110,14 +125,18 @@ def test_no_reason_is_given_that_does_not_explain(studio: Studio, case: Case) ->
 
 @pytest.mark.parametrize("case", parameters([case for case in ALL if case.toy not in ("right", "winding")]))
 def test_wrong_pixels_are_counted(studio: Studio, case: Case) -> None:
-    """A figure that is given counts at least half of what brute force counts: nothing invalid is left out."""
+    """At least half of what brute force counts is counted: nothing invalid is left out."""
     outcome = studio.outcome(case)
     if outcome.truth.wrong > BEYOND_DOUBT:
-        assert outcome.wrong > 0
-    if outcome.displacement is not None and outcome.truth.wrong > 0.5 and case.encoding == "triangle-id":
-        # Most pixels show what is a pixel away at least: their worst 99th percentile is not nothing.
-        assert isinstance(outcome.displacement, float)
-        assert outcome.displacement > 1e-6
+        assert outcome.wrong >= outcome.truth.pixels / 2
+
+
+@pytest.mark.parametrize(
+    "case", parameters([case for case in ALL if case.toy in DISPLACED and case.encoding == "triangle-id"])
+)
+def test_displacement_is_measured_or_unknown(studio: Studio, case: Case) -> None:
+    displacement = studio.outcome(case).displacement
+    assert displacement is None or displacement > MAX_DISPLACEMENT_PX
 
 
 @pytest.mark.parametrize("case", parameters([case for case in ALL if TOYS[case.toy].names(case.encoding)]))
@@ -173,11 +192,12 @@ def verify_by_command(studio: Studio, case: Case, *options: str) -> tuple[int, s
         case.encoding,
         "--quiet",
     ]
-    done = CliRunner().invoke(main, [*arguments, *options])
-    return done.exit_code, done.stdout
+    with contextlib.redirect_stdout(io.StringIO()) as written:
+        status = main([*arguments, *options])
+    return status, written.getvalue()
 
 
-@pytest.mark.parametrize("toy", ["gray", "white", "blue-red", "plus-none", "low-byte", "antialiased"])
+@pytest.mark.parametrize("toy", ["gray", "blue-red"])
 def test_the_exit_status_of_what_is_wrong_is_one(studio: Studio, toy: str) -> None:
     status, text = verify_by_command(studio, Case(scene="attic", toy=toy, encoding="triangle-id"))
     assert status == 1
@@ -186,17 +206,13 @@ def test_the_exit_status_of_what_is_wrong_is_one(studio: Studio, toy: str) -> No
 
 def test_the_exit_status_of_what_is_right_is_zero(studio: Studio) -> None:
     folder = studio.pictures(Case(scene="attic", toy="right", encoding="triangle-id"))[0]
-    done = subprocess.run(
-        [sys.executable, "-m", "xfrustum", "verify", str(studio.scene_file("attic")), folder]
-        + ["--encoding", "triangle-id", "--quiet"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "-m", "xfrustum", "verify", str(studio.scene_file("attic")), folder]
+    command += ["--encoding", "triangle-id", "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("toy", ["blue-red", "plus-none", "mirrored", "corners"])
+@pytest.mark.parametrize("toy", ["blue-red", "corners"])
 def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
     case = Case(scene="attic", toy=toy, encoding="triangle-id")
     status, written = verify_by_command(studio, case, "--json")

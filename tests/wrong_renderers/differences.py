@@ -25,25 +25,31 @@ class Difference:
     wrong: float
     """Of those whose object is another (or none, or invalid), whose triangle their line meets elsewhere than
     first, or nowhere within a pixel; of colors that are more than `COLOR` apart."""
+    pixels: int
+    """The wrong ones of all hogels."""
 
 
 def difference(world: World, pictures: dict[tuple[int, int], Picture], encoding: str) -> Difference:
     """Compare a renderer's pictures with the truth."""
     each = [_of_hogel(world, i, j, made, encoding) for (i, j), made in pictures.items()]
-    return Difference(different=max(d for d, _ in each), wrong=max(w for _, w in each))
+    return Difference(
+        different=max(_share(different, shown) for different, _, shown in each),
+        wrong=max(_share(wrong, shown) for _, wrong, shown in each),
+        pixels=sum(int(wrong.sum()) for _, wrong, _ in each),
+    )
 
 
-def _of_hogel(world: World, i: int, j: int, made: Picture, encoding: str) -> tuple[float, float]:
+def _of_hogel(world: World, i: int, j: int, made: Picture, encoding: str) -> tuple[Mask, Mask, Mask]:
     if encoding == "rgb":
         right = picture(world, i, j, encoding)
         apart = np.abs(made.astype(int) - right).max(axis=2)
         shown = made.any(axis=2) | (draw(world, i, j).triangle >= 0)
-        return _share(apart > 1, shown), _share(apart > COLOR * 255, shown)
+        return apart > 1, apart > COLOR * 255, shown
     truth = numbers(world, draw(world, i, j), encoding)
     claims = (made.astype(int) * [65536, 256, 1]).sum(axis=2)
     shown, different = (claims != 0) | (truth != 0), claims != truth
     wrong = different if encoding == "object-id" else different & ~_misplaced(world, i, j, claims, truth)
-    return _share(different, shown), _share(wrong, shown)
+    return different, wrong, shown
 
 
 def _share(of: Mask, shown: Mask) -> float:

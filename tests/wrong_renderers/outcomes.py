@@ -63,7 +63,7 @@ class Outcome:
     """Pixels that `verify` counts as wrong, as found."""
     residual: int
     """Wrong pixels after correction, without those whose cause is rounding."""
-    displacement: object
+    displacement: float | None
     """Worst 99th percentile in pixels, as `verify` says."""
 
     @property

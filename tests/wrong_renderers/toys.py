@@ -49,8 +49,8 @@ TWINS = {
     ("harbor", "tenfold"): ("scene-scale", "pitch"),
     ("harbor", "inches"): ("scene-scale", "pitch"),
 }
-"""Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s alone: to move
-all apertures is to move the scene the other way, and a scene g times as large is a plate g times as small."""
+"""Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s alone: to
+move all apertures is to move the scene the other way; g times as large a scene is a g times smaller plate."""
 
 
 TOYS: dict[str, Toy] = {}
