@@ -75,4 +75,4 @@ def _misplaced(world: World, i: int, j: int, claims: Ints, truth: Ints) -> Mask:
             if down == right == 0:
                 under = there
             near |= there
-    return valid & near & ~under & (object_of[claimed] == object_of[true])
+    return np.asarray(valid & near & ~under & (object_of[claimed] == object_of[true]))

@@ -15,7 +15,7 @@ from PIL import Image
 
 from tests.wrong_renderers import ray_caster
 from tests.wrong_renderers.ray_caster import Mistakes, Picture, packed, picture
-from tests.wrong_renderers.worlds import World
+from tests.wrong_renderers.worlds import Ints, World
 
 TRIANGLES, OBJECTS, RGB = ENCODINGS = ("triangle-id", "object-id", "rgb")
 IDS = (TRIANGLES, OBJECTS)
@@ -81,7 +81,7 @@ def changed(change: Callable[[Picture], Picture]) -> Draw:
     return lambda world, i, j, encoding: np.ascontiguousarray(change(picture(world, i, j, encoding)))
 
 
-def renumbered(change: Callable[[World, ray_caster.Ints], ray_caster.Ints]) -> Draw:
+def renumbered(change: Callable[[World, Ints], Ints]) -> Draw:
     """A renderer whose numbers, the triangle's or the object's + 1, are changed before they are packed."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
