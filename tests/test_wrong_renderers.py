@@ -1,0 +1,280 @@
+"""No false pass, no false reason: what `verify` says of renderers that are wrong in ways that people are.
+
+The renderers share nothing with this project but CONVENTIONS.md (tests/wrong_renderers). How wrong they
+are is counted there by brute force; `verify` is believed in nothing. `-s` prints the table of what was run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import xfrustum
+from tests.wrong_renderers.outcomes import Case, Outcome, Studio, cases, table, world_of
+from tests.wrong_renderers.ray_caster import draw
+from tests.wrong_renderers.toys import ENCODINGS, TOYS, TWINS
+from xfrustum.cli import main
+
+LIMIT = 0.01
+"""`verify`'s own limit of wrong pixels in each hogel, where nobody states another."""
+
+BEYOND_DOUBT = 1.5 * LIMIT
+"""A renderer with more than this in its worst hogel must not pass; between it and none at all it may. Brute
+force counts a displaced pixel from a whole pixel on only, and colors from a tenth of white on."""
+
+MUST_EXPLAIN = 0.9
+"""Share of the wrong pixels that a printed reason must explain (issue: "at least 90 % of what is wrong")."""
+
+CANNOT_BE_MENDED = frozenset({"8-bit-overflow", "wrong-encoding", "resampled"})
+"""Faults that lose what was there: no correction can bring it back, so its count proves nothing."""
+
+MAX_DISPLACEMENT_PX = 0.5
+"""`verify`'s own limit, where nobody states another."""
+
+DISPLACED = frozenset(
+    (
+        "rolled",
+        "corners",
+        "moved-x",
+        "moved-y",
+        "moved-z",
+        "moved-all",
+        "near",
+        "fov",
+        "half-angle",
+        "square-film",
+    )
+)
+"""Renderers that show surfaces where they do not belong, most of them by more than a pixel."""
+
+QUICK = {
+    ("attic", "triangle-id"): (
+        *("right", "blue-red", "plus-none", "plus-two", "low-byte", "gray", "white", "black", "other-order"),
+        *("rolled", "resampled-nearest", "jpeg", "antialiased", "mirrored", "half-pixel", "every-second"),
+        *("one-hogel", "corners", "edge-to-edge", "moved-all", "tenth", "nearest", "no-front", "no-back"),
+        *("culled", "near", "fov"),
+    ),
+    ("attic", "object-id"): ("right", "blue-red"),
+    ("attic", "rgb"): ("right", "rolled"),
+    ("harbor", "triangle-id"): ("right", "corners"),
+}
+"""Renderers that run every time; all else is slow. To register plain pictures takes seconds, numbers less."""
+
+
+def is_quick(case: Case) -> bool:
+    return case.toy in QUICK.get((case.scene, case.encoding), ())
+
+
+def parameters(of: list[Case]) -> list[object]:
+    """Cases with readable names; those that take long are marked."""
+    return [
+        pytest.param(case, id=str(case), marks=() if is_quick(case) else (pytest.mark.slow,)) for case in of
+    ]
+
+
+ALL = cases()
+
+
+@pytest.fixture(scope="session")
+def studio(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Studio]:
+    """Everything is drawn and verified once; at the end the table is printed where output is not captured."""
+    studio = Studio(folder=tmp_path_factory.mktemp("wrong_renderers"))
+    yield studio
+    if request.config.getoption("capture") == "no":
+        sys.stdout.write("\n" + table(studio.done.values()) + "\n")
+
+
+def right(outcome: Outcome) -> bool:
+    return outcome.truth.different == 0
+
+
+@pytest.mark.parametrize("case", parameters(ALL))
+def test_what_is_wrong_fails_and_what_is_right_passes(studio: Studio, case: Case) -> None:
+    outcome = studio.outcome(case)
+    if right(outcome):
+        assert outcome.verdict == "pass"
+    elif outcome.truth.wrong > BEYOND_DOUBT:
+        assert outcome.verdict == "fail", f"{outcome.truth.wrong:.1%} are wrong"
+
+
+@pytest.mark.parametrize("case", parameters(ALL))
+def test_no_reason_is_given_that_does_not_explain(studio: Studio, case: Case) -> None:
+    outcome = studio.outcome(case)
+    if right(outcome):
+        assert not outcome.findings, "nothing is wrong, and a reason is given"
+        return
+    for finding in outcome.findings:
+        assert finding.explains is not None, f"{finding.name} does not say what it explains"
+        assert finding.explains >= MUST_EXPLAIN, f"{finding.name} is printed as a reason"
+    names = {finding.name for finding in outcome.findings}
+    if names and not names & CANNOT_BE_MENDED:
+        assert outcome.residual <= (1 - MUST_EXPLAIN) * outcome.wrong, (
+            f"{names} leave {outcome.residual} wrong"
+        )
+
+
+@pytest.mark.parametrize("case", parameters([case for case in ALL if case.toy not in ("right", "winding")]))
+def test_wrong_pixels_are_counted(studio: Studio, case: Case) -> None:
+    """At least half of what brute force counts is counted: nothing invalid is left out."""
+    outcome = studio.outcome(case)
+    if outcome.truth.wrong > BEYOND_DOUBT:
+        assert outcome.wrong >= outcome.truth.pixels / 2
+
+
+@pytest.mark.parametrize(
+    "case", parameters([case for case in ALL if case.toy in DISPLACED and case.encoding == "triangle-id"])
+)
+def test_displacement_is_measured_or_unknown(studio: Studio, case: Case) -> None:
+    displacement = studio.outcome(case).displacement
+    assert displacement is None or displacement > MAX_DISPLACEMENT_PX
+
+
+@pytest.mark.parametrize("case", parameters([case for case in ALL if TOYS[case.toy].names(case.encoding)]))
+def test_the_fault_is_named(studio: Studio, case: Case) -> None:
+    outcome = studio.outcome(case)
+    if right(outcome):
+        return
+    expected = TOYS[case.toy].names(case.encoding)
+    admitted = outcome.admits and (case.encoding != "triangle-id" or "does-not-explain" in expected)
+    assert outcome.named(expected) or admitted, f"said: {sorted(outcome.names)}"
+
+
+@pytest.mark.parametrize(
+    "case",
+    parameters([case for case in ALL if (case.scene, case.toy) in TWINS and case.encoding == "triangle-id"]),
+)
+def test_causes_of_the_same_pictures_are_both_named(studio: Studio, case: Case) -> None:
+    outcome = studio.outcome(case)
+    assert outcome.findings
+    assert any(finding.ambiguous for finding in outcome.findings)
+    both = [outcome.named([name]) for name in TWINS[case.scene, case.toy]]
+    assert all(both) or not any(finding.alternatives for finding in outcome.findings), sorted(outcome.names)
+
+
+@pytest.mark.parametrize(
+    "case",
+    parameters([case for case in ALL if (case.scene, case.toy) in TWINS and case.encoding != "triangle-id"]),
+)
+def test_pictures_that_cannot_tell_say_so(studio: Studio, case: Case) -> None:
+    """Of colors and objects no name is asked; one that is given must not stand alone."""
+    outcome = studio.outcome(case)
+    if outcome.findings:
+        assert any(finding.ambiguous for finding in outcome.findings), sorted(outcome.names)
+
+
+def test_there_are_more_than_twenty_and_they_are_wrong() -> None:
+    assert len([toy for toy in TOYS.values() if TOYS["right"] is not toy]) > 20
+    world, encodings = world_of("attic"), {*ENCODINGS}
+    assert {encoding for toy in TOYS.values() for encoding in toy.encodings} == encodings
+    assert (draw(world, 0, 0).triangle >= 0).any()
+
+
+# The command line says the same.
+
+
+def verify_by_command(studio: Studio, case: Case, *options: str) -> tuple[int, str]:
+    pattern, _ = studio.pictures(case)
+    arguments = [
+        "verify",
+        str(studio.scene_file(case.scene)),
+        pattern,
+        "--encoding",
+        case.encoding,
+        "--quiet",
+    ]
+    with contextlib.redirect_stdout(io.StringIO()) as written:
+        status = main([*arguments, *options])
+    return status, written.getvalue()
+
+
+@pytest.mark.parametrize("toy", ["gray", "blue-red"])
+def test_the_exit_status_of_what_is_wrong_is_one(studio: Studio, toy: str) -> None:
+    status, text = verify_by_command(studio, Case(scene="attic", toy=toy, encoding="triangle-id"))
+    assert status == 1
+    assert "Right:" not in text
+
+
+def test_the_exit_status_of_what_is_right_is_zero(studio: Studio) -> None:
+    folder = studio.pictures(Case(scene="attic", toy="right", encoding="triangle-id"))[0]
+    command = [sys.executable, "-m", "xfrustum", "verify", str(studio.scene_file("attic")), folder]
+    command += ["--encoding", "triangle-id", "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("toy", ["blue-red", "corners"])
+def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
+    case = Case(scene="attic", toy=toy, encoding="triangle-id")
+    status, written = verify_by_command(studio, case, "--json")
+    assert status == 1
+    said, text = json.loads(written), verify_by_command(studio, case)[1]
+    assert said["diagnosis"]
+    for entry in said["diagnosis"]:
+        assert entry["words"].split(",")[0] in text
+
+
+# Plain pictures of another shading are judged by their outlines, where that is asked for.
+
+GEOMETRY = {
+    "headlight": 0,
+    "gamma": 0,
+    "right": 0,
+    "rolled": 1,
+    "mirrored": 1,
+    "moved-y": 1,
+    "no-front": 1,
+    "white": 1,
+}
+"""Exit status by renderer."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("toy", GEOMETRY)
+def test_outlines_are_judged_apart_from_shading(studio: Studio, toy: str) -> None:
+    case = Case(scene="attic", toy=toy, encoding="rgb")
+    status, text = verify_by_command(studio, case, "--compare", "geometry")
+    assert status == GEOMETRY[toy], text
+
+
+# OpenEXR says its numbers itself.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbering:
+    """What an image has instead of number + 1, and 0 for nothing."""
+
+    add: int
+    nothing: int
+    right: bool
+
+
+NUMBERINGS = {
+    "right": Numbering(add=1, nothing=0, right=True),
+    "from zero": Numbering(add=0, nothing=0, right=False),
+    "minus one is nothing": Numbering(add=0, nothing=2**32 - 1, right=False),
+    "plus two": Numbering(add=2, nothing=0, right=False),
+    "out of range": Numbering(add=100_000, nothing=0, right=False),
+    "nothing out of range": Numbering(add=1, nothing=2**32 - 1, right=False),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERINGS)
+def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, name: str) -> None:
+    numbering, world = NUMBERINGS[name], world_of("attic")
+    for i, j in world.apertures:
+        triangle = draw(world, i, j).triangle
+        channel = np.where(triangle < 0, numbering.nothing, triangle + numbering.add).astype(np.uint32)
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        OpenEXR.File(header, {"id.triangle": channel}).write(str(tmp_path / f"{i}-{j}.exr"))
+    found = xfrustum.verify(str(studio.scene_file("attic")), str(tmp_path / "{i}-{j}.exr"))
+    assert found.passed is numbering.right

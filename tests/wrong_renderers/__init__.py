@@ -1,0 +1,12 @@
+"""Wrong renderers and a right one, written from CONVENTIONS.md alone: none of our code is in them.
+
+| module | what it is |
+| --- | --- |
+| `worlds` | the scenes: triangles made here, written as TOML and OBJ for `xfrustum verify` |
+| `ray_caster` | the right renderer: every line against every triangle, in plain NumPy |
+| `toys` | the wrong renderers, each a few lines on top of the right one |
+| `differences` | how wrong a picture really is, by brute force |
+| `outcomes` | what `xfrustum verify` says of each, and the table of all |
+
+`python -m tests.wrong_renderers` prints the table.
+"""

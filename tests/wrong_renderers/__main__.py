@@ -1,0 +1,34 @@
+"""Print the table of all renderers, or of some: `python -m tests.wrong_renderers --scene attic`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.wrong_renderers.outcomes import HEADER, SCENES, Studio, cases, row
+from tests.wrong_renderers.toys import ENCODINGS, TOYS
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.wrong_renderers", description=__doc__)
+    parser.add_argument("--scene", choices=tuple(SCENES), action="append")
+    parser.add_argument("--renderer", choices=tuple(TOYS), action="append")
+    parser.add_argument("--encoding", choices=ENCODINGS, action="append")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        studio = Studio(folder=Path(folder))
+        sys.stdout.write(HEADER + "\n")
+        for case in cases():
+            asked = (options.scene, options.renderer, options.encoding)
+            if all(
+                not of or value in of
+                for of, value in zip(asked, (case.scene, case.toy, case.encoding), strict=True)
+            ):
+                sys.stdout.write(row(studio.outcome(case)) + "\n")
+                sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""What `xfrustum verify` says of a renderer of this package, and the table of all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+import xfrustum
+from tests.wrong_renderers import worlds
+from tests.wrong_renderers.differences import Difference, difference
+from tests.wrong_renderers.ray_caster import Picture
+from tests.wrong_renderers.toys import TOYS, Toy
+from tests.wrong_renderers.worlds import World
+
+CAN_TELL_NOTHING = ("cannot tell", "cannot be told")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A scene, a renderer and an encoding."""
+
+    scene: str
+    toy: str
+    encoding: str
+
+    def __str__(self) -> str:
+        return f"{self.scene}-{self.toy}-{self.encoding}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One printed reason."""
+
+    name: str
+    explains: float | None
+    """Share of the wrong pixels, as `verify` says; None where it does not say."""
+    alternatives: tuple[str, ...]
+    words: str
+
+    @property
+    def ambiguous(self) -> bool:
+        return bool(self.alternatives) or any(words in self.words for words in CAN_TELL_NOTHING)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What was said, and what is so."""
+
+    case: Case
+    truth: Difference
+    verdict: str
+    findings: tuple[Finding, ...]
+    rejected: tuple[str, ...]
+    """Names of what `verify` itself says does not explain the images."""
+    admits: bool
+    """Whether it says that something does not explain them."""
+    wrong: int
+    """Pixels that `verify` counts as wrong, as found."""
+    residual: int
+    """Wrong pixels after correction, without those whose cause is rounding."""
+    displacement: float | None
+    """Worst 99th percentile in pixels, as `verify` says."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """All that was named, alternatives among it."""
+        return frozenset(name for found in self.findings for name in (found.name, *found.alternatives))
+
+    @property
+    def explained(self) -> float | None:
+        """Share of the wrong pixels that correction takes away, by counts; None where nothing is wrong."""
+        return 1 - self.residual / self.wrong if self.wrong else None
+
+    def named(self, names: Iterable[str]) -> bool:
+        """Whether one of the names was given, or one that refines it: `pitch-x` refines `pitch`."""
+        return any(said == name or said.startswith(f"{name}-") for said in self.names for name in names)
+
+
+SCENES = {"harbor": worlds.harbor, "attic": worlds.attic, "crowd": worlds.crowd}
+
+
+@cache
+def world_of(scene: str) -> World:
+    """Each scene is made once."""
+    return SCENES[scene]()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Studio:
+    """Draws, writes and verifies, everything once, under one folder."""
+
+    folder: Path
+    done: dict[Case, Outcome] = field(default_factory=dict)
+
+    def scene_file(self, scene: str) -> Path:
+        path = self.folder / scene / "scene.toml"
+        return path if path.exists() else world_of(scene).write(path.parent)
+
+    def pictures(self, case: Case) -> tuple[str, dict[tuple[int, int], Picture]]:
+        """Write a renderer's pictures; return the pattern of their names, and the pictures."""
+        world = world_of(case.scene)
+        folder = self.folder / str(case)
+        folder.mkdir(exist_ok=True)
+        made = {(i, j): TOYS[case.toy].draw(world, i, j, case.encoding) for i, j in world.apertures}
+        for (i, j), picture in made.items():
+            Image.fromarray(picture).save(folder / f"{i}-{j}.png")
+        return str(folder / "{i}-{j}.png"), made
+
+    def outcome(self, case: Case) -> Outcome:
+        if case not in self.done:
+            pattern, made = self.pictures(case)
+            truth = difference(world_of(case.scene), made, case.encoding)
+            found = xfrustum.verify(str(self.scene_file(case.scene)), pattern, encoding=case.encoding)
+            self.done[case] = read(case, truth, found.summary())
+        return self.done[case]
+
+
+def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
+    """Read the JSON object of `verify`."""
+    findings = tuple(
+        Finding(
+            name=entry["fault"],
+            explains=entry.get("explains"),
+            alternatives=tuple(_names(entry.get("alternatives") or ())),
+            words=entry["words"],
+        )
+        for entry in said["diagnosis"]
+    )
+    rejected = said.get("does_not_explain") or ()
+    causes = said["corrected"].get("causes")
+    displacement = said["as_found"].get("displacement_px")
+    return Outcome(
+        case=case,
+        truth=truth,
+        verdict=said["verdict"],
+        findings=findings,
+        rejected=tuple(_names(rejected)) if isinstance(rejected, list | tuple) else (),
+        admits=bool(rejected),
+        wrong=said["as_found"]["wrong"],
+        residual=causes["unexplained"] if causes else said["corrected"]["wrong"],
+        displacement=displacement["worst_p99"] if displacement else None,
+    )
+
+
+def _names(entries: Sequence[Any]) -> list[str]:
+    """The names of faults in a list of them, or of objects that have one."""
+    return [entry if isinstance(entry, str) else entry["fault"] for entry in entries]
+
+
+def cases(scenes: Sequence[str] = tuple(SCENES), toys: Sequence[Toy] = tuple(TOYS.values())) -> list[Case]:
+    """All that means something: a toy for one scene with that scene, the others with all but `crowd`."""
+    return [
+        Case(scene=scene, toy=toy.name, encoding=encoding)
+        for scene in scenes
+        for toy in toys
+        for encoding in toy.encodings
+        if scene == (toy.scene or scene) and (scene != "crowd" or toy.scene)
+    ]
+
+
+HEADER = (
+    "| scene | renderer | encoding | truly wrong | verdict | found (share explained, as said) | taken away "
+    "| alternatives | said not to explain |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+)
+
+
+def row(outcome: Outcome) -> str:
+    """A line of the table.
+
+    `truly wrong` is our own count in the worst hogel, `taken away` the share that correction mends.
+    """
+    case = outcome.case
+    found = ", ".join(
+        f.name + (f" ({100 * f.explains:.0f} %)" if f.explains is not None else "") for f in outcome.findings
+    )
+    alternatives = ", ".join(name for f in outcome.findings for name in f.alternatives) or (
+        "said in words" if any(f.ambiguous for f in outcome.findings) else ""
+    )
+    taken = "" if outcome.explained is None or not outcome.findings else f"{100 * outcome.explained:.0f} %"
+    cells = (
+        case.scene,
+        f"{case.toy}: {TOYS[case.toy].words}",
+        case.encoding,
+        f"{100 * outcome.truth.wrong:.1f} %",
+        outcome.verdict,
+        found or "-",
+        taken,
+        alternatives,
+        ", ".join(outcome.rejected) or ("yes" if outcome.admits else ""),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def table(outcomes: Iterable[Outcome]) -> str:
+    """All lines in Markdown."""
+    return "\n".join([HEADER, *map(row, outcomes)])

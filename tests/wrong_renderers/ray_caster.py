@@ -1,0 +1,254 @@
+"""The right renderer, from CONVENTIONS.md: each whole line against every triangle; the viewer's first wins.
+
+What the toys get wrong is a setting here where it concerns geometry; by default everything is right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.wrong_renderers.worlds import Floats, Ints, World
+
+Picture = NDArray[np.uint8]
+BLOCK = 24
+"""Pixels that are cast at once: their products with all triangles stay in the processor's cache."""
+
+
+FRONT = 1e6
+"""Millimeters: more than any reach, so that one half comes before the other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mistakes:
+    """What is otherwise than it should be; nothing by default."""
+
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Added to the scene, mm."""
+    scale: float = 1.0
+    """Of the scene about the plate's center, while the plate stays."""
+    any_reach: bool = False
+    """Whether surfaces out of reach are drawn too."""
+    aperture: tuple[float, float] = (0.0, 0.0)
+    """Added to each aperture, in hogels, to the right and up."""
+    plate: tuple[float, float] = (1.0, 1.0)
+    """Of the distances between apertures."""
+    film: tuple[float, float] = (1.0, 1.0)
+    """Of the film's extent."""
+    sample: tuple[float, float] = (0.0, 0.0)
+    """Added to the point that a pixel is sampled in, px to the right and down."""
+    near: float = 0.0
+    """Both cameras step back by it."""
+    winner: str = "first"
+    """Which surface wins; `rank` has the names."""
+    cull: int = 0
+    """1: triangles seen counterclockwise are left out; -1: the others."""
+    light: str = "right"
+    """`right`; `not conjugated`: C* has it on the wrong side; `head`: from the viewer, without ambient."""
+
+
+RIGHT = Mistakes()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hits:
+    """Every meeting of a line and a triangle, unordered."""
+
+    pixel: Ints
+    triangle: Ints
+    s: Floats
+    """Along the line, from its center; negative on the viewer's side."""
+
+
+def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
+    """Meet lines through one center, (N, 3) directions, with (T, 3, 3) triangles."""
+    a, b, c = np.moveaxis(triangles - center, 1, 0)
+    sides = [np.cross(b, c).T, np.cross(c, a).T, np.cross(a, b).T]
+    volume = np.einsum("ti,it->t", a, sides[0])
+    pixels, numbers, depths = [], [], []
+    for start in range(0, len(directions), BLOCK):
+        e, f, g = (directions[start : start + BLOCK] @ side for side in sides)
+        pixel, number = np.nonzero((e * f >= 0) & (f * g >= 0) & (g * e >= 0))
+        total = e[pixel, number] + f[pixel, number] + g[pixel, number]
+        flat = total != 0
+        pixel, number, total = pixel[flat], number[flat], total[flat]
+        pixels.append(pixel + start)
+        numbers.append(number)
+        depths.append(volume[number] / total)
+    return Hits(pixel=np.concatenate(pixels), triangle=np.concatenate(numbers), s=np.concatenate(depths))
+
+
+def lines(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Floats, Floats, Floats]:
+    """The aperture, the directions (H * W, 3) of its lines, and its shear, by CONVENTIONS.md."""
+    (columns, rows), (width, height) = world.hogels, world.resolution
+    sx, sy = world.size
+    x = ((i + 0.5) * sx / columns - sx / 2) * wrong.plate[0] + wrong.aperture[0] * sx / columns
+    y = (sy / 2 - (j + 0.5) * sy / rows) * wrong.plate[1] + wrong.aperture[1] * sy / rows
+    k, t = np.zeros(2), np.tan(np.radians(world.fov_deg) / 2)
+    if world.screen:
+        z, mx, my, full_x, full_y = world.screen
+        k = (np.array([mx, my]) - [x, y]) / -z
+        t = np.array([full_x, full_y]) / 2 / abs(z)
+    t = t * wrong.film
+    u = (2 * (np.arange(width) + wrong.sample[0]) + 1) / width - 1
+    v = 1 - (2 * (np.arange(height) + wrong.sample[1]) + 1) / height
+    grid = np.broadcast_arrays(k[0] + u[None, :] * t[0], k[1] + v[:, None] * t[1], -1.0)
+    return np.array([x, y, 0.0]), np.stack(grid, axis=-1).reshape(-1, 3), np.array([k[0], k[1], 0.0])
+
+
+def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hits, Floats]:
+    """Every surface that a line of the two cameras meets within their halves; and the lines' directions."""
+    center, directions, shear = lines(world, i, j, wrong)
+    triangles = world.triangles[world.seen] * wrong.scale + wrong.move
+    n = wrong.near
+    if n == 0:
+        hits = cast(triangles, center, directions)
+        s = hits.s
+    else:
+        step = n * (np.array([0.0, 0.0, 1.0]) - shear)
+        behind, before = (
+            cast(triangles, center + step, directions),
+            cast(triangles, center - step, directions),
+        )
+        keep, keep_star = behind.s > n, before.s < -n
+        s = np.concatenate([behind.s[keep] - n, before.s[keep_star] + n])
+        hits = Hits(
+            pixel=np.concatenate([behind.pixel[keep], before.pixel[keep_star]]),
+            triangle=np.concatenate([behind.triangle[keep], before.triangle[keep_star]]),
+            s=s,
+        )
+    keep = (s != 0) & (wrong.any_reach | ((s >= -world.reach[0]) & (s <= world.reach[1])))
+    number = world.seen[hits.triangle]
+    if wrong.cull:
+        a, b, c = np.moveaxis(triangles[hits.triangle], 1, 0)
+        seen = np.einsum("ni,ni->n", np.cross(b - a, c - a), -directions[hits.pixel])
+        keep &= np.sign(seen) != wrong.cull
+    return Hits(pixel=hits.pixel[keep], triangle=number[keep], s=s[keep]), directions
+
+
+def rank(s: Floats, winner: str) -> Floats:
+    """What is smallest for the surface that wins; infinite for those that are not drawn."""
+    front = s < 0
+    return {
+        "first": s,
+        "nearest in C*": np.where(front, -s - FRONT, s),
+        "no front": np.where(front, np.inf, s),
+        "no back": np.where(front, s, np.inf),
+        "back over front": np.where(front, s + FRONT, s),
+        "farthest in C": np.where(front, s, FRONT - s),
+    }[winner]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """What one aperture's film shows: triangle numbers, -1 for none, and linear radiance, not rounded."""
+
+    triangle: Ints
+    """(H, W)."""
+    radiance: Floats
+    """(H, W, 3)."""
+
+
+def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Shown:
+    """Draw one hogel, once."""
+    key = (i, j, wrong)
+    if key not in world.drawn:
+        world.drawn[key] = _draw(world, i, j, wrong)
+    shown = world.drawn[key]
+    assert isinstance(shown, Shown)
+    return shown
+
+
+def met(world: World, i: int, j: int) -> Ints:
+    """Pixel * (number of triangles + 1) + triangle, sorted, of all that one aperture's right lines meet."""
+    key = ("met", i, j)
+    if key not in world.drawn:
+        hits, _ = all_hits(world, i, j)
+        world.drawn[key] = np.unique(hits.pixel * (len(world.triangles) + 1) + hits.triangle)
+    keys = world.drawn[key]
+    assert isinstance(keys, np.ndarray)
+    return keys
+
+
+def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Shown:
+    hits, directions = all_hits(world, i, j, wrong)
+    first = rank(hits.s, wrong.winner)
+    order = np.lexsort((first, hits.pixel))
+    order = order[np.isfinite(first[order])]
+    pixel, at = np.unique(hits.pixel[order], return_index=True)
+    width, height = world.resolution
+    triangle, radiance = np.full(height * width, -1), np.zeros((height * width, 3))
+    triangle[pixel] = hits.triangle[order][at]
+    front = hits.s[order][at] < 0
+    radiance[pixel] = shade(world, triangle[pixel], directions[pixel], front, wrong.light)
+    return Shown(triangle=triangle.reshape(height, width), radiance=radiance.reshape(height, width, 3))
+
+
+def shade(world: World, triangle: Ints, directions: Floats, front: NDArray[np.bool_], how: str) -> Floats:
+    """Radiance by Phong with the triangle's own normal, turned to the viewer."""
+    eye = -directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    a, b, c = np.moveaxis(world.triangles[triangle], 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal *= np.where(np.einsum("ni,ni->n", normal, eye) < 0, -1.0, 1.0)[:, None]
+    light = np.broadcast_to(np.array(world.light) / np.linalg.norm(world.light), eye.shape)
+    if how == "not conjugated":
+        light = np.where(front[:, None], -light, light)
+    if how == "head":
+        light = np.broadcast_to(np.array([0.0, 0.0, 1.0]), eye.shape)
+    mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
+    facing, gloss = np.einsum("ni,ni->n", normal, light), np.einsum("ni,ni->n", mirrored, light)
+    of = world.object_of[triangle]
+    diffuse = np.array([part.diffuse for part in world.parts])[of]
+    ambient, specular, exponent = (
+        np.array([getattr(part, name) for part in world.parts])[of]
+        for name in ("ambient", "specular", "exponent")
+    )
+    shine = np.where(facing > 0, specular * np.maximum(gloss, 0) ** exponent, 0.0)
+    around = 0.0 if how == "head" else ambient
+    return np.asarray((around + shine)[:, None] + diffuse * np.maximum(facing, 0)[:, None])
+
+
+def numbers(world: World, shown: Shown, encoding: str) -> Ints:
+    """What ids say: the triangle's or the object's number + 1, 0 for none."""
+    if encoding == "triangle-id":
+        return shown.triangle + 1
+    return np.where(shown.triangle < 0, 0, world.object_of[shown.triangle] + 1)
+
+
+def packed(claims: Ints) -> Picture:
+    """Red * 65536 + green * 256 + blue."""
+    return np.stack([claims >> 16 & 255, claims >> 8 & 255, claims & 255], axis=-1).astype(np.uint8)
+
+
+def eight_bits(radiance: Floats) -> Picture:
+    """Linear radiance of 0 to 1 as 0 to 255."""
+    return np.asarray(np.round(255 * np.clip(radiance, 0, 1)), dtype=np.uint8)
+
+
+def picture(world: World, i: int, j: int, encoding: str, wrong: Mistakes = RIGHT) -> Picture:
+    """Draw a hogel as a picture of one encoding."""
+    shown = draw(world, i, j, wrong)
+    if encoding == "rgb":
+        return eight_bits(shown.radiance)
+    return packed(numbers(world, shown, encoding))
+
+
+def rewound(world: World) -> World:
+    """The same scene with the corners of all triangles in the opposite order."""
+    parts = tuple(replace(part, faces=part.faces[:, ::-1]) for part in world.parts)
+    return replace(world, parts=parts, drawn={})
+
+
+def smaller(world: World) -> World:
+    """The same scene on films half as wide and high."""
+    width, height = world.resolution
+    return replace(world, resolution=(width // 2, height // 2), drawn={})
+
+
+def larger(world: World) -> World:
+    """The same scene on films twice as wide and high."""
+    width, height = world.resolution
+    return replace(world, resolution=(width * 2, height * 2), drawn={})

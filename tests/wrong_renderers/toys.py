@@ -1,0 +1,313 @@
+"""The wrong renderers: given a scene, an aperture and an encoding, each returns the picture it would write.
+
+`expected` has, by encoding, the names of faults of which one must be found, or be among the alternatives;
+an encoding without names asks only that nothing false is said. Names follow docs/verify.md.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from PIL import Image
+
+from tests.wrong_renderers import ray_caster
+from tests.wrong_renderers.ray_caster import Mistakes, Picture, packed, picture
+from tests.wrong_renderers.worlds import Ints, World
+
+TRIANGLES, OBJECTS, RGB = ENCODINGS = ("triangle-id", "object-id", "rgb")
+IDS = (TRIANGLES, OBJECTS)
+
+Draw = Callable[[World, int, int, str], Picture]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Toy:
+    """A renderer and what `verify` must say of it."""
+
+    name: str
+    words: str
+    """What is wrong, for people."""
+    draw: Draw
+    encodings: tuple[str, ...] = ENCODINGS
+    expected: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    scene: str | None = None
+    """The one scene that it is for; None: all but `crowd`."""
+
+    def names(self, encoding: str) -> frozenset[str]:
+        """Faults of which one must be named."""
+        return self.expected.get(encoding, frozenset())
+
+
+TWINS = {
+    ("harbor", "corners"): ("aperture-offset", "scene-offset"),
+    ("harbor", "moved-x"): ("aperture-offset", "scene-offset"),
+    ("harbor", "moved-y"): ("aperture-offset", "scene-offset"),
+    ("harbor", "tenth"): ("scene-scale", "pitch"),
+    ("harbor", "tenfold"): ("scene-scale", "pitch"),
+    ("harbor", "inches"): ("scene-scale", "pitch"),
+}
+"""Two causes of the very same pictures. With a centered frustum an image depends on (P - a) / s alone: to
+move all apertures is to move the scene the other way; g times as large a scene is a g times smaller plate."""
+
+
+TOYS: dict[str, Toy] = {}
+
+
+def add(
+    name: str,
+    words: str,
+    draw: Draw | Mistakes,
+    expected: Mapping[str, str] | str = "",
+    encodings: tuple[str, ...] = ENCODINGS,
+    scene: str | None = None,
+) -> None:
+    """Add a toy; `expected` are names between blanks, by encoding or for triangle numbers alone."""
+    if isinstance(draw, Mistakes):
+        mistakes = draw
+
+        def draw(world: World, i: int, j: int, encoding: str) -> Picture:
+            return picture(world, i, j, encoding, mistakes)
+
+    by_encoding = {TRIANGLES: expected} if isinstance(expected, str) else expected
+    names = {encoding: frozenset(of.split()) for encoding, of in by_encoding.items() if of}
+    TOYS[name] = Toy(name=name, words=words, draw=draw, encodings=encodings, expected=names, scene=scene)
+
+
+def changed(change: Callable[[Picture], Picture]) -> Draw:
+    """A renderer whose right picture is changed afterwards."""
+    return lambda world, i, j, encoding: np.ascontiguousarray(change(picture(world, i, j, encoding)))
+
+
+def renumbered(change: Callable[[World, Ints], Ints]) -> Draw:
+    """A renderer whose numbers, the triangle's or the object's + 1, are changed before they are packed."""
+
+    def draw(world: World, i: int, j: int, encoding: str) -> Picture:
+        claims = ray_caster.numbers(world, ray_caster.draw(world, i, j), encoding)
+        return packed(change(world, claims))
+
+    return draw
+
+
+def other_order(world: World, i: int, j: int, encoding: str) -> Picture:
+    """The objects are numbered from the last to the first, and so are the triangles' blocks."""
+    shown = ray_caster.draw(world, i, j)
+    of = world.object_of[shown.triangle]
+    count = np.bincount(world.object_of)
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    first_new = np.concatenate([[0], np.cumsum(count[::-1])[:-1]])[::-1]
+    claims = shown.triangle - first[of] + first_new[of] if encoding == TRIANGLES else len(count) - 1 - of
+    return packed(np.where(shown.triangle < 0, 0, claims + 1))
+
+
+def gray(world: World, i: int, j: int, encoding: str) -> Picture:
+    """A shaded picture without colors."""
+    mean = picture(world, i, j, RGB).mean(axis=2, keepdims=True)
+    return np.asarray(np.repeat(mean, 3, axis=2).round(), dtype=np.uint8)
+
+
+def jpeg(right: Picture) -> Picture:
+    """Through a lossy file."""
+    file = io.BytesIO()
+    Image.fromarray(right).save(file, "JPEG", quality=90)
+    return np.asarray(Image.open(file))
+
+
+def scaled_up(how: Image.Resampling) -> Draw:
+    """Drawn at half the size."""
+
+    def draw(world: World, i: int, j: int, encoding: str) -> Picture:
+        small = drawn_with(world, "small", ray_caster.smaller)
+        return np.asarray(Image.fromarray(picture(small, i, j, encoding)).resize(world.resolution, how))
+
+    return draw
+
+
+def drawn_with(world: World, name: str, make: Callable[[World], World]) -> World:
+    """A variant of the world that is made once."""
+    other = world.drawn.setdefault(name, make(world))
+    assert isinstance(other, World)
+    return other
+
+
+def antialiased(world: World, i: int, j: int, encoding: str) -> Picture:
+    """The mean of two by two pixels of a picture twice as large."""
+    large = picture(drawn_with(world, "large", ray_caster.larger), i, j, encoding).astype(float)
+    mean = (large[::2, ::2] + large[1::2, ::2] + large[::2, 1::2] + large[1::2, 1::2]) / 4
+    return np.asarray(mean.round(), dtype=np.uint8)
+
+
+def elsewhere(place: Callable[[World, int, int], tuple[int, int]]) -> Draw:
+    """The right picture of another aperture."""
+    return lambda world, i, j, encoding: picture(world, *place(world, i, j), encoding)
+
+
+def square_film(world: World, i: int, j: int, encoding: str) -> Picture:
+    """The horizontal extent is taken for the vertical one too."""
+    extent = np.tan(np.radians(world.fov_deg) / 2) if world.screen is None else world.screen[3:]
+    return picture(world, i, j, encoding, Mistakes(film=(1.0, float(extent[0] / extent[1]))))
+
+
+def half_angle(world: World, i: int, j: int, encoding: str) -> Picture:
+    """The full angle, or width, is taken for half of it."""
+    film = (2.0, 2.0)
+    if world.screen is None:
+        angles = np.radians(world.fov_deg)
+        film = tuple((np.tan(angles) / np.tan(angles / 2)).tolist())
+    return picture(world, i, j, encoding, Mistakes(film=film))
+
+
+def outer_edges(world: World, i: int, j: int, encoding: str) -> Picture:
+    """The outermost apertures lie on the plate's edges."""
+    plate = (world.hogels[0] / (world.hogels[0] - 1), world.hogels[1] / (world.hogels[1] - 1))
+    return picture(world, i, j, encoding, Mistakes(plate=plate))
+
+
+def gamma(right: Picture) -> Picture:
+    """As a screen wants it, which nobody asked for."""
+    x = right / 255
+    srgb = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return np.asarray(np.round(255 * srgb), dtype=np.uint8)
+
+
+def noisy(world: World, i: int, j: int, encoding: str) -> Picture:
+    """Grains in colors; in numbers, a third of the pixels says anything."""
+    right, chance = picture(world, i, j, encoding), np.random.default_rng(97 * i + j)
+    if encoding == RGB:
+        return np.clip(right + chance.normal(0, 25, right.shape), 0, 255).astype(np.uint8)
+    count = len(world.triangles) if encoding == TRIANGLES else len(world.parts)
+    anything = packed(chance.integers(0, count + 1, right.shape[:2]))
+    return np.where(chance.random(right.shape[:2])[..., None] < 1 / 3, anything, right)
+
+
+def alike(names: str, encodings: tuple[str, ...] = ENCODINGS) -> dict[str, str]:
+    """The same names for several encodings."""
+    return dict.fromkeys(encodings, names)
+
+
+add("right", "nothing", Mistakes())
+add(
+    "winding",
+    "triangles are wound the other way; nothing is culled",
+    lambda w, i, j, e: picture(drawn_with(w, "rewound", ray_caster.rewound), i, j, e),
+)
+
+# Numbers.
+add("blue-red", "blue and red are exchanged", changed(lambda p: p[..., ::-1]), alike("channel-order", IDS))
+add(
+    "green-red",
+    "green and red are exchanged",
+    changed(lambda p: p[..., [1, 0, 2]]),
+    alike("channel-order", IDS),
+)
+add(
+    "plus-none",
+    "numbers without + 1",
+    renumbered(lambda w, n: np.maximum(n - 1, 0)),
+    alike("id-offset", IDS),
+    IDS,
+)
+add("plus-two", "numbers + 2", renumbered(lambda w, n: np.where(n, n + 1, 0)), alike("id-offset", IDS), IDS)
+add("low-byte", "the low 8 bits alone", renumbered(lambda w, n: n & 255), "8-bit-overflow", IDS)
+add(
+    "two-bytes",
+    "the low 16 bits alone",
+    renumbered(lambda w, n: n & 65535),
+    "8-bit-overflow 16-bit-overflow id-overflow",
+    (TRIANGLES,),
+    "crowd",
+)
+add("crowd-right", "nothing, of 66,636 triangles", Mistakes(), "", (TRIANGLES,), "crowd")
+add("gray", "a gray shaded picture", gray, alike("wrong-encoding", IDS))
+add("white", "all white", changed(lambda p: np.full_like(p, 255)), {})
+add("black", "all black", changed(np.zeros_like), {})
+add(
+    "objects-for-triangles",
+    "numbers of objects where triangles are asked for",
+    lambda w, i, j, e: picture(w, i, j, OBJECTS),
+    "wrong-encoding",
+    (TRIANGLES,),
+)
+add(
+    "triangles-for-objects",
+    "numbers of triangles where objects are asked for",
+    lambda w, i, j, e: picture(w, i, j, TRIANGLES),
+    {OBJECTS: "wrong-encoding"},
+    (OBJECTS,),
+)
+add("other-order", "objects are numbered from the last", other_order, {}, IDS)
+add("noise", "noise", noisy)
+
+# Pixels.
+add(
+    "rolled",
+    "images rolled by 5 px to the right",
+    changed(lambda p: np.roll(p, 5, axis=1)),
+    "shift-x does-not-explain",
+)
+add("resampled-nearest", "drawn at half the size, nearest", scaled_up(Image.Resampling.NEAREST), "resampled")
+add(
+    "resampled-bilinear",
+    "drawn at half the size, bilinear",
+    scaled_up(Image.Resampling.BILINEAR),
+    alike("resampled wrong-encoding", IDS),
+)
+add("jpeg", "JPEG", changed(jpeg), alike("resampled wrong-encoding", IDS))
+add("antialiased", "anti-aliased", antialiased, alike("resampled wrong-encoding", IDS))
+add("mirrored", "mirrored", changed(lambda p: p[:, ::-1]), alike("orientation"))
+add("upside-down", "upside down", changed(lambda p: p[::-1]), alike("orientation"))
+add("half-pixel", "sampled at pixel corners", Mistakes(sample=(-0.5, -0.5)), "shift-x shift-y")
+
+# Apertures.
+add(
+    "rows-from-below",
+    "rows of apertures are counted from below",
+    elsewhere(lambda w, i, j: (i, w.hogels[1] - 1 - j)),
+    alike("aperture-order"),
+)
+add(
+    "all-upside-down",
+    "upside down, rows counted from below",
+    lambda w, i, j, e: picture(w, i, w.hogels[1] - 1 - j, e)[::-1],
+    "orientation aperture-order",
+)
+add(
+    "every-second",
+    "every second hogel is a copy",
+    elsewhere(lambda w, i, j: (i - (i + j) % 2 * (1 if i else -1), j)),
+)
+add("one-hogel", "one hogel is another's", elsewhere(lambda w, i, j: (2, 1) if (i, j) == (1, 1) else (i, j)))
+add("corners", "apertures at their hogels' corners", Mistakes(aperture=(-0.5, 0.5)), "aperture-offset")
+add("edge-to-edge", "outer apertures on the plate's edges", outer_edges, "pitch-x pitch-y")
+
+# The scene.
+add("moved-x", "the scene moved by x = 0.8", Mistakes(move=(0.8, 0.0, 0.0)), "scene-offset")
+add("moved-y", "the scene moved by y = -1.5", Mistakes(move=(0.0, -1.5, 0.0)), "scene-offset")
+add("moved-z", "the scene moved by z = 2", Mistakes(move=(0.0, 0.0, 2.0)), "scene-offset")
+add("moved-all", "the scene moved by (1, 0.7, -1.5)", Mistakes(move=(1.0, 0.7, -1.5)), "scene-offset")
+add("tenth", "millimeters taken for centimeters: a tenth", Mistakes(scale=0.1), "scene-scale")
+add("tenfold", "ten times as large, without a reach", Mistakes(scale=10.0, any_reach=True), "scene-scale")
+add("inches", "a 25.4th", Mistakes(scale=1 / 25.4), "scene-scale")
+
+# Halves.
+add("nearest", "the nearest surface wins in C*", Mistakes(winner="nearest in C*"), "front-nearest")
+add("no-front", "the viewer's half is missing", Mistakes(winner="no front"), "front-missing")
+add("no-back", "the half behind the plate is missing", Mistakes(winner="no back"))
+add("back-over-front", "C is drawn over C*", Mistakes(winner="back over front"), "not-overlaid")
+add("farthest", "the farthest surface wins in C", Mistakes(winner="farthest in C"))
+add("culled", "faces seen counterclockwise are culled", Mistakes(cull=1))
+add("culled-back", "faces seen clockwise are culled", Mistakes(cull=-1))
+
+# Cameras.
+add("near", "both cameras step back by 2", Mistakes(near=2.0), "near")
+add("near-small", "both cameras step back by 0.3", Mistakes(near=0.3), "near")
+add("fov", "the film is 5 % too wide and high", Mistakes(film=(1.05, 1.05)), "fov-x fov-y")
+add("half-angle", "the full field of view is taken for half of it", half_angle, "fov-x fov-y")
+add("square-film", "the horizontal field of view for the vertical one", square_film, "fov-y")
+
+# Light.
+add("lights", "lights are not conjugated", Mistakes(light="not conjugated"), {RGB: "lights"}, (RGB,))
+add("gamma", "sRGB given as linear", changed(gamma), {RGB: "wrong-encoding"}, (RGB,))
+add("headlight", "another light, no ambient", Mistakes(light="head"), {}, (RGB,))

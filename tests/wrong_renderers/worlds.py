@@ -1,0 +1,219 @@
+"""Scenes that nobody here has seen: without symmetry, on both sides of the plate, one surface through it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
+    """One object: its triangles, and what it is made of (linear RGB, Phong).
+
+    `hidden` is said of objects that no line shows; the ray caster leaves them out, and counts them.
+    """
+
+    name: str
+    corners: Floats
+    """(V, 3), scene units."""
+    faces: Ints
+    """(F, 3), vertex numbers."""
+    diffuse: tuple[float, float, float]
+    ambient: float = 0.12
+    specular: float = 0.2
+    exponent: float = 8.0
+    hidden: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class World:
+    """A scene as CONVENTIONS.md describes it; a centered frustum has `fov_deg`, a recentered one `screen`."""
+
+    name: str
+    size: tuple[float, float]
+    hogels: tuple[int, int]
+    resolution: tuple[int, int]
+    reach: tuple[float, float]
+    parts: tuple[Part, ...]
+    light: tuple[float, float, float]
+    fov_deg: tuple[float, float] = (0.0, 0.0)
+    screen: tuple[float, float, float, float, float] | None = None
+    """Height, center x and y, full width and height."""
+    drawn: dict[object, object] = field(default_factory=dict)
+    """What the toys have drawn already."""
+
+    @cached_property
+    def triangles(self) -> Floats:
+        """(T, 3, 3), in the order of their numbers."""
+        return np.concatenate([part.corners[part.faces] for part in self.parts])
+
+    @cached_property
+    def object_of(self) -> Ints:
+        """(T,) number of the object of each triangle."""
+        return np.repeat(np.arange(len(self.parts)), [len(part.faces) for part in self.parts])
+
+    @cached_property
+    def seen(self) -> Ints:
+        """Numbers of the triangles that are not in hidden parts."""
+        return np.flatnonzero(~np.array([part.hidden for part in self.parts])[self.object_of])
+
+    @property
+    def apertures(self) -> list[tuple[int, int]]:
+        """All of the plate, column and row."""
+        columns, rows = self.hogels
+        return [(i, j) for j in range(rows) for i in range(columns)]
+
+    def write(self, folder: Path) -> Path:
+        """Write the scene file and a mesh file for each object; return the scene file."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for part in self.parts:
+            lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in part.corners.tolist()]
+            lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in part.faces.tolist()]
+            (folder / f"{part.name}.obj").write_text("\n".join(lines) + "\n")
+        path = folder / "scene.toml"
+        path.write_text(self._toml())
+        return path
+
+    def _toml(self) -> str:
+        frustum = f"fov_deg = {list(self.fov_deg)}"
+        if self.screen:
+            z, x, y, width, height = self.screen
+            frustum = f"screen = {{ height = {z}, center = [{x}, {y}], size = [{width}, {height}] }}"
+        text = (
+            f'name = "{self.name}"\nunits = "mm"\n'
+            f"[plate]\nsize = {list(self.size)}\nhogels = {list(self.hogels)}\n"
+            f"[frustum]\nresolution = {list(self.resolution)}\n{frustum}\nreach = {list(self.reach)}\n"
+            f"[[light]]\ndirection = {list(self.light)}\n"
+        )
+        for part in self.parts:
+            text += (
+                f'[[object]]\nmesh = "{part.name}.obj"\nmaterial = "{part.name}"\n[material.{part.name}]\n'
+                f"ambient = {part.ambient}\ndiffuse = {list(part.diffuse)}\n"
+                f"specular = {part.specular}\nexponent = {part.exponent}\n"
+            )
+        return text
+
+
+def sheet(
+    columns: int, rows: int, point: Callable[[Floats, Floats], tuple[Floats, ...]]
+) -> tuple[Floats, Ints]:
+    """A grid of corners over the unit square, placed by `point`, and two triangles for each cell."""
+    p, q = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="ij")
+    corners = np.stack([np.broadcast_to(part, p.shape) for part in point(p, q)], axis=-1).reshape(-1, 3)
+    i, j = (index.ravel() for index in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
+    first = i * (rows + 1) + j
+    faces = np.concatenate(
+        [
+            np.stack([first, first + rows + 1, first + rows + 2], axis=1),
+            np.stack([first, first + rows + 2, first + 1], axis=1),
+        ]
+    )
+    return np.ascontiguousarray(corners, dtype=np.float64), faces.astype(np.int64)
+
+
+def pebble(
+    center: tuple[float, float, float], radii: tuple[float, float, float], bumps: int
+) -> tuple[Floats, Ints]:
+    """A closed, bumpy ellipsoid; its poles lie along a slanted axis, so nothing of it is symmetric."""
+
+    def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
+        around, along = 2 * np.pi * p, np.pi * (0.02 + 0.96 * q)
+        swell = 1 + 0.18 * np.sin(bumps * around + 1.1) * np.sin(along) + 0.1 * np.cos(3 * along)
+        x, y = (
+            radius * swell * np.sin(along) * f(around)
+            for radius, f in zip(radii, (np.cos, np.sin), strict=False)
+        )
+        z = radii[2] * swell * np.cos(along)
+        return center[0] + x + 0.4 * z, center[1] + y - 0.3 * z, center[2] + z + 0.2 * x
+
+    return sheet(18, 8, point)
+
+
+def ribbon(
+    start: tuple[float, float, float], end: tuple[float, float, float], width: float
+) -> tuple[Floats, Ints]:
+    """A twisted band from one point to another; from before the plate to behind it, it passes through it."""
+
+    def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
+        angle, across = 0.5 + 1.3 * p, width * (q - 0.45)
+        x, y, z = (a + (b - a) * p for a, b in zip(start, end, strict=True))
+        return x + across * np.cos(angle), y + across * np.sin(angle), z + 2.0 * np.sin(7 * p)
+
+    return sheet(22, 4, point)
+
+
+def hills(corner: tuple[float, float, float], width: float, height: float) -> tuple[Floats, Ints]:
+    """An uneven backdrop."""
+
+    def point(p: Floats, q: Floats) -> tuple[Floats, ...]:
+        rise = 2.5 * np.sin(5 * p + 3 * q) + 1.5 * np.cos(9 * q * p)
+        return corner[0] + width * p, corner[1] + height * q * (1 - 0.3 * p), corner[2] + rise
+
+    return sheet(12, 9, point)
+
+
+def _part(
+    name: str, mesh: tuple[Floats, Ints], diffuse: tuple[float, float, float], hidden: bool = False
+) -> Part:
+    return Part(name=name, corners=mesh[0], faces=mesh[1], diffuse=diffuse, hidden=hidden)
+
+
+def harbor() -> World:
+    """A centered frustum, films wider than high; 968 triangles in four objects."""
+    return World(
+        name="harbor",
+        size=(21.0, 13.0),
+        hogels=(3, 2),
+        resolution=(96, 72),
+        fov_deg=(56.0, 42.0),
+        reach=(60.0, 70.0),
+        light=(-0.4, 0.7, 0.6),
+        parts=(
+            _part("backdrop", hills((-26.0, -21.0, -55.0), 62.0, 44.0), (0.2, 0.35, 0.6)),
+            _part("pebble", pebble((9.0, -4.0, -30.0), (7.0, 5.0, 4.0), 4), (0.6, 0.4, 0.1)),
+            _part("band", ribbon((-14.0, 10.0, 34.0), (-3.0, -1.0, -38.0), 5.0), (0.15, 0.6, 0.25)),
+            _part("buoy", pebble((4.0, 3.0, 38.0), (5.0, 6.5, 5.0), 5), (0.65, 0.15, 0.2)),
+        ),
+    )
+
+
+def attic() -> World:
+    """A recentered frustum, square films; 752 triangles in three objects before nothing."""
+    return World(
+        name="attic",
+        size=(18.0, 21.0),
+        hogels=(3, 3),
+        resolution=(56, 56),
+        screen=(40.0, 2.0, -1.5, 46.0, 40.0),
+        reach=(65.0, 50.0),
+        light=(0.5, 0.3, 0.8),
+        parts=(
+            _part("crate", pebble((-7.0, 5.0, -24.0), (9.0, 7.0, 5.0), 3), (0.6, 0.5, 0.2)),
+            _part("scarf", ribbon((14.0, 11.0, 40.0), (1.0, -13.0, -33.0), 7.0), (0.2, 0.3, 0.65)),
+            _part("lamp", pebble((-5.0, -7.0, 30.0), (6.0, 4.0, 7.0), 5), (0.55, 0.2, 0.4)),
+        ),
+    )
+
+
+def crowd() -> World:
+    """The attic, numbered after 65,884 triangles of a wall that no line shows: numbers need 17 bits."""
+    attic_ = attic()
+    wall = sheet(181, 182, lambda p, q: (400.0 + 20 * p, -10.0 + 20 * q, np.full_like(p, -20.0)))
+    return World(
+        name="crowd",
+        size=attic_.size,
+        hogels=(2, 2),
+        resolution=attic_.resolution,
+        screen=attic_.screen,
+        reach=attic_.reach,
+        light=attic_.light,
+        parts=(_part("wall", wall, (0.3, 0.3, 0.3), hidden=True), *attic_.parts),
+    )
