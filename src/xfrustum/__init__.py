@@ -20,7 +20,7 @@ Names are imported when they are first used, so that `import xfrustum` costs not
 
 from __future__ import annotations
 
-from importlib import import_module, metadata
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -101,6 +101,8 @@ _MODULES = {
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
+        from importlib import metadata  # noqa: PLC0415 - it costs more than all the rest
+
         return metadata.version("xfrustum")
     if name not in __all__:
         raise AttributeError(f"module 'xfrustum' has no attribute {name!r}")

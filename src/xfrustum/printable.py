@@ -1,0 +1,38 @@
+"""Text from outside, made fit for a terminal."""
+
+from __future__ import annotations
+
+import re
+
+_UNPRINTABLE = re.compile(
+    "["
+    "\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f"  # controls, but for tab and line feed
+    "\\u00ad\\u061c\\u180e\\u200b-\\u200f\\u2028-\\u202e\\u2060-\\u206f\\ufeff\\ufff9-\\ufffb"  # unseen, or turning text around
+    "\\ud800-\\udfff"  # halves of characters, among them bytes of names that are no UTF-8
+    "\\U000e0000-\\U000e0fff"
+    "]"
+)
+
+_ESCAPED_BYTES = range(0xDC80, 0xDD00)
+"""Code points by which Python stands for the bytes 0x80 to 0xff of a file name that is no UTF-8."""
+
+
+def printable(text: str) -> str:
+    """Return text whose control characters are escaped, such as `\\x1b`; tabs and line feeds stay.
+
+    Characters that are not seen or that turn the direction of writing are escaped as well, and bytes of file names
+    that are no UTF-8, as `\\xff`.
+    """
+    return _UNPRINTABLE.sub(_escaped, text)
+
+
+def one_line(text: str) -> str:
+    """Return printable text on one line: line feeds and runs of spaces become one space."""
+    return printable(" ".join(text.split()))
+
+
+def _escaped(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    if code in _ESCAPED_BYTES:
+        code -= _ESCAPED_BYTES.start - 0x80
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
