@@ -1,7 +1,7 @@
 """The one place where templates are filled in: HTML pages, SVG and Markdown.
 
-Every HTML page carries a Content-Security-Policy: the browser runs the scripts that were given to `html_page`, by
-their hashes, and nothing else, whatever text of a scene has found its way into the page; and it loads nothing.
+Every HTML page carries a Content-Security-Policy: the browser runs our own scripts, which it knows by their
+hashes, and nothing else, whatever text of a scene has found its way into the page; and it loads nothing.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ Filters = Mapping[str, Callable[..., Any]]
 TEMPLATES = Path(__file__).parent / "templates"
 
 _POLICY_MARK = "@@content-security-policy@@"
-"""Stands in a page for its policy, until all scripts of the page are known. It is replaced where the template has it, which
-is before any text from outside."""
+"""Stands in a page for its policy until all scripts of the page are known. The first one is replaced: the
+template has it before any text from outside."""
 
 
 def html_page(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
     """Return a page that needs nothing else, online or offline.
 
     Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the element with
-    plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of templates, one after the other; and
-    `data(ID, VALUE)`, an element with JSON that scripts can read.
+    plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of templates, one after the
+    other; and `data(ID, VALUE)`, an element with JSON that scripts can read.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any]) -> str
     def element(source: str) -> Markup:
         digest = base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
         hashes.append(f"'sha256-{digest}'")
-        return Markup(f"<script>{source}</script>")  # noqa: S704 - our own scripts only
+        return Markup(f"<script>{source}</script>")
 
     def script(*names: str) -> Markup:
         return element("\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names))
@@ -81,7 +81,7 @@ def script_json(value: Any) -> Markup:
     for letter in "<>&":
         text = text.replace(letter, f"\\u{ord(letter):04x}")
     # U+2028 and U+2029 are escaped already, as all that is not ASCII.
-    return Markup(text)  # noqa: S704 - nothing in it is markup now
+    return Markup(text)
 
 
 def _data_element(identifier: str, value: Any) -> Markup:
@@ -92,11 +92,12 @@ def _data_element(identifier: str, value: Any) -> Markup:
 
 def _policy(hashes: list[str]) -> str:
     """Return the policy of a page that has scripts of these hashes."""
-    # Plotly makes style elements and style attributes, and offers a plot as a picture from a data or blob address.
+    # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
+    scripts = " ".join(hashes) or "'none'"
     return "; ".join(
         (
             "default-src 'none'",
-            f"script-src {' '.join(hashes) or "'none'"}",
+            f"script-src {scripts}",
             "style-src 'unsafe-inline'",
             "img-src data: blob:",
             "base-uri 'none'",

@@ -9,14 +9,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.provenance import machine, versions
 from xfrustum.reports.tables import json_ready
+from xfrustum.reports.templates_environment import html_page
 from xfrustum.reports.verdict import Verification, totals
-
-_TEMPLATES = Path(__file__).parent / "templates"
 
 FILES = PAGE, DATA = "index.html", "verification.json"
 
@@ -41,20 +38,13 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
 
 def render_page(found: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["percent"] = percent
-    return environment.get_template("verify.html.j2").render(
-        found=found,
-        summary=found.summary(),
-        sentence=sentence(found),
-        versions={**versions(), **machine()},
-    )
+    values = {
+        "found": found,
+        "summary": found.summary(),
+        "sentence": sentence(found),
+        "versions": {**versions(), **machine()},
+    }
+    return html_page("verify.html.j2", {"percent": percent}, values)
 
 
 def write_junit(found: Verification, path: Path) -> None:

@@ -307,7 +307,9 @@ def test_a_folder_that_cannot_be_written_is_said_before_any_work(
     assert "--out a-file: a-file is not a folder" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("bug", [ZeroDivisionError("by hand"), MemoryError(), RecursionError("deep"), KeyError("x")])
+@pytest.mark.parametrize(
+    "bug", [ZeroDivisionError("by hand"), MemoryError(), RecursionError("deep"), KeyError("x")]
+)
 def test_an_unexpected_error_is_status_70_one_line_and_a_traceback_in_a_file(
     bug: Exception,
     scene: str,
@@ -396,7 +398,12 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
     stop: signal.Signals, status: int, word: str, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-m", "xfrustum", "report", "car", "--quiet", "--out", str(tmp_path / "out")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=signals_as_at_login) as process:
+    with subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=signals_as_at_login,  # noqa: PLW1509 - no threads here
+    ) as process:
         while process.poll() is None and not any(tmp_path.iterdir()):
             time.sleep(0.01)
         assert any(tmp_path.iterdir()), "the report has begun"

@@ -44,7 +44,7 @@ def run() -> int:
 
 
 def _leave(status: int) -> None:
-    """End the process at once: libraries that a signal interrupted may be in any state, and threads still at work."""
+    """End the process at once: interrupted libraries may be in any state, and threads still at work."""
     import os  # noqa: PLC0415 - only here
 
     sys.stdout.flush()

@@ -1,7 +1,7 @@
 """The command line: arguments in, exit status out, and nothing else.
 
-Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by a signal; all but
-the first two say why in one line on standard error.
+Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
+a signal; all but the first two say why in one line on standard error.
 """
 
 from __future__ import annotations
@@ -245,7 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _invoke(arguments: list[str]) -> int:
-    """Run a command and return its exit status; all its exceptions come through, as click's own `main` has it not."""
+    """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
     with printable_output():
         try:
             with cli.make_context("xfrustum", arguments) as context:

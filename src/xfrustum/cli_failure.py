@@ -57,7 +57,7 @@ def _in_words(error: BaseException) -> str:
 
 
 def _write(text: str) -> Path | None:
-    """Write a traceback to a new file that only its owner can read, and return its path; None where that fails."""
+    """Write a traceback to a new file that only its owner can read, and return its path, or None."""
     try:
         descriptor, name = tempfile.mkstemp(prefix=PREFIX, suffix=SUFFIX)
         with open(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:  # noqa: PTH123

@@ -1,7 +1,7 @@
-"""Standard output and standard error: what is written there, and what becomes of it where nobody can read it.
+"""Standard output and standard error: what is written there, also where nobody can read it.
 
-What a command prints is escaped here, in one place. For the process as a whole, streams that are closed, full or broken are
-met here too, and what libraries say on standard error is kept apart from the one line that is ours.
+What a command prints is escaped here, in one place. For the process as a whole, streams that are closed, full
+or broken are met here too, and what libraries say on standard error is kept apart from our one line.
 """
 
 from __future__ import annotations
@@ -100,7 +100,8 @@ class Streams:
     Attributes
     ----------
     library_words
-        A file that takes the place of file descriptor 2, where libraries in C write; None where their words are shown.
+        A file that takes the place of file descriptor 2, where libraries in C write; None where their words
+        are shown.
     """
 
     def __init__(self, *, words_of_libraries: bool) -> None:
@@ -163,7 +164,7 @@ def _file_for_words() -> IO[bytes]:
     try:
         return tempfile.TemporaryFile(buffering=0)
     except OSError:
-        return open(os.devnull, "r+b", buffering=0)  # noqa: PTH123, SIM115 - for the whole life of the process
+        return open(os.devnull, "r+b", buffering=0)  # noqa: PTH123 - for the whole life of the process
 
 
 def _silence_python_libraries() -> None:

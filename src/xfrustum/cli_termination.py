@@ -1,9 +1,9 @@
 """Ctrl-C and SIGTERM end a command cleanly, whatever it is doing when they come.
 
-A signal is remembered first. Then `Terminated` is raised in the main thread, so that every `with` block cleans up, but
-only where that is safe: not while a module is imported, a file put in its place, or a process started. Where it is not safe
-now, or where a library swallowed the exception, a timer tries again. `main` exits by the remembered signal, whatever
-exception came out in the end.
+A signal is remembered first. Then `Terminated` is raised in the main thread, so that every `with` block
+cleans up, but only where that is safe: not while a module is imported, a file put in its place, or a process
+started. Where it is not safe now, or where a library swallowed the exception, a timer tries again. `main`
+exits by the remembered signal, whatever exception came out in the end.
 
 This module imports nothing heavy: `__main__` installs the handlers with it before it imports anything else.
 """
@@ -40,8 +40,8 @@ UNINTERRUPTED_MODULES = frozenset(
         "xfrustum.scenes.exr_writer",
     }
 )
-"""Modules whose functions run to their end: they make, move or remove files, enter and leave blocks, or import. An import
-that is cut short leaves a module in halves, from which later exceptions of other kinds follow."""
+"""Modules whose functions run to their end: they make, move or remove files, or import. An import that is cut
+short leaves half a module, from which exceptions of other kinds follow later."""
 
 UNINTERRUPTED_FUNCTIONS = frozenset(
     {
@@ -50,7 +50,8 @@ UNINTERRUPTED_FUNCTIONS = frozenset(
         ("subprocess", "__init__"),
     }
 )
-"""Functions of other modules that run to their end: a process that was started but not yet noted would be ended by nobody."""
+"""Functions of other modules that run to their end: a block is entered and left as a whole, and nobody would end
+a process that was started but not yet noted."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -114,7 +115,7 @@ class Termination:
         self._former.clear()
 
     def ignore(self) -> None:
-        """Ignore the signals from here to the end of the process: the work is done, and what is left is short."""
+        """Ignore the signals from here to the end of the process: the work is done, and the rest is short."""
         self._stop_timer()
         for number in self._former:
             signal.signal(number, signal.SIG_IGN)

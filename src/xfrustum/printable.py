@@ -6,10 +6,10 @@ import re
 
 _UNPRINTABLE = re.compile(
     "["
-    "\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f"  # controls, but for tab and line feed
-    "\\u00ad\\u061c\\u180e\\u200b-\\u200f\\u2028-\\u202e\\u2060-\\u206f\\ufeff\\ufff9-\\ufffb"  # unseen, or turning text around
-    "\\ud800-\\udfff"  # halves of characters, among them bytes of names that are no UTF-8
-    "\\U000e0000-\\U000e0fff"
+    r"\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, but for tab and line feed
+    # Characters that are not seen, or that turn the direction of writing:
+    r"\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\U000e0000-\U000e0fff"
+    r"\ud800-\udfff"  # halves of characters, among them bytes of names that are no UTF-8
     "]"
 )
 
@@ -18,10 +18,10 @@ _ESCAPED_BYTES = range(0xDC80, 0xDD00)
 
 
 def printable(text: str) -> str:
-    """Return text whose control characters are escaped, such as `\\x1b`; tabs and line feeds stay.
+    r"""Return text whose control characters are escaped, such as `\x1b`; tabs and line feeds stay.
 
-    Characters that are not seen or that turn the direction of writing are escaped as well, and bytes of file names
-    that are no UTF-8, as `\\xff`.
+    Characters that are not seen or that turn the direction of writing are escaped as well, and bytes of file
+    names that are no UTF-8, as `\xff`.
     """
     return _UNPRINTABLE.sub(_escaped, text)
 
