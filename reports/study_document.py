@@ -25,7 +25,7 @@ from xfrustum.reports.study_verdict import (
     verdict,
 )
 from xfrustum.reports.tables import json_ready
-from xfrustum.reports.templates_environment import plain_text
+from xfrustum.reports.templates_environment import Filters, plain_text
 from xfrustum.scenes.depth_family import CAR_RATIO, CARS, FARTHEST, REACH
 
 Rows = Sequence[StudyRow]
@@ -53,7 +53,7 @@ def sentence(rows: Rows) -> str:
 
 def document(rows: Rows, origin: Origin) -> str:
     """Return the document as Markdown."""
-    filters = {
+    filters: Filters = {
         "percent": percent,
         "pixels": pixels,
         "digits": digits,

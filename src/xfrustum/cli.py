@@ -27,6 +27,7 @@ from xfrustum import (
 )
 from xfrustum import cli_options as options
 from xfrustum.cli_failure import report_unexpected
+from xfrustum.cli_files import ADVICE, check_encoding, in_words
 from xfrustum.cli_streams import printable_output, say
 
 if TYPE_CHECKING:
@@ -246,9 +247,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _invoke(arguments: list[str]) -> int:
     """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
+    check_encoding(arguments)
     with printable_output():
         try:
-            with cli.make_context("xfrustum", arguments) as context:
+            with cli.make_context("xfrustum", list(arguments)) as context:
                 status = cli.invoke(context)
         except click.exceptions.Exit as ended:
             status = ended.exit_code
@@ -269,6 +271,8 @@ def _status_of(error: BaseException, *, traceback: bool) -> int:
         return cli_termination.STATUS_OF_SIGNAL[signal.SIGINT]
     if _is_input_error(error):
         return _refuse(str(error))
+    if isinstance(error, OSError) and error.errno in ADVICE:
+        return _refuse(in_words(error))
     return report_unexpected(error, shown=traceback)
 
 

@@ -16,7 +16,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import IO, Any
+from typing import IO, Any, TextIO, cast
 
 from xfrustum.printable import one_line, printable
 
@@ -56,7 +56,7 @@ def printable_output() -> Iterator[None]:
     if stream is None:  # closed from the start, in a program that is not ours
         yield
         return
-    sys.stdout = _Printable(stream)  # type: ignore[assignment]
+    sys.stdout = cast("TextIO", _Printable(stream))
     try:
         yield
     finally:

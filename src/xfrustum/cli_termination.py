@@ -50,8 +50,8 @@ UNINTERRUPTED_FUNCTIONS = frozenset(
         ("subprocess", "__init__"),
     }
 )
-"""Functions of other modules that run to their end: a block is entered and left as a whole, and nobody would end
-a process that was started but not yet noted."""
+"""Functions of other modules that run to their end: a block is entered and left as a whole, and nobody would
+end a process that was started but not yet noted."""
 
 
 class Terminated(KeyboardInterrupt):
