@@ -47,8 +47,10 @@ def _leave(status: int) -> None:
     """End the process at once: interrupted libraries may be in any state, and threads still at work."""
     import os  # noqa: PLC0415 - only here
 
+    from xfrustum.terminal import messages  # noqa: PLC0415 - likewise
+
     sys.stdout.flush()
-    sys.stderr.flush()
+    messages().flush()
     os._exit(status)
 
 

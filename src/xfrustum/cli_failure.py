@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 import tempfile
 import traceback
 from pathlib import Path
 
 from xfrustum.cli_streams import say, words_of_libraries
+from xfrustum.terminal import messages
 
 UNEXPECTED_ERROR = 70
 """Exit status after an error of the program itself: EX_SOFTWARE of sysexits.h."""
@@ -37,7 +37,7 @@ def report_unexpected(error: BaseException, *, shown: bool) -> int:
     what = f"unexpected error: {_in_words(error)}"
     if shown:
         with contextlib.suppress(OSError, ValueError, AttributeError):
-            sys.stderr.write(text)
+            messages().write(text)
         say(what)
         return UNEXPECTED_ERROR
     where = _write(text + words_of_libraries())

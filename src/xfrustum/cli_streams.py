@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import IO, Any, TextIO, cast
 
-from xfrustum.printable import one_line, printable
+from xfrustum.terminal import messages, one_line, printable, send_messages_to
 
 STDIN, STDOUT, STDERR = 0, 1, 2
 
@@ -29,8 +29,8 @@ MAX_KEPT_BYTES = 1 << 16
 def say(message: str) -> None:
     """Write one line of ours to standard error; where that cannot be written, nobody is told."""
     try:
-        sys.stderr.write(f"xfrustum: {one_line(message)}\n")
-        sys.stderr.flush()
+        messages().write(f"xfrustum: {one_line(message)}\n")
+        messages().flush()
     except (OSError, ValueError, AttributeError):
         pass
 
@@ -109,13 +109,16 @@ class Streams:
         self._output = _Outlet(STDOUT)
         sys.stdout = _text(self._output)
         self.library_words: IO[bytes] | None = None
-        own = STDERR
         if not words_of_libraries:
             self.library_words = _file_for_words()
             own = os.dup(STDERR)
             os.dup2(self.library_words.fileno(), STDERR)
             _silence_python_libraries()
-        sys.stderr = _text(_Outlet(own), line_buffering=True)
+            # Libraries in Python write to `sys.stderr`.
+            sys.stderr = _text(_Outlet(STDERR), line_buffering=True)
+            send_messages_to(_text(_Outlet(own), line_buffering=True))
+        else:
+            sys.stderr = _text(_Outlet(STDERR), line_buffering=True)
 
     def failure_of_output(self) -> str | None:
         """Write what is left, and return why standard output could not be written, None where it could."""

@@ -1,8 +1,10 @@
-"""Text from outside, made fit for a terminal."""
+"""What people read in a terminal: which stream that is, and text from outside made fit for it."""
 
 from __future__ import annotations
 
 import re
+import sys
+from typing import IO
 
 _UNPRINTABLE = re.compile(
     "["
@@ -15,6 +17,23 @@ _UNPRINTABLE = re.compile(
 
 _ESCAPED_BYTES = range(0xDC80, 0xDD00)
 """Code points by which Python stands for the bytes 0x80 to 0xff of a file name that is no UTF-8."""
+
+
+_messages: IO[str] | None = None
+
+
+def messages() -> IO[str]:
+    """Return the stream that our messages and progress bars go to.
+
+    It is `sys.stderr`, unless the command line has given that one to the libraries, for what they say.
+    """
+    return sys.stderr if _messages is None else _messages
+
+
+def send_messages_to(stream: IO[str]) -> None:
+    """Let our messages and progress bars go to another stream than `sys.stderr`."""
+    global _messages
+    _messages = stream
 
 
 def printable(text: str) -> str:
