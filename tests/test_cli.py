@@ -236,6 +236,9 @@ def test_report_says_the_best_setting_and_where_the_page_is(
     assert isinstance(told["rows"], list) and len(told["rows"]) == 8
 
 
+LONG = 300 * "n"
+"""A name that no file system holds: 255 bytes are the most."""
+
 BAD = [
     ("report missing.toml", "missing.toml"),
     ("report no-such-scene", "no-such-scene"),
@@ -268,6 +271,19 @@ BAD = [
     ("compare . .", "is a folder"),
     ("verify boxes.toml {i}x{j}.png --junit a-file/x.xml", "--junit a-file/x.xml: cannot write"),
     ("verify boxes.toml {i}x{j}.png --timeout inf", "finite"),
+    (f"trace boxes.toml --out {LONG}.exr", "File name too long; give a shorter name"),
+    (f"trace {LONG} --out x.exr", "File name too long"),
+    (f"report boxes.toml --out {LONG}", "File name too long"),
+    (f"compare {LONG}.exr x.exr", "File name too long"),
+    (f"verify boxes.toml {{i}}x{{j}}{LONG}.png --quiet", "File name too long"),
+    (f"verify boxes.toml {{i}}x{{j}}.png --junit {LONG}", "File name too long"),
+    ("trace boxes.toml --out caf\udce9.exr", r"caf\xe9.exr is not UTF-8"),
+    ("verify boxes.toml {i:q}x{j}.png", "{i:q} is no way to write {i}"),
+    ("verify boxes.toml {i:>99999999999}x{j}.png", "no way to write {i}"),
+    ("verify boxes.toml {i:99999999999}x{j}.png", "no way to write {i}"),
+    ("verify boxes.toml {i!r}x{j}.png", "{i!r} is no way to write {i}"),
+    ("verify boxes.toml {i:{j}}x{j}.png", "no way to write {i}"),
+    ("verify boxes.toml --command x{out:5}", "{out:5} is no way to write {out}"),
     ("unknown", "unknown"),
     ("scenes --unknown", "--unknown"),
 ]

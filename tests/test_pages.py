@@ -98,10 +98,10 @@ def test_json_in_a_page_cannot_end_its_element_nor_a_line_of_script() -> None:
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium, which is not installed")
 @pytest.mark.slow
 def test_a_browser_draws_the_plots_of_a_page_and_runs_nothing_else(report_page: Path, tmp_path: Path) -> None:
-    quiet = (
-        "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+    quiet = "--disable-quic --no-first-run --disable-background-networking --disable-component-update"
+    options = (
+        f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 --disable-sync {quiet}".split()
     )
-    options = f"{quiet} --disable-component-update --disable-sync --virtual-time-budget=8000".split()
     shown = subprocess.run(
         [
             str(BROWSER),
