@@ -220,3 +220,21 @@ def test_a_trace_stopped_at_any_moment_says_so_and_leaves_nothing(tmp_path: Path
 @pytest.mark.slow
 def test_a_hundred_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
     traces_stopped_at_random_moments(100, 14, tmp_path)
+
+
+@pytest.mark.parametrize("stop", ENDED)
+def test_a_signal_that_comes_while_the_program_is_loaded_waits_until_it_can_be_answered(
+    stop: signal.Signals, tmp_path: Path
+) -> None:
+    body = (
+        "import sys\n"
+        "from xfrustum import __main__ as program\n"  # loads nothing that takes signals over
+        "import os\n"
+        f"os.kill(os.getpid(), {int(stop)})\n"
+        "sys.argv[1:] = ['scenes']\n"
+        "sys.exit(program.run())\n"
+    )
+    with start(["-c", body], tmp_path) as process:
+        out, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[stop]
+    assert out == ""

@@ -21,7 +21,10 @@ Names are imported when they are first used, so that `import xfrustum` costs not
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+
+# By its name type checkers know it; `typing` takes longer to import than everything else here, and until
+# `__main__` is reached a signal finds nobody who expects it.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images

@@ -5,9 +5,14 @@ Signals are taken over before anything else is imported, then the standard strea
 
 from __future__ import annotations
 
+import _signal  # type: ignore[import-not-found]  # nobody has described it to mypy
 import sys
 
-from xfrustum import cli_termination
+# Signals wait until somebody can answer them. `_signal` is the part of `signal` that Python is born with.
+ENDING_SIGNALS = (_signal.SIGINT, _signal.SIGTERM)
+_signal.pthread_sigmask(_signal.SIG_BLOCK, ENDING_SIGNALS)
+
+from xfrustum import cli_termination  # noqa: E402
 
 TRACEBACK_OPTION = "--traceback"
 
@@ -18,6 +23,7 @@ UNWRITABLE_OUTPUT = 2
 def run() -> int:
     """Run the command line of this process and return its exit status."""
     termination = cli_termination.of_process()
+    _signal.pthread_sigmask(_signal.SIG_UNBLOCK, ENDING_SIGNALS)
     from xfrustum import cli_streams  # noqa: PLC0415 - after the signals are taken over
 
     shown = TRACEBACK_OPTION in sys.argv[1:2]
