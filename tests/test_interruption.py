@@ -218,8 +218,8 @@ def test_a_trace_stopped_at_any_moment_says_so_and_leaves_nothing(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_hundred_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
-    traces_stopped_at_random_moments(100, 14, tmp_path)
+def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
+    traces_stopped_at_random_moments(40, 14, tmp_path)
 
 
 @pytest.mark.parametrize("stop", ENDED)
