@@ -21,6 +21,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference.lines import crossed_frustum
 from xfrustum.reference.threads import worker_count
 from xfrustum.scenes.hogel_image import Certainty
+from xfrustum.terminal import messages
 
 PIXELS_AT_ONCE = 1 << 13
 """Of one process: small enough that all are busy to the end."""
@@ -222,4 +223,4 @@ def _pool(processes: int) -> Iterator[Executor]:
 
 def _progress_bar(chosen: list[View], shown: bool) -> Any:
     pixels = sum(int(np.prod(view.scene.frustum.resolution)) for view in chosen)
-    return tqdm(total=pixels, unit="px", unit_scale=True, disable=not shown)
+    return tqdm(file=messages(), total=pixels, unit="px", unit_scale=True, disable=not shown)

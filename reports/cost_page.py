@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-
 from xfrustum.reports import best
 from xfrustum.reports.cost import CostReport
 from xfrustum.reports.outputs import Staging
+from xfrustum.reports.templates_environment import html_page
 from xfrustum.reports.timing import CONFIDENCE
 from xfrustum.reports.trade_off import pareto
 from xfrustum.reports.trade_off_figure import trade_off_figure
 
-_TEMPLATES = Path(__file__).parent / "templates"
 FILES = PAGE, DATA = "index.html", "cost.json"
 
 
@@ -50,18 +46,15 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
 
 
 def _page(measured: CostReport) -> str:
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters.update(digits=best.digits, percent=best.percent, pixels=best.pixels)
     figure = trade_off_figure(measured.options, measured.tolerance_px)
     rows = sorted(
         zip(measured.options, pareto(measured.options), strict=True), key=lambda row: row[0].time_s.median
     )
-    return environment.get_template("cost.html.j2").render(
-        cost=measured,
-        confidence=CONFIDENCE,
-        rows=rows,
-        figure=Markup(figure.to_json().replace("<", "\\u003c")),
-        plotly_js=Markup(get_plotlyjs()),
-    )
+    filters = {"digits": best.digits, "percent": best.percent, "pixels": best.pixels}
+    values = {
+        "cost": measured,
+        "confidence": CONFIDENCE,
+        "rows": rows,
+        "figure": json.loads(figure.to_json()),
+    }
+    return html_page("cost.html.j2", filters, values)

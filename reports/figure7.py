@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from PIL import Image
 
 from xfrustum.compare.display import LEVELS, encoded
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.best import digits
 from xfrustum.reports.outputs import Staging
+from xfrustum.reports.templates_environment import html_page
 from xfrustum.reports.timing import Stopwatch
 from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.hogel_image import HogelImage
@@ -27,7 +27,6 @@ NEAR_PER_REACH = 1e-6
 displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth buffer resolves 2^-24 of
 any distance, however small the near plane."""
 
-_TEMPLATES = Path(__file__).parent / "templates"
 _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
 FILES = (_PAGE, *(f"{camera.value}.png" for camera in _DRAWN))
@@ -111,17 +110,14 @@ def png(image: HogelImage) -> bytes:
 
 
 def _page(figure: Figure, pictures: Mapping[Camera, bytes]) -> str:
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters.update(digits=digits)
     covered = {camera.value: float(image.covered.mean()) for camera, image in figure.images.items()}
-    return environment.get_template("figure7.html.j2").render(
-        figure=figure,
-        reach=figure.scene.frustum.longest_reach,
-        covered=covered,
-        pictures={
+    values = {
+        "figure": figure,
+        "reach": figure.scene.frustum.longest_reach,
+        "covered": covered,
+        "pictures": {
             camera.value: f"data:image/png;base64,{base64.b64encode(data).decode()}"
             for camera, data in pictures.items()
         },
-    )
+    }
+    return html_page("figure7.html.j2", {"digits": digits}, values)

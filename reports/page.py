@@ -6,23 +6,17 @@ import base64
 import hashlib
 import json
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from xfrustum.compare.paired import CONFIDENCE
 from xfrustum.reports import best, figures, images, shading_page, trade_off
 from xfrustum.reports.measurement import TOLERANCE_PX, Measurement, SettingPictures, Sweep
 from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.sweep_bench import REPEAT_BUDGET_S
-from xfrustum.reports.tables import json_ready, recommended_command, report_object
+from xfrustum.reports.tables import recommended_command, report_object
+from xfrustum.reports.templates_environment import html_page
 from xfrustum.reports.trade_off_figure import trade_off_figure
 from xfrustum.scenes.hogel_image import Certainty
-
-_TEMPLATES = Path(__file__).parent / "templates"
 
 _CERTAINTY_WORDS = {
     Certainty.PROVEN: "proven in floating point",
@@ -34,49 +28,42 @@ _CERTAINTY_WORDS = {
 
 def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
     """Return the report as one HTML document that needs nothing else, online or offline."""
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(percent=best.percent, pixels=best.pixels, digits=best.digits)
     reach = sweep.scene.frustum.longest_reach
     options = trade_off.options_of(sweep)
     recommended = trade_off.recommended_of(sweep, options)
-    return environment.get_template("report.html.j2").render(
-        scene=sweep.scene,
-        frustum=_frustum_words(sweep),
-        reach=reach,
-        sentence=best.sentence(sweep.rows, sweep.scene.units, reach),
-        can_be_judged=best.can_be_judged(sweep.rows),
-        verdict=best.best_setting(sweep.rows),
-        command=recommended_command(sweep),
-        near_range=best.near_range,
-        unseen_px=best.UNSEEN_DISPLACEMENT_PX,
-        confidence=CONFIDENCE,
-        repeat_budget_s=REPEAT_BUDGET_S,
-        per_depth=best.best_per_depth(sweep.rows),
-        apertures=sweep.apertures,
-        settings_count=len({row.settings for row in sweep.rows}),
-        rows=sweep.rows,
-        certainty=_certainty_table(sweep),
-        versions=sweep.versions,
-        devices=sweep.devices,
-        reduction=sweep.reduction,
-        displacement_colors=images.displacement_scale(),
-        displacement_range=images.DISPLACEMENT_RANGE_PX,
-        height_colors=images.height_scale(),
-        height_range=images.height_range(sweep.scene, reach),
-        surface_color=images.SURFACE_COLOR,
-        triangle_color=images.TRIANGLE_COLOR,
-        shading=shading_page.context(shading),
-        trade_off=trade_off.answers(options, recommended=recommended),
-        total_s=sweep.wall_s,
-        data=_script_json(_page_data(sweep, shading)),
-        plotly_js=Markup(get_plotlyjs()),
-    )
+    values = {
+        "scene": sweep.scene,
+        "frustum": _frustum_words(sweep),
+        "reach": reach,
+        "sentence": best.sentence(sweep.rows, sweep.scene.units, reach),
+        "can_be_judged": best.can_be_judged(sweep.rows),
+        "verdict": best.best_setting(sweep.rows),
+        "command": recommended_command(sweep),
+        "near_range": best.near_range,
+        "unseen_px": best.UNSEEN_DISPLACEMENT_PX,
+        "confidence": CONFIDENCE,
+        "repeat_budget_s": REPEAT_BUDGET_S,
+        "per_depth": best.best_per_depth(sweep.rows),
+        "apertures": sweep.apertures,
+        "settings_count": len({row.settings for row in sweep.rows}),
+        "rows": sweep.rows,
+        "certainty": _certainty_table(sweep),
+        "versions": sweep.versions,
+        "devices": sweep.devices,
+        "reduction": sweep.reduction,
+        "displacement_colors": images.displacement_scale(),
+        "displacement_range": images.DISPLACEMENT_RANGE_PX,
+        "height_colors": images.height_scale(),
+        "height_range": images.height_range(sweep.scene, reach),
+        "surface_color": images.SURFACE_COLOR,
+        "triangle_color": images.TRIANGLE_COLOR,
+        "shading": shading_page.context(shading),
+        "trade_off": trade_off.answers(options, recommended=recommended),
+        "total_s": sweep.wall_s,
+        "page_data": _page_data(sweep, shading),
+    }
+    filters = {"percent": best.percent, "pixels": best.pixels, "digits": best.digits}
+    return html_page("report.html.j2", filters, values)
 
 
 def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
@@ -134,12 +121,6 @@ def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
         text = base64.b64encode(encoded).decode()
         pictures[key] = f"data:{images.media_type(encoded)};base64,{text}"
     return key
-
-
-def _script_json(value: Any) -> Markup:
-    """Serialize for a script element: `<` is escaped, so that no string can close it."""
-    text = json.dumps(json_ready(value), allow_nan=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c"))
 
 
 def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:

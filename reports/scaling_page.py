@@ -8,9 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import plotly.graph_objects as go
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from xfrustum.reports.bench_scaling import AxisScaling, ScalingBenchmark
 from xfrustum.reports.figure_style import error_bars, log_axis, look, style
@@ -24,8 +21,7 @@ from xfrustum.reports.scaling_table import (
     runs_sentence,
     size_name,
 )
-
-_TEMPLATES = Path(__file__).parent / "templates"
+from xfrustum.reports.templates_environment import html_page
 
 
 @contextmanager
@@ -97,9 +93,6 @@ def scaling_figure(one: AxisScaling, quantity: str) -> go.Figure:
 
 
 def _page(measured: ScalingBenchmark) -> str:
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     figures = {
         f"{one.axis.unit}-{quantity}": scaling_figure(one, quantity).to_plotly_json()
         for one in measured.axes
@@ -113,13 +106,13 @@ def _page(measured: ScalingBenchmark) -> str:
         for one in measured.axes
         if measured.extent.asymptotic
     }
-    return environment.get_template("scaling.html.j2").render(
-        scaling=measured,
-        sentences=sentences,
-        runs=runs_sentence(measured.extent),
-        too_small=None if measured.extent.asymptotic else TOO_SMALL,
-        memory=memory_sentence(measured),
-        meanings={name: one.meaning for name, one in CONTESTANTS.items()},
-        figures=Markup(json.dumps(figures).replace("<", "\\u003c")),
-        plotly_js=Markup(get_plotlyjs()),
-    )
+    values = {
+        "scaling": measured,
+        "sentences": sentences,
+        "runs": runs_sentence(measured.extent),
+        "too_small": None if measured.extent.asymptotic else TOO_SMALL,
+        "memory": memory_sentence(measured),
+        "meanings": {name: one.meaning for name, one in CONTESTANTS.items()},
+        "figures": figures,
+    }
+    return html_page("scaling.html.j2", {}, values)

@@ -5,6 +5,7 @@ The third kind, a command, is `xfrustum.reports.commands`.
 
 from __future__ import annotations
 
+import re
 import string
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -54,7 +55,32 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
     if unknown:
         known = ", ".join(f"{{{name}}}" for name in allowed)
         raise InputError(f"{what} {template!r}: {{{unknown[0]}}} is not one of {known}")
+    _check_formats(template, what)
     return named
+
+
+FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
+"""How a number may be asked for after a colon, such as 04d or .3f: at most 99 characters of it."""
+
+EXAMPLES: dict[str, object] = {"x": 0.5, "y": 0.5, "i": 1, "j": 1, "out": Path("x")}
+"""Values of the kinds that fields stand for."""
+
+
+def _check_formats(template: str, what: str) -> None:
+    """Raise InputError where a field asks for its value in a way that there is not, or without bound."""
+    for _, name, form, conversion in string.Formatter().parse(template):
+        if name is None:
+            continue
+        try:
+            if not FORMAT.fullmatch(form or "") or conversion:
+                raise ValueError
+            format(EXAMPLES[name], form or "")
+        except (ValueError, TypeError) as error:
+            asked = name + (f"!{conversion}" if conversion else "") + (f":{form}" if form else "")
+            raise InputError(
+                f"{what} {template!r}: {{{asked}}} is no way to write {{{name}}}; "
+                "write the name alone, or such as {i:03d} and {x:.6f}"
+            ) from error
 
 
 @dataclass(kw_only=True)

@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from xfrustum.compare.predict_depth import EXPRESSION_ROUNDINGS, MISORDERED
 from xfrustum.reports import study_facts as facts
 from xfrustum.reports.best import digits, percent, pixels
 from xfrustum.reports.study_advice import advice_table, buffer_name, span
-from xfrustum.reports.study_figures import SIDE_WORDS, TEMPLATES, maps, near_words
+from xfrustum.reports.study_figures import SIDE_WORDS, maps, near_words
 from xfrustum.reports.study_grid import CONTROL
 from xfrustum.reports.study_measure import NEAREST_PERCENTILE
 from xfrustum.reports.study_rows import ASKED_SEPARATION, Origin, StudyRow
@@ -26,6 +25,7 @@ from xfrustum.reports.study_verdict import (
     verdict,
 )
 from xfrustum.reports.tables import json_ready
+from xfrustum.reports.templates_environment import Filters, plain_text
 from xfrustum.scenes.depth_family import CAR_RATIO, CARS, FARTHEST, REACH
 
 Rows = Sequence[StudyRow]
@@ -53,25 +53,18 @@ def sentence(rows: Rows) -> str:
 
 def document(rows: Rows, origin: Origin) -> str:
     """Return the document as Markdown."""
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=False,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters.update(
-        percent=percent,
-        pixels=pixels,
-        digits=digits,
-        near=near_words,
-        span=span,
-        plain="{:g}".format,
-        rounded=_rounded,
-    )
-    text = environment.get_template("when-to-split.md.j2").render(
-        **_constants(), **_counts(rows), origin=origin, figures={n: m.title for n, m in maps(rows).items()}
+    filters: Filters = {
+        "percent": percent,
+        "pixels": pixels,
+        "digits": digits,
+        "near": near_words,
+        "span": span,
+        "plain": "{:g}".format,
+        "rounded": _rounded,
+    }
+    titles = {name: drawn.title for name, drawn in maps(rows).items()}
+    text = plain_text(
+        "when-to-split.md.j2", filters, {**_constants(), **_counts(rows), "origin": origin, "figures": titles}
     )
     return re.sub(r"\n{3,}", "\n\n", text)
 

@@ -7,18 +7,14 @@ import re
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from xfrustum.reports.best import digits, percent
 from xfrustum.reports.study_grid import CONTROL, SIDES, DepthBuffer
 from xfrustum.reports.study_measure import SEPARATIONS
 from xfrustum.reports.study_rows import StudyRow
 from xfrustum.reports.study_verdict import Verdict, verdict
+from xfrustum.reports.templates_environment import svg_picture
 from xfrustum.scenes.double_frustum import Camera
-
-TEMPLATES = Path(__file__).parent / "templates"
 
 SIDE_WORDS = {Camera.C: "C, behind the plate", Camera.C_STAR: "C*, before the plate"}
 
@@ -95,15 +91,7 @@ def maps(rows: Rows) -> dict[str, Map]:
 
 def svg(drawn: Map) -> str:
     """Return a map as an SVG document."""
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["power"] = _power
-    return environment.get_template("study-map.svg.j2").render(map=drawn)
+    return svg_picture("study-map.svg.j2", {"power": _power}, {"map": drawn})
 
 
 def _verdicts(rows: Rows, side: Camera) -> Map:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.provenance import machine, versions
 from xfrustum.reports.tables import json_ready
+from xfrustum.reports.templates_environment import html_page
 from xfrustum.reports.verdict import Verification, totals
-
-_TEMPLATES = Path(__file__).parent / "templates"
 
 FILES = PAGE, DATA = "index.html", "verification.json"
 
@@ -41,35 +39,29 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
 
 def render_page(found: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["percent"] = percent
-    return environment.get_template("verify.html.j2").render(
-        found=found,
-        summary=found.summary(),
-        sentence=sentence(found),
-        versions={**versions(), **machine()},
-    )
+    values = {
+        "found": found,
+        "summary": found.summary(),
+        "sentence": sentence(found),
+        "versions": {**versions(), **machine()},
+    }
+    return html_page("verify.html.j2", {"percent": percent}, values)
 
 
 def write_junit(found: Verification, path: Path) -> None:
     """Write one test case for each hogel as JUnit XML, aside and then renamed."""
     suite = ElementTree.Element(
         "testsuite",
-        name=f"xfrustum verify {found.scene.name}",
+        name=_xml_text(f"xfrustum verify {found.scene.name}"),
         tests=str(len(found.hogels)),
         failures=str(sum(not hogel.passed and not hogel.problem for hogel in found.hogels)),
         errors=str(sum(bool(hogel.problem) for hogel in found.hogels)),
     )
+    classname = _xml_text(found.scene.name) or "scene"
     words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
     for hogel in found.hogels:
         name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
-        case = ElementTree.SubElement(suite, "testcase", classname=found.scene.name or "scene", name=name)
+        case = ElementTree.SubElement(suite, "testcase", classname=classname, name=name)
         if hogel.problem:
             ElementTree.SubElement(case, "error", message=_xml_text(hogel.problem))
         elif not hogel.passed:
@@ -91,9 +83,13 @@ def _umask() -> int:
     return mask
 
 
+_NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What a document of XML 1.0 cannot hold, not even as a reference (the specification's `Char`)."""
+
+
 def _xml_text(text: str) -> str:
-    """Return text without the control characters that XML has no way to write."""
-    return "".join(letter for letter in text if letter in "\t\n" or ord(letter) >= 32)
+    """Return text in which replacement characters stand for all that XML has no way to write."""
+    return _NOT_IN_XML.sub("\ufffd", text)
 
 
 def percent(fraction: float) -> str:
@@ -117,7 +113,8 @@ def table(found: Verification) -> str:
     lines = [sentence(found), f"diagnosis, by {found.diagnosis.means}:"]
     lines += [f"  {fault.words}{_interval(fault.low, fault.high)}" for fault in found.diagnosis.faults]
     if not found.diagnosis.faults:
-        lines.append("  nothing found")
+        judged = any(hogel.as_found for hogel in found.hogels)
+        lines.append("  nothing found" if judged else "  nothing: no hogel could be judged")
     for name, figures in (
         ("as found", totals([hogel.as_found for hogel in found.hogels])),
         ("corrected", totals([hogel.corrected for hogel in found.hogels])),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
+import stat
 import subprocess
 import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,6 +18,7 @@ import OpenEXR
 import pytest
 
 import xfrustum
+from xfrustum import cli_failure
 from xfrustum.cli import main
 from xfrustum.scenes import builtin
 
@@ -233,6 +236,9 @@ def test_report_says_the_best_setting_and_where_the_page_is(
     assert isinstance(told["rows"], list) and len(told["rows"]) == 8
 
 
+LONG = 300 * "n"
+"""A name that no file system holds: 255 bytes are the most."""
+
 BAD = [
     ("report missing.toml", "missing.toml"),
     ("report no-such-scene", "no-such-scene"),
@@ -265,6 +271,19 @@ BAD = [
     ("compare . .", "is a folder"),
     ("verify boxes.toml {i}x{j}.png --junit a-file/x.xml", "--junit a-file/x.xml: cannot write"),
     ("verify boxes.toml {i}x{j}.png --timeout inf", "finite"),
+    (f"trace boxes.toml --out {LONG}.exr", "File name too long; give a shorter name"),
+    (f"trace {LONG} --out x.exr", "File name too long"),
+    (f"report boxes.toml --out {LONG}", "File name too long"),
+    (f"compare {LONG}.exr x.exr", "File name too long"),
+    (f"verify boxes.toml {{i}}x{{j}}{LONG}.png --quiet", "File name too long"),
+    (f"verify boxes.toml {{i}}x{{j}}.png --junit {LONG}", "File name too long"),
+    ("trace boxes.toml --out caf\udce9.exr", r"caf\xe9.exr is not UTF-8"),
+    ("verify boxes.toml {i:q}x{j}.png", "{i:q} is no way to write {i}"),
+    ("verify boxes.toml {i:>99999999999}x{j}.png", "no way to write {i}"),
+    ("verify boxes.toml {i:99999999999}x{j}.png", "no way to write {i}"),
+    ("verify boxes.toml {i!r}x{j}.png", "{i!r} is no way to write {i}"),
+    ("verify boxes.toml {i:{j}}x{j}.png", "no way to write {i}"),
+    ("verify boxes.toml --command x{out:5}", "{out:5} is no way to write {out}"),
     ("unknown", "unknown"),
     ("scenes --unknown", "--unknown"),
 ]
@@ -304,13 +323,61 @@ def test_a_folder_that_cannot_be_written_is_said_before_any_work(
     assert "--out a-file: a-file is not a folder" in capsys.readouterr().err
 
 
-def test_a_bug_keeps_its_traceback(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "bug", [ZeroDivisionError("by hand"), MemoryError(), RecursionError("deep"), KeyError("x")]
+)
+def test_an_unexpected_error_is_status_70_one_line_and_a_traceback_in_a_file(
+    bug: Exception,
+    scene: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def broken(_: str) -> NoReturn:
+        raise bug
+
+    monkeypatch.setattr("xfrustum.scenes.open_scene", broken)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    assert main(["trace", scene, "--out", "x.exr"]) == 70
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert printed.err.startswith(f"xfrustum: unexpected error: {type(bug).__name__}")
+    file = Path(printed.err.split()[-1])
+    assert file.parent == tmp_path / "temporary"
+    assert "in broken" in file.read_text() and stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+@pytest.mark.usefixtures("scene")
+def test_traceback_shows_what_else_is_written_to_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def broken(_: str) -> NoReturn:
         raise ZeroDivisionError
 
     monkeypatch.setattr("xfrustum.scenes.open_scene", broken)
-    with pytest.raises(ZeroDivisionError):
-        main(["trace", scene, "--out", "x.exr"])
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert main(["--traceback", "trace", "boxes.toml", "--out", "x.exr"]) == 70
+    said = capsys.readouterr().err
+    assert said.startswith("Traceback (most recent call last)") and "in broken" in said
+    assert list(tmp_path.glob("xfrustum-traceback-*")) == []
+
+
+@pytest.mark.usefixtures("scene")
+def test_old_tracebacks_give_way_to_new_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: str) -> NoReturn:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("xfrustum.scenes.open_scene", broken)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for number in range(cli_failure.MAX_TRACEBACKS + 5):
+        old = tmp_path / f"xfrustum-traceback-{number}.txt"
+        old.touch()
+        os.utime(old, ns=(number, number))
+    assert main(["trace", "boxes.toml", "--out", "x.exr"]) == 70
+    left = list(tmp_path.glob("xfrustum-traceback-*.txt"))
+    assert len(left) == cli_failure.MAX_TRACEBACKS
+    assert any("in broken" in path.read_text() for path in left)
 
 
 def test_without_a_command_the_help_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
@@ -334,6 +401,12 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
     assert done.stderr.startswith("xfrustum: error: ")
 
 
+def signals_as_at_login() -> None:
+    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize(
     ("stop", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
@@ -341,7 +414,12 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
     stop: signal.Signals, status: int, word: str, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-m", "xfrustum", "report", "car", "--quiet", "--out", str(tmp_path / "out")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=signals_as_at_login,  # noqa: PLW1509 - no threads here
+    ) as process:
         while process.poll() is None and not any(tmp_path.iterdir()):
             time.sleep(0.01)
         assert any(tmp_path.iterdir()), "the report has begun"
@@ -350,7 +428,7 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
             os.kill(process.pid, stop)
         _, said = process.communicate()
     assert process.returncode == status
-    assert said.strip() == f"xfrustum: {word}"
+    assert said == f"xfrustum: {word}\n"
     assert not any(tmp_path.iterdir())
 
 

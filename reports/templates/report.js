@@ -49,41 +49,71 @@ function choose(row) {
   show();
 }
 
+// Tables are made of elements and text nodes only: a text of a scene is never read as markup.
+function cell(text, { head = false, number = false, span = 1 } = {}) {
+  const made = document.createElement(head ? "th" : "td");
+  made.textContent = text;
+  if (number) made.className = "n";
+  if (span > 1) made.colSpan = span;
+  return made;
+}
+
+function line(cells, name = "") {
+  const made = document.createElement("tr");
+  made.className = name;
+  made.append(...cells);
+  return made;
+}
+
+function fill(table, titles, lines) {
+  const head = document.createElement("thead"), body = document.createElement("tbody");
+  head.append(line([cell("", { head: true }), ...titles.map((title) => cell(title, { head: true, number: true }))]));
+  body.append(...lines);
+  table.replaceChildren(head, body);
+}
+
+const figure = (text) => cell(text, { number: true });
+
 function numbers(row) {
   const c = row.comparison, d = c.displacement_px, p = row.predicted.displacement_px;
   const share = (part) => (part === null ? "–" : `${part.wrong.toLocaleString()} (${short(100 * part.fraction)} %)`);
-  const spread = (s) => ["rms", "p50", "p95", "p99", "max"].map((key) => `<td class="n">${short(s && s[key])}</td>`).join("");
+  const spread = (label, s) => line([cell(label), ...["rms", "p50", "p95", "p99", "max"].map((key) => figure(short(s && s[key])))]);
+  const wide = (label, text) => line([cell(label), cell(text, { span: 5 })]);
   const parts = (stage) => Object.entries(row.parts_s[stage] || {}).map(([part, s]) => ` (of it ${part} ${short(1000 * s)})`).join("");
   const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms${parts(stage)}`).join(", ");
-  return `<thead><tr><th></th><th class="n">rms</th><th class="n">median</th><th class="n">95 %</th><th class="n">99 %</th><th class="n">max</th></tr></thead>
-    <tr><td>displacement measured, px</td>${spread(d)}</tr>
-    <tr><td>displacement predicted, px</td>${spread(p)}</tr>
-    <tr><td>height error, ${data.units}</td><td class="n">${short(c.height && c.height.rms)}</td><td colspan="3"></td><td class="n">${short(c.height && c.height.max)}</td></tr>
-    <tr><td>wrong surface</td><td colspan="5">${share(c.surface)} of ${c.judged.toLocaleString()} judged pixels</td></tr>
-    <tr><td>another triangle</td><td colspan="5">${share(c.triangle)}</td></tr>
-    <tr><td>truth shows a surface at</td><td colspan="5">${c.covered.toLocaleString()} pixels; ${c.at_plate.toLocaleString()} drawn in the plate itself</td></tr>
-    ${light(c.radiance)}
-    <tr><td>wall time</td><td colspan="5">${time}</td></tr>`;
+  fill(get("numbers"), ["rms", "median", "95 %", "99 %", "max"], [
+    spread("displacement measured, px", d),
+    spread("displacement predicted, px", p),
+    line([cell(`height error, ${data.units}`), figure(short(c.height && c.height.rms)), cell("", { span: 3 }), figure(short(c.height && c.height.max))]),
+    wide("wrong surface", `${share(c.surface)} of ${c.judged.toLocaleString()} judged pixels`),
+    wide("another triangle", share(c.triangle)),
+    wide("truth shows a surface at", `${c.covered.toLocaleString()} pixels; ${c.at_plate.toLocaleString()} drawn in the plate itself`),
+    ...light(c.radiance, wide),
+    wide("wall time", time),
+  ]);
 }
 
 function predictions(row) {
   const c = row.comparison, p = row.predicted, d = c.displacement_px, q = p.displacement_px;
-  const line = (label, predicted, measured, ratio, part) =>
-    `<tr${part ? ' class="part"' : ""}><td>${label}</td><td class="n">${predicted}</td><td class="n">${measured}</td><td class="n">${ratio}</td></tr>`;
+  const beside = (label, predicted, measured, ratio, name) => line([cell(label), figure(predicted), figure(measured), figure(ratio)], name);
   const ratio = (value) => (value === null ? "–" : value.toPrecision(3));
-  const moved = (label, key) => line(`displacement ${label}`, short(q && q[key], " px"), short(d && d[key], " px"), ratio(row.ratio["displacement_" + key]));
+  const moved = (label, key) => beside(`displacement ${label}`, short(q && q[key], " px"), short(d && d[key], " px"), ratio(row.ratio["displacement_" + key]));
   const count = (share) => { const n = share * c.judged; return n < 1000 ? Number(n.toPrecision(2)).toString() : Math.round(n).toLocaleString(); };
-  const part = (label, share) => line(label, `${count(share)}`, "", "", true);
+  const part = (label, share) => beside(label, count(share), "", "", "part");
   const apart = (value) => {
     if (value === null) return "nothing visible";
     return value < data.reach ? `${short(value)} ${data.units}` : "none within the reach";
   };
-  return `<thead><tr><th></th><th class="n">predicted</th><th class="n">measured</th><th class="n">measured / predicted</th></tr></thead>
-    ${moved("rms", "rms")}${moved("99 %", "p99")}
-    ${line("pixels with the wrong surface", count(row.predicted_surface), c.surface.wrong.toLocaleString(), ratio(row.ratio.surface))}
-    ${part("along silhouettes, displaced", p.silhouettes)}${part("edges snapped to subpixels", p.snapped)}${part("depth out of order, or lost", p.depth)}
-    ${line("smallest separation in order, farthest surface of C", apart(p.separation.c), "", "")}
-    ${line("the same of C*", apart(p.separation.c_star), "", "")}`;
+  fill(get("predictions"), ["predicted", "measured", "measured / predicted"], [
+    moved("rms", "rms"),
+    moved("99 %", "p99"),
+    beside("pixels with the wrong surface", count(row.predicted_surface), c.surface.wrong.toLocaleString(), ratio(row.ratio.surface)),
+    part("along silhouettes, displaced", p.silhouettes),
+    part("edges snapped to subpixels", p.snapped),
+    part("depth out of order, or lost", p.depth),
+    beside("smallest separation in order, farthest surface of C", apart(p.separation.c), "", ""),
+    beside("the same of C*", apart(p.separation.c_star), "", ""),
+  ]);
 }
 
 function show() {
@@ -105,11 +135,11 @@ function show() {
     }
     part.textContent = count === null ? "not known" : `${count.wrong.toLocaleString()} px, ${short(100 * count.fraction)} %`;
   }
-  get("numbers").innerHTML = numbers(row);
-  get("predictions").innerHTML = predictions(row);
+  numbers(row);
+  predictions(row);
   if (drawnAperture !== state.aperture) drawPlots();
-  const line = { type: "line", xref: "x", yref: "paper", x0: row.near / data.reach, x1: row.near / data.reach, y0: 0, y1: 1, line: { color: "#80868f", width: 1.2, dash: "dot" } };
-  for (const [name, figure] of Object.entries(data.curves[state.aperture])) if (figure !== null) Plotly.relayout(get("plot-" + name), { shapes: [line] });
+  const upright = { type: "line", xref: "x", yref: "paper", x0: row.near / data.reach, x1: row.near / data.reach, y0: 0, y1: 1, line: { color: "#80868f", width: 1.2, dash: "dot" } };
+  for (const [name, figure] of Object.entries(data.curves[state.aperture])) if (figure !== null) Plotly.relayout(get("plot-" + name), { shapes: [upright] });
 }
 
 for (const depth of depths) {

@@ -20,8 +20,11 @@ Names are imported when they are first used, so that `import xfrustum` costs not
 
 from __future__ import annotations
 
-from importlib import import_module, metadata
-from typing import TYPE_CHECKING
+from importlib import import_module
+
+# By its name type checkers know it; `typing` takes longer to import than everything else here, and until
+# `__main__` is reached a signal finds nobody who expects it.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images
@@ -101,6 +104,8 @@ _MODULES = {
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
+        from importlib import metadata  # noqa: PLC0415 - it costs more than all the rest
+
         return metadata.version("xfrustum")
     if name not in __all__:
         raise AttributeError(f"module 'xfrustum' has no attribute {name!r}")

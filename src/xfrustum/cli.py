@@ -1,31 +1,41 @@
 """The command line: arguments in, exit status out, and nothing else.
 
-Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input (one line on standard error).
+Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
+a signal; all but the first two say why in one line on standard error.
 """
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_plate, cli_study, cli_verify
+from xfrustum import (
+    cli_checks,
+    cli_cost,
+    cli_explain,
+    cli_light,
+    cli_plan,
+    cli_plate,
+    cli_study,
+    cli_termination,
+    cli_verify,
+)
 from xfrustum import cli_options as options
+from xfrustum.cli_failure import report_unexpected
+from xfrustum.cli_files import ADVICE, check_encoding, in_words
 from xfrustum.cli_numbers import Size
-from xfrustum.cli_termination import Terminated, terminated_like_interrupted
+from xfrustum.cli_streams import printable_output, say
 
 if TYPE_CHECKING:
     from xfrustum.cli_light import Light
     from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 
 BAD_INPUT = 2
-INTERRUPTED = 130
-"""128 + SIGINT, what shells expect of a program that was stopped by Ctrl-C."""
-
-TERMINATED = 143
-"""128 + SIGTERM, likewise."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
@@ -35,12 +45,18 @@ TERMINATED = 143
     type=Size(),
     help="Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
 )
+@click.option(
+    "--traceback",
+    is_flag=True,
+    help="Show the traceback of an unexpected error, and what libraries say; given first.",
+)
 @click.pass_context
-def cli(context: click.Context, max_input_memory: int | None) -> None:
+def cli(context: click.Context, *, max_input_memory: int | None, traceback: bool) -> None:
     """Measure how far renderers of full-parallax spatial displays are from the truth.
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
     """
+    del traceback  # `main` looks for it before anything else can fail
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     elif max_input_memory is not None:
@@ -176,7 +192,7 @@ def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
         check_writable_folder(out, FILES)
     compared = compare_files(truth, raster)
     if compared.note:
-        click.echo(f"xfrustum: note: {compared.note}", err=True)
+        say(f"note: {compared.note}")
     if out is not None:
         write_comparison(compared, out)
     if as_json:
@@ -225,25 +241,58 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments
         Without the program's name; those of the process where None.
     """
-    # Importing the scenes for their one exception would cost `--help` a second.
-    try:
-        with terminated_like_interrupted():
-            status = cli.main(args=arguments, prog_name="xfrustum", standalone_mode=False)
-    except click.ClickException as error:
-        return _refuse(error.format_message())
-    except click.Abort as error:
-        terminated = isinstance(error.__cause__, Terminated)
-        click.echo(f"xfrustum: {'terminated' if terminated else 'interrupted'}", err=True)
-        return TERMINATED if terminated else INTERRUPTED
-    except Exception as error:
-        from xfrustum.scenes.errors import InputError
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    with cli_termination.current() as termination:
+        try:
+            # A signal may have come while the program was loaded.
+            status = 0 if termination.received else termination.call(lambda: _invoke(given))
+        except BaseException as error:
+            # An exception out of the midst of a library may be anything, once a signal has come.
+            status = 0 if termination.received else _status_of(error, traceback="--traceback" in given[:1])
+        if termination.received is not None:
+            say(termination.word)
+            status = termination.status
+    return status
 
-        if not isinstance(error, InputError):
-            raise
-        return _refuse(str(error))
+
+def _invoke(arguments: list[str]) -> int:
+    """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
+    check_encoding(arguments)
+    with printable_output():
+        try:
+            with cli.make_context("xfrustum", list(arguments)) as context:
+                status = cli.invoke(context)
+        except click.exceptions.Exit as ended:
+            status = ended.exit_code
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
     return status if isinstance(status, int) else 0
 
 
+def _status_of(error: BaseException, *, traceback: bool) -> int:
+    """Say what went wrong in one line and return the exit status."""
+    if isinstance(error, click.ClickException):
+        return _refuse(error.format_message())
+    if isinstance(error, BrokenPipeError):  # nobody reads on, which is their right
+        return 0
+    if isinstance(error, KeyboardInterrupt | click.Abort):  # of a program that handles its signals itself
+        say(cli_termination.WORD_OF_SIGNAL[signal.SIGINT])
+        return cli_termination.STATUS_OF_SIGNAL[signal.SIGINT]
+    if _is_input_error(error):
+        return _refuse(str(error))
+    if isinstance(error, OSError) and error.errno in ADVICE:
+        return _refuse(in_words(error))
+    return report_unexpected(error, shown=traceback)
+
+
+def _is_input_error(error: BaseException) -> bool:
+    """Return whether the user can mend it."""
+    # Importing the scenes for their one exception would cost `--help` a second.
+    errors = sys.modules.get("xfrustum.scenes.errors")
+    return errors is not None and isinstance(error, errors.InputError)
+
+
 def _refuse(message: str) -> int:
-    click.echo("xfrustum: error: " + " ".join(message.split()), err=True)
+    say(f"error: {message}")
     return BAD_INPUT

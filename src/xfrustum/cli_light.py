@@ -17,6 +17,7 @@ import click
 
 from xfrustum import cli_options as options
 from xfrustum.cli_numbers import Positive, Samples
+from xfrustum.cli_streams import say
 
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import Camera
@@ -133,7 +134,7 @@ class Light:
         if insisted:
             raise click.UsageError(f"{given} traces no light transport; leave out --tracer {given}")
         cause = f"--tracer {given}" if given else "--effects"
-        click.echo(f"xfrustum: note: {cause} leaves out the scene's shadows and interreflection", err=True)
+        say(f"note: {cause} leaves out the scene's shadows and interreflection")
         return given or "embree", False
 
 

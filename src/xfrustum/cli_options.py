@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import json
-import sys
 from collections.abc import Callable
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -234,5 +233,6 @@ def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object on standard output."""
     from xfrustum.reports.tables import json_ready
 
-    json.dump(json_ready(value), sys.stdout, allow_nan=False)
-    sys.stdout.write("\n")
+    text = json.dumps(json_ready(value), allow_nan=False)
+    # The one control character that JSON leaves as it is.
+    click.echo(text.replace("\x7f", "\\u007f"))

@@ -1,0 +1,190 @@
+"""Standard output and standard error: what is written there, also where nobody can read it.
+
+What a command prints is escaped here, in one place. For the process as a whole, streams that are closed, full
+or broken are met here too, and what libraries say on standard error is kept apart from our one line.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import logging
+import os
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO, Any, TextIO, cast
+
+from xfrustum.terminal import messages, one_line, printable, send_messages_to
+
+STDIN, STDOUT, STDERR = 0, 1, 2
+
+MAX_KEPT_BYTES = 1 << 16
+"""Most of what libraries said on standard error that is shown with a traceback."""
+
+
+def say(message: str) -> None:
+    """Write one line of ours to standard error; where that cannot be written, nobody is told."""
+    try:
+        messages().write(f"xfrustum: {one_line(message)}\n")
+        messages().flush()
+    except (OSError, ValueError, AttributeError):
+        pass
+
+
+class _Printable:
+    """A text stream whose text is made printable before it is written."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        self._stream.write(printable(text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def printable_output() -> Iterator[None]:
+    """Escape control characters in all that is written to `sys.stdout` within a block."""
+    stream = sys.stdout
+    if stream is None:  # closed from the start, in a program that is not ours
+        yield
+        return
+    sys.stdout = cast("TextIO", _Printable(stream))
+    try:
+        yield
+    finally:
+        sys.stdout = stream
+
+
+class _Outlet(io.RawIOBase):
+    """A file descriptor that takes everything: what it cannot write is dropped, and the first reason kept.
+
+    A reader that went away, as `| head` does, is no reason.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._gone = False
+        self.failure: OSError | None = None
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        return os.isatty(self._descriptor)
+
+    def write(self, data: Any) -> int:
+        if not self._gone:
+            try:
+                return os.write(self._descriptor, data)
+            except OSError as error:
+                self._gone = True
+                if error.errno != errno.EPIPE:
+                    self.failure = error
+        return len(data)
+
+
+class Streams:
+    """The standard streams of this process, from its first moment to its last.
+
+    Attributes
+    ----------
+    library_words
+        A file that takes the place of file descriptor 2, where libraries in C write; None where their words
+        are shown.
+    """
+
+    def __init__(self, *, words_of_libraries: bool) -> None:
+        _open_closed_descriptors()
+        self._output = _Outlet(STDOUT)
+        sys.stdout = _text(self._output)
+        self.library_words: IO[bytes] | None = None
+        if not words_of_libraries:
+            self.library_words = _file_for_words()
+            own = os.dup(STDERR)
+            os.dup2(self.library_words.fileno(), STDERR)
+            _silence_python_libraries()
+            # Libraries in Python write to `sys.stderr`.
+            sys.stderr = _text(_Outlet(STDERR), line_buffering=True)
+            send_messages_to(_text(_Outlet(own), line_buffering=True))
+        else:
+            sys.stderr = _text(_Outlet(STDERR), line_buffering=True)
+
+    def failure_of_output(self) -> str | None:
+        """Write what is left, and return why standard output could not be written, None where it could."""
+        sys.stdout.flush()
+        failure = self._output.failure
+        return None if failure is None else failure.strerror or "I/O error"
+
+    def words_of_libraries(self) -> str:
+        """Return the last of what libraries have written to standard error."""
+        if self.library_words is None:
+            return ""
+        try:
+            end = os.fstat(self.library_words.fileno()).st_size
+            data = os.pread(self.library_words.fileno(), MAX_KEPT_BYTES, max(0, end - MAX_KEPT_BYTES))
+        except OSError:  # no file, where there is no folder for temporary ones
+            return ""
+        return data.decode(errors="replace")
+
+
+_of_process: Streams | None = None
+
+
+def of_process(*, words_of_libraries: bool) -> Streams:
+    """Return the streams of this process, which `__main__` takes in hand."""
+    global _of_process
+    if _of_process is None:
+        _of_process = Streams(words_of_libraries=words_of_libraries)
+    return _of_process
+
+
+def words_of_libraries() -> str:
+    """Return what libraries wrote to standard error, as far as it was kept."""
+    return "" if _of_process is None else _of_process.words_of_libraries()
+
+
+def _open_closed_descriptors() -> None:
+    """Occupy 0, 1 and 2: a file of ours that got such a number would be written to by libraries."""
+    for descriptor in (STDIN, STDOUT, STDERR):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+
+
+def _file_for_words() -> IO[bytes]:
+    try:
+        return tempfile.TemporaryFile(buffering=0)
+    except OSError:
+        return open(os.devnull, "r+b", buffering=0)  # noqa: PTH123 - for the whole life of the process
+
+
+def _silence_python_libraries() -> None:
+    """Drop warnings and log lines of libraries, unless the user asked Python for warnings."""
+    logging.getLogger().addHandler(logging.NullHandler())
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    # Python itself prints what was raised where nobody can catch it, in a callback or a thread.
+    sys.unraisablehook = lambda _: None
+    threading.excepthook = lambda _: None
+
+
+def _text(outlet: _Outlet, *, line_buffering: bool = False) -> IO[str]:
+    return io.TextIOWrapper(
+        io.BufferedWriter(outlet),
+        encoding="utf-8",
+        errors="backslashreplace",
+        line_buffering=line_buffering,
+        write_through=False,
+    )

@@ -1,0 +1,57 @@
+"""What people read in a terminal: which stream that is, and text from outside made fit for it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from typing import IO
+
+_UNPRINTABLE = re.compile(
+    "["
+    r"\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, but for tab and line feed
+    # Characters that are not seen, or that turn the direction of writing:
+    r"\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\U000e0000-\U000e0fff"
+    r"\ud800-\udfff"  # halves of characters, among them bytes of names that are no UTF-8
+    "]"
+)
+
+_ESCAPED_BYTES = range(0xDC80, 0xDD00)
+"""Code points by which Python stands for the bytes 0x80 to 0xff of a file name that is no UTF-8."""
+
+
+_messages: IO[str] | None = None
+
+
+def messages() -> IO[str]:
+    """Return the stream that our messages and progress bars go to.
+
+    It is `sys.stderr`, unless the command line has given that one to the libraries, for what they say.
+    """
+    return sys.stderr if _messages is None else _messages
+
+
+def send_messages_to(stream: IO[str]) -> None:
+    """Let our messages and progress bars go to another stream than `sys.stderr`."""
+    global _messages
+    _messages = stream
+
+
+def printable(text: str) -> str:
+    r"""Return text whose control characters are escaped, such as `\x1b`; tabs and line feeds stay.
+
+    Characters that are not seen or that turn the direction of writing are escaped as well, and bytes of file
+    names that are no UTF-8, as `\xff`.
+    """
+    return _UNPRINTABLE.sub(_escaped, text)
+
+
+def one_line(text: str) -> str:
+    """Return printable text on one line: line feeds and runs of spaces become one space."""
+    return printable(" ".join(text.split()))
+
+
+def _escaped(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    if code in _ESCAPED_BYTES:
+        code -= _ESCAPED_BYTES.start - 0x80
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

@@ -1,0 +1,240 @@
+"""Ctrl-C and SIGTERM at any moment: 130 or 143, one line, nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+SCENE = """
+[plate]
+size = [40.0, 30.0]
+hogels = [5, 3]
+[frustum]
+resolution = [12, 8]
+fov_deg = [60.0, 40.0]
+reach = [50.0, 60.0]
+[[object]]
+shape = "box"
+scale = 12.0
+translate = [3.0, 1.0, 25.0]
+"""
+
+ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
+
+
+def signals_by_default() -> None:
+    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def start(arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+    (folder / "temporary").mkdir(exist_ok=True)
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder / "temporary")},
+        preexec_fn=signals_by_default,  # noqa: PLW1509 - no threads here
+    )
+
+
+def program(body: str) -> list[str]:
+    """Return arguments of a Python that runs the command line with one more command, `work`."""
+    return [
+        "-c",
+        "import sys\n"
+        "from xfrustum import cli_termination\n"
+        "cli_termination.of_process()\n"
+        "import click, xfrustum.cli\n"
+        "def work():\n" + textwrap.indent(textwrap.dedent(body), "    ") + "\n"
+        "xfrustum.cli.cli.add_command(click.Command('work', callback=work))\n"
+        "sys.argv[1:] = ['work']\n"
+        "from xfrustum.__main__ import run\n"
+        "sys.exit(run())\n",
+    ]
+
+
+def from_the_first_moment(arguments: Sequence[str]) -> list[str]:
+    """Return arguments of a Python that says when signals are taken over, then runs the command line."""
+    return [
+        "-c",
+        "import sys\n"
+        "from xfrustum import cli_termination\n"
+        "cli_termination.of_process()\n"
+        "print('ready', flush=True)\n"
+        f"sys.argv[1:] = {list(arguments)!r}\n"
+        "from xfrustum.__main__ import run\n"
+        "sys.exit(run())\n",
+    ]
+
+
+BODIES = {
+    "a library that turns it into another exception": """
+        import time
+        print("ready", flush=True)
+        try:
+            time.sleep(60)
+        except BaseException:
+            raise RuntimeError("loop body failed") from None
+        """,
+    "a library that swallows it, once": """
+        import time
+        print("ready", flush=True)
+        try:
+            time.sleep(60)
+        except BaseException:
+            pass
+        time.sleep(60)
+        """,
+    "a callback from C": """
+        import ctypes, time
+        compare = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        def slow(a, b):
+            print("ready", flush=True)
+            time.sleep(0.3)
+            return 0
+        numbers = (ctypes.c_int * 64)(*range(64))
+        ctypes.CDLL(None).qsort(numbers, 64, 4, compare(slow))
+        time.sleep(60)
+        """,
+    "a block that cleans up": """
+        import tempfile, time
+        with tempfile.TemporaryDirectory():
+            try:
+                print("ready", flush=True)
+                time.sleep(60)
+            finally:
+                time.sleep(0.3)
+        """,
+    "an import": """
+        from pathlib import Path
+        import sys
+        Path("slow.py").write_text("import time; print('ready', flush=True); time.sleep(0.3); whole = True")
+        sys.path.insert(0, ".")
+        try:
+            import slow
+        finally:
+            import os, time
+            module = sys.modules.get("slow")
+            os.remove("slow.py")
+            if not getattr(module, "whole", False):
+                print("half a module", file=sys.stderr)
+        time.sleep(60)
+        """,
+}
+
+
+@pytest.mark.parametrize(("stop", "times"), [(signal.SIGINT, 1), (signal.SIGTERM, 2)])
+@pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
+def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
+    body: str, stop: signal.Signals, times: int, tmp_path: Path
+) -> None:
+    with start(program(body), tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        for _ in range(times):
+            process.send_signal(stop)
+            time.sleep(0.05)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[stop]
+    assert list((tmp_path / "temporary").iterdir()) == []
+    assert not (tmp_path / "x.exr").exists()
+
+
+def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:
+    """The command is done: its status stands, and no exception comes out of what Python still has to do."""
+    leaving = "import atexit, time\natexit.register(lambda: (print('ready', flush=True), time.sleep(0.3)))\n"
+    arguments = ["-c", leaving + "import sys\nsys.argv[1:] = ['scenes']\nfrom xfrustum.__main__ import run\n"]
+    arguments[1] += "sys.exit(run())"
+    for stop in ENDED:
+        with start(arguments, tmp_path) as process:
+            assert process.stdout is not None
+            while process.stdout.readline() != "ready\n":
+                pass
+            process.send_signal(stop)
+            _, said = process.communicate(timeout=60)
+        assert (process.returncode, said) == (0, "")
+
+
+def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path: Path) -> None:
+    arguments = program("import time\nprint('ready', flush=True)\ntime.sleep(0.3)\nraise KeyError('went on')")
+    ignoring = (
+        "import os, signal\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        f"os.execv({sys.executable!r}, {[sys.executable, *arguments]!r})\n"
+    )
+    with start(["-c", ignoring], tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 70 and "went on" in said
+
+
+def traces_stopped_at_random_moments(count: int, seed: int, folder: Path) -> None:
+    """Stop a cheap command over and over, and see what it leaves."""
+    random_number = random.Random(seed)
+    (folder / "boxes.toml").write_text(SCENE)
+    command = from_the_first_moment(["trace", "boxes.toml", "--quiet", "--out", "x.exr"])
+    begun = time.monotonic()
+    with start(command, folder) as process:
+        _, said = process.communicate(timeout=300)
+    assert (process.returncode, said) == (0, "")
+    whole = time.monotonic() - begun
+    for _ in range(count):
+        (folder / "x.exr").unlink(missing_ok=True)
+        stop = random_number.choice(list(ENDED))
+        with start(command, folder) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            time.sleep(random_number.uniform(0, whole))
+            for _ in range(random_number.choice([1, 1, 2])):
+                process.send_signal(stop)
+            _, said = process.communicate(timeout=300)
+        left = sorted(path.name for path in folder.iterdir() if path.name not in ("boxes.toml", "temporary"))
+        if process.returncode == 0:  # it was done before
+            assert (said, left) == ("", ["x.exr"])
+        else:
+            assert (process.returncode, said) == ENDED[stop]
+            # What comes after the file has taken its place is no reason to take it away.
+            assert left in ([], ["x.exr"])
+        assert list((folder / "temporary").iterdir()) == []
+
+
+def test_a_trace_stopped_at_any_moment_says_so_and_leaves_nothing(tmp_path: Path) -> None:
+    traces_stopped_at_random_moments(3, 13, tmp_path)
+
+
+@pytest.mark.slow
+def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
+    traces_stopped_at_random_moments(40, 14, tmp_path)
+
+
+@pytest.mark.parametrize("stop", ENDED)
+def test_a_signal_that_comes_while_the_program_is_loaded_waits_until_it_can_be_answered(
+    stop: signal.Signals, tmp_path: Path
+) -> None:
+    body = (
+        "import sys\n"
+        "from xfrustum import __main__ as program\n"  # loads nothing that takes signals over
+        "import os\n"
+        f"os.kill(os.getpid(), {int(stop)})\n"
+        "sys.argv[1:] = ['scenes']\n"
+        "sys.exit(program.run())\n"
+    )
+    with start(["-c", body], tmp_path) as process:
+        out, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[stop]
+    assert out == ""

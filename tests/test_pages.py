@@ -1,0 +1,149 @@
+"""Every page shows texts as texts, runs our own scripts and no others, and needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from xfrustum.cli import main
+from xfrustum.reports.templates_environment import TEMPLATES, script_json
+
+EVIL = "<img src=x onerror=document.title=1></script><script>document.title=2</script>"
+
+SCENE = f"""
+name = "<script>document.title=3</script>\\u0007"
+units = "{EVIL}"
+[plate]
+size = [40.0, 30.0]
+hogels = [2, 2]
+[frustum]
+resolution = [12, 8]
+fov_deg = [60.0, 40.0]
+reach = [50.0, 60.0]
+[[object]]
+shape = "box"
+scale = 12.0
+translate = [3.0, 1.0, 25.0]
+"""
+
+SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    Path("evil.toml").write_text(SCENE)
+    return "evil.toml"
+
+
+@pytest.fixture
+def report_page(scene: str) -> Path:
+    arguments = ["report", scene, "--near", "1,0.1", "--depth", "d24", "--quiet", "--out", "report"]
+    assert main(arguments) == 0
+    return Path("report/index.html")
+
+
+def policy_of(page: str) -> str:
+    head = page[: page.index("<title>")]
+    found = re.search(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', head)
+    assert found, "the policy comes before anything that could be somebody else's"
+    return found[1]
+
+
+def test_a_page_allows_its_own_scripts_by_their_hashes_and_nothing_else(report_page: Path) -> None:
+    page = report_page.read_text()
+    policy = policy_of(page)
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    scripts = policy.split(";")[1]
+    assert "unsafe" not in scripts and "http" not in policy
+    own = {base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in SCRIPT.findall(page)}
+    assert own == set(re.findall(r"'sha256-([^']*)'", scripts))
+    assert len(own) == 2
+
+
+def test_no_text_of_a_scene_becomes_markup(report_page: Path) -> None:
+    page = report_page.read_text()
+    assert "<img src=x" not in page
+    assert not re.search(r"<script>document", page)
+
+
+@pytest.mark.parametrize("script", sorted(TEMPLATES.glob("*.js")), ids=lambda path: path.name)
+def test_no_script_of_ours_turns_text_into_markup(script: Path) -> None:
+    forbidden = r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function|srcdoc"
+    assert not re.search(forbidden, script.read_text())
+
+
+@pytest.mark.parametrize("template", sorted(TEMPLATES.glob("[!_]*.html.j2")), ids=lambda path: path.name)
+def test_every_page_has_a_policy_and_no_script_that_it_does_not_know(template: Path) -> None:
+    text = template.read_text()
+    assert text.index("{{ policy() }}") < text.index("<title>")
+    assert "<script" not in text
+    assert not re.search(r'\son\w+="', text)
+
+
+def test_json_in_a_page_cannot_end_its_element_nor_a_line_of_script() -> None:
+    text = script_json({"a": "</script><!--\u2028\u2029&"})
+    assert not set(text) & set("<>&\u2028\u2029")
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium, which is not installed")
+@pytest.mark.slow
+def test_a_browser_draws_the_plots_of_a_page_and_runs_nothing_else(report_page: Path, tmp_path: Path) -> None:
+    quiet = "--disable-quic --no-first-run --disable-background-networking --disable-component-update"
+    options = (
+        f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 --disable-sync {quiet}".split()
+    )
+    shown = subprocess.run(
+        [
+            str(BROWSER),
+            *options,
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--enable-logging=stderr",
+            "--dump-dom",
+            report_page.absolute().as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    assert "Content Security Policy" not in shown.stderr
+    assert "error of the double frustum</title>" in shown.stdout
+    assert shown.stdout.count("js-plotly-plot") >= 6
+    assert "<td>displacement measured, px</td>" in shown.stdout
+
+
+def test_where_no_hogel_is_usable_page_json_and_junit_say_so(
+    scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("0x0", "1x0", "0x1"):  # one is missing, the others are damaged
+        Path(f"{name}.png").write_text("no picture")
+    line = ["verify", scene, "{i}x{j}.png", "--quiet", "--out", "out", "--junit", "junit.xml"]
+    assert main(line) == 1
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "4 of 4 could not be had" in printed.out
+    page = Path("out/index.html").read_text()
+    assert "4 of 4 could not be had" in page and "No hogel could be judged" in page
+    assert "script-src 'none'" in policy_of(page)
+    assert '"verdict": "fail"' in Path("out/verification.json").read_text()
+    suite = ElementTree.parse("junit.xml").getroot()
+    assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("4", "4", "0")
+
+
+def test_junit_is_well_formed_whatever_the_scene_is_called(scene: str) -> None:
+    text = Path(scene).read_text().replace(r"\u0007", r"\u0007\u0000\uFFFE\u001B")
+    Path(scene).write_text(text)
+    Path("0x0.png").write_text("no picture")
+    assert main(["verify", scene, "{i}x{j}.png", "--quiet", "--junit", "junit.xml"]) == 1
+    suite = ElementTree.parse("junit.xml").getroot()
+    assert (suite.get("name") or "").startswith("xfrustum verify <script>document.title=3</script>")
