@@ -15,6 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from xfrustum.reports import best, figures, images, shading_page, trade_off
 from xfrustum.reports.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.tables import json_ready, report_object
 from xfrustum.reports.trade_off_figure import trade_off_figure
@@ -43,6 +44,7 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
     reach = sweep.scene.frustum.longest_reach
     return environment.get_template("report.html.j2").render(
         scene=sweep.scene,
+        fit=scene_fit(sweep.scene),
         frustum=_frustum_words(sweep),
         reach=reach,
         sentence=best.sentence(sweep.rows, sweep.scene.units, reach),

@@ -9,14 +9,29 @@ Neither answer imports this room: it says a third time, for itself, where a poin
 mistake here cannot hide one of theirs.
 """
 
-from xfrustum.compare.extent.facts import ObjectExtent, Sight, extents
-from xfrustum.compare.extent.wording import require_seen, unseen_sentence, warnings
+from xfrustum.compare.extent.facts import ObjectExtent, Sight, box, extents
+from xfrustum.compare.extent.layers import triangles_in_chunks
+from xfrustum.compare.extent.sight import aside_of_frusta
+from xfrustum.compare.extent.wording import (
+    heights,
+    length,
+    require_seen,
+    unseen_facts,
+    unseen_sentence,
+    warnings,
+)
 
 __all__ = [
     "ObjectExtent",
     "Sight",
+    "aside_of_frusta",
+    "box",
     "extents",
+    "heights",
+    "length",
     "require_seen",
+    "triangles_in_chunks",
+    "unseen_facts",
     "unseen_sentence",
     "warnings",
 ]

@@ -45,7 +45,7 @@ def in_sight(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
 
 def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: Aperture) -> Flags:
     """Return (F,) whether a pixel's center may lie in the image of each triangle's part in a layer."""
-    shown = layer.valid.any(axis=1)
+    shown: Flags = np.asarray(layer.valid.any(axis=1))
     for axis, pixels in enumerate(frustum.resolution):
         low, high = _film_range(layer, frustum, aperture, axis)
         # The centers of pixels 0 to n - 1 lie at film coordinates (2 k + 1)/n - 1, whichever way k counts.

@@ -41,6 +41,14 @@ def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
 
 
 def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
+    """Say why some apertures see nothing, as `unseen_facts` does, and what to do about it."""
+    facts = unseen_facts(scene, apertures)
+    command = shlex.join(("xfrustum", "check", scene.source or scene.name))
+    advice = "Change the object's scale or translate, or the frustum's reach"
+    return None if facts is None else f"{facts}. {advice}; `{command}` shows where everything lies"
+
+
+def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
     """Say with sizes why some apertures see nothing; None where they do, or where there are no objects."""
     if not scene.objects or any(_seen(scene, part, apertures) for part in scene.objects):
         return None
@@ -49,12 +57,8 @@ def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
         for number, part in enumerate(scene.objects[:OBJECTS_NAMED])
     ]
     more = len(scene.objects) - len(named)
-    where = "; ".join([*named, f"nor do {more} more objects lie in sight"] if more else named)
-    command = shlex.join(("xfrustum", "check", scene.source or scene.name))
-    return (
-        f"{scene.name}: {_none_of(scene, apertures)} of the scene: {where}. Change the object's scale or "
-        f"translate, or the frustum's reach; `{command}` shows where everything lies"
-    )
+    where = "; ".join([*named, f"and {more} more objects are not in sight"] if more else named)
+    return f"{scene.name}: {_none_of(scene, apertures)} of the scene: {where}"
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xfrustum import cli_checks, cli_cost, cli_explain, cli_light, cli_plan, cli_plate, cli_study, cli_verify
+from xfrustum import (
+    cli_checks,
+    cli_cost,
+    cli_explain,
+    cli_light,
+    cli_plan,
+    cli_plate,
+    cli_scene,
+    cli_study,
+    cli_verify,
+)
 from xfrustum import cli_options as options
 from xfrustum.cli_termination import Terminated, terminated_like_interrupted
 
@@ -209,6 +219,8 @@ for _command in (
     cli_light.figure7,
     cli_plan.plan,
     cli_plate.plate,
+    cli_scene.check,
+    cli_scene.new,
     cli_study.study,
     cli_verify.verify,
 ):

@@ -246,7 +246,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
         raise InputError(unseen)
     if scene.source not in hard_cases.CASES:
         extent.require_seen(scene, scene.plate.apertures())
-    _warn(unseen)
+    warn(unseen)
 
 
 def warn_of(scene: Scene) -> None:
@@ -254,10 +254,11 @@ def warn_of(scene: Scene) -> None:
     from xfrustum.compare import extent
 
     for warning in extent.warnings(scene):
-        _warn(warning)
+        warn(warning)
 
 
-def _warn(warning: str) -> None:
+def warn(warning: str) -> None:
+    """Print a warning on standard error."""
     click.echo(f"xfrustum: warning: {warning}", err=True)
 
 
