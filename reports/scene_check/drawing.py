@@ -41,6 +41,9 @@ _TITLES = {
 }
 
 
+NAMESPACE = "http://www.w3.org/2000/svg"
+
+
 def draw_view(scene: Scene, view: View) -> str:
     """Return one view of a scene as an SVG document that needs nothing else.
 
@@ -61,7 +64,7 @@ class _Drawing:
         self.root = Xml.Element(
             "svg",
             {
-                "xmlns": "http://www.w3.org/2000/svg",
+                "xmlns": NAMESPACE,
                 "font-family": "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', 'DejaVu Sans', sans-serif",
                 "font-size": "12",
                 "fill": INK,
@@ -70,11 +73,11 @@ class _Drawing:
         )
         Xml.SubElement(self.root, "title").text = _printable(f"{title} of {scene.name}, {subtitle}")
         self.paper = self.add("rect", x=0, y=0, rx=8, fill=PAPER)
-        window = Xml.SubElement(Xml.SubElement(self.root, "defs"), "clipPath", {"id": f"window-{view.value}"})
-        Xml.SubElement(window, "rect", _attributes(x=LEFT, y=TOP, width=WIDTH, height=HEIGHT))
         self.label(LEFT, 24, title, font_size=16, font_weight=600)
         self.label(LEFT + 96, 24, subtitle, fill=SOFT)
-        self.space = Xml.SubElement(self.root, "g", {"clip-path": f"url(#window-{view.value})"})
+        # An SVG within the SVG, in the same coordinates, because it hides what lies outside.
+        box_of_space = f"{LEFT:g} {TOP:g} {WIDTH:g} {HEIGHT:g}"
+        self.space = self.add("svg", x=LEFT, y=TOP, width=WIDTH, height=HEIGHT, viewBox=box_of_space)
         self._halves()
         self._axes()
         self._frusta()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from xfrustum.compare.extent import warnings
-from xfrustum.reports.scene_check.drawing import draw_view
+from xfrustum.reports.scene_check.drawing import NAMESPACE, draw_view
 from xfrustum.reports.scene_check.picture_frame import View
 from xfrustum.scenes.scene import Scene
 
@@ -30,4 +30,6 @@ class SceneFit:
 
 def scene_fit(scene: Scene) -> SceneFit:
     """Draw a scene's views and collect its warnings."""
-    return SceneFit(views=tuple(Markup(draw_view(scene, view)) for view in View), warnings=warnings(scene))
+    # A page knows what svg is, and names no address.
+    views = (draw_view(scene, view).replace(f' xmlns="{NAMESPACE}"', "", 1) for view in View)
+    return SceneFit(views=tuple(Markup(text) for text in views), warnings=warnings(scene))
