@@ -60,6 +60,7 @@ class _Drawing:
         self.scene, self.view = scene, view
         self.frame = PictureFrame.of(scene, view)
         self.legend: list[tuple[str, str]] = []
+        self.away: list[tuple[int, str]] = []
         title, subtitle = _TITLES[view]
         self.root = Xml.Element(
             "svg",
@@ -83,6 +84,8 @@ class _Drawing:
         self._frusta()
         self._objects()
         self._reach_and_plate()
+        for place, (number, color) in enumerate(self.away):
+            self._point_at(number, color, place)
         self._viewer()
         self._legend()
 
@@ -154,12 +157,12 @@ class _Drawing:
             self.legend.append(("screen", "projection screen"))
 
     def _objects(self) -> None:
-        away: list[tuple[int, str]] = []
+        """Draw the outlines of the objects; remember those that lie outside the picture."""
         for number, part in enumerate(self.scene.objects):
             color = OBJECT_COLORS[min(number, len(OBJECT_COLORS) - 1)]
             shapes = outlines(part, self.frame, self.view)
             if not shapes:
-                away.append((number, color))
+                self.away.append((number, color))
                 continue
             path = "".join(_path(outline) for outline in shapes)
             self.add(
@@ -178,8 +181,6 @@ class _Drawing:
             x, y = (low + high) / 2 + (LEFT, TOP)
             if max(high - low) < SMALL_PX:
                 self.add("circle", cx=x, cy=y, r=9, fill="none", stroke=color, stroke_width=1.5)
-        for place, (number, color) in enumerate(away):
-            self._point_at(number, color, place)
 
     def _point_at(self, number: int, color: str, place: int) -> None:
         """Name an object outside the picture, with an arrow at the border that it lies behind."""
