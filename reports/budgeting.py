@@ -16,6 +16,7 @@ from plotly.colors import unlabel_rgb
 
 from xfrustum.compare.budget import Budget, make_budget
 from xfrustum.compare.chain import LINKS, Chain, make_chain
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.radiance_budget import RadianceBudget
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -42,7 +43,14 @@ SHOWN_GRAY, EMPTY_GRAY = 215, 250
 
 
 def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tuple[Budget, Chain]:
-    """Trace and draw the chain of one aperture, and charge every wrong pixel to a link."""
+    """Trace and draw the chain of one aperture, and charge every wrong pixel to a link.
+
+    Raises
+    ------
+    InputError
+        The aperture sees nothing of the objects, or there is no usable OpenGL.
+    """
+    require_seen(scene, [aperture])
     # The links of geometry are about what pixels' centers show.
     once = replace(scene, sampling=Sampling())
     reference = Reference(once)

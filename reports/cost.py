@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from xfrustum.compare import compare_images
+from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports import provenance
@@ -92,11 +93,13 @@ def measure_cost(
     Raises
     ------
     InputError
-        The tolerance or the number of repetitions is not positive, or there is no usable OpenGL.
+        The tolerance or the number of repetitions is not positive, the aperture sees nothing of the objects,
+        or there is no usable OpenGL.
     """
     if not tolerance_px > 0 or repeat < 1:
         raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
     aperture = scene.plate.middle if aperture is None else aperture
+    require_seen(scene, [aperture])
     asked = Asked(repeat=repeat, tolerance_px=tolerance_px)
     watch = Stopwatch()
     with ExitStack() as stack:

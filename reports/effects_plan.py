@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from xfrustum.compare.extent import require_seen
 from xfrustum.reports.effects_cost import Cost, Stopwatches
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.timing import FEWEST_DIFFERENCES
@@ -113,11 +114,13 @@ def explain(
     Raises
     ------
     InputError
-        The settings make no sense for the scene, or there is no usable OpenGL.
+        The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
+        usable OpenGL.
     """
     aperture = scene.plate.middle if aperture is None else aperture
     settings = DoubleFrustum(near=NEAR * scene.frustum.longest_reach) if settings is None else settings
     settings.check_against(scene.frustum)
+    require_seen(scene, [aperture])
     decisions = decide(scene, settings.camera)
     used = frozenset(decision.effect for decision in decisions if decision.used)
     rows = [Row(name=d.effect, used=d.used, reason=d.reason, costs={}) for d in decisions]

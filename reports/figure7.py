@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from xfrustum.compare.display import LEVELS, encoded
+from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.best import digits
 from xfrustum.reports.outputs import Staging
@@ -68,8 +69,10 @@ def draw_figure(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> Fi
     Raises
     ------
     InputError
-        near is not smaller than the reach, or there is no usable OpenGL.
+        near is not smaller than the reach, the aperture sees nothing of the objects, or there is no usable
+        OpenGL.
     """
+    require_seen(scene, [aperture])
     watch, images = Stopwatch(), {}
     with Rasterizer(scene) as rasterizer:
         # The first picture compiles the shaders.

@@ -11,6 +11,7 @@ from typing import Any
 from xfrustum.compare.paired import CONFIDENCE
 from xfrustum.reports import best, figures, images, shading_page, trade_off
 from xfrustum.reports.measurement import TOLERANCE_PX, Measurement, SettingPictures, Sweep
+from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.shading import ShadingReport
 from xfrustum.reports.sweep_bench import REPEAT_BUDGET_S
 from xfrustum.reports.tables import recommended_command, report_object
@@ -33,6 +34,7 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
     recommended = trade_off.recommended_of(sweep, options)
     values = {
         "scene": sweep.scene,
+        "fit": scene_fit(sweep.scene),
         "frustum": _frustum_words(sweep),
         "reach": reach,
         "sentence": best.sentence(sweep.rows, sweep.scene.units, reach),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from scipy.stats import qmc
 
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.plan import Plan, plan, steps
 from xfrustum.compare.plan_search import DepthBuffer
 from xfrustum.compare.plan_views import Requirement
@@ -45,9 +46,10 @@ def make_plan(
     Raises
     ------
     InputError
-        There is no usable OpenGL.
+        None of the apertures sees anything of the objects, or there is no usable OpenGL.
     """
     chosen = list(apertures or [scene.plate.middle])
+    require_seen(scene, chosen)
     with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
         return plan(scene, chosen, requirement, choices, bar.update)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from xfrustum.compare.extent import require_seen
 from xfrustum.reports.best import Verdict, best_setting, sentence
 from xfrustum.reports.measurement import Sweep
 from xfrustum.reports.outputs import Staging
@@ -96,12 +97,14 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     Raises
     ------
     InputError
-        A near outside 0 to the reach, nothing to measure, an unwritable folder, no OpenGL.
+        A near outside 0 to the reach, nothing to measure, none of the apertures sees anything of the
+        objects, an unwritable folder, no OpenGL.
     """
     apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
     settings = _settings(scene, nears, depths)
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
+    require_seen(scene, apertures)
     names = ("index.html", "report.json", "measurements.parquet")
     with Staging(default_folder(scene) if out is None else out, names) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)

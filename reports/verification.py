@@ -13,6 +13,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis import declared, diagnose
 from xfrustum.compare.drawn_model import DrawnModel
+from xfrustum.compare.extent import require_seen
 from xfrustum.compare.faults import CONVENTIONS
 from xfrustum.compare.judged import judge
 from xfrustum.compare.shown_points import shown_points
@@ -82,12 +83,14 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     Raises
     ------
     InputError
-        The scene, the source or an option is not usable.
+        The scene, the source or an option is not usable; or none of the apertures sees anything of the
+        objects, so that any black picture would be right.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
     limits = Limits(wrong=max_wrong, displacement_px=max_displacement_px)
     nominal = _nominal(opened, near, accept)
     asked = _apertures(opened, apertures)
+    require_seen(opened, asked)
     reference = Reference(opened)
     with _source(reference, source, command, encoding, timeout_s) as opened_source:
         opened_source.check(asked)

@@ -74,6 +74,11 @@ class Plate:
             y=height / 2 - (row + 0.5) * height / rows,
         )
 
+    def apertures(self) -> list[Aperture]:
+        """Return all apertures, row by row from the top left."""
+        columns, rows = self.hogels
+        return [self.aperture(column, row) for row in range(rows) for column in range(columns)]
+
     @property
     def middle(self) -> Aperture:
         """The default aperture: column Nx // 2, row Ny // 2."""

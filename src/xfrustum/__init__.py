@@ -3,6 +3,8 @@
 The public API on one page; each command of `xfrustum` is one of these:
 
     open_scene(name_or_path)                 a scene file or a built-in scene      -> Scene
+    new_scene(mesh, path)                    writes a scene file that fits a mesh  -> NewScene
+    check(scene)                             what lies where, and who sees it      -> SceneCheck
     Reference(scene).trace(aperture)         the ray-traced truth of an aperture   -> HogelImage
     DoubleFrustum(near=0.1)                  one way to draw the two cameras
     Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
     from xfrustum.reports.planning import make_plan
     from xfrustum.reports.plate import PlateFiles, write_plate
     from xfrustum.reports.report import ReportFiles, make_report
+    from xfrustum.reports.scene_check.checking import SceneCheck, check
+    from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
     from xfrustum.reports.verdict import Verification
     from xfrustum.reports.verification import verify
     from xfrustum.scenes import (
@@ -61,6 +65,7 @@ __all__ = [
     "EffectsPlan",
     "HogelImage",
     "InputError",
+    "NewScene",
     "Plan",
     "PlateFiles",
     "Rasterizer",
@@ -68,12 +73,15 @@ __all__ = [
     "ReportFiles",
     "Requirement",
     "Scene",
+    "SceneCheck",
     "Verification",
     "__version__",
+    "check",
     "compare_images",
     "explain",
     "make_plan",
     "make_report",
+    "new_scene",
     "open_scene",
     "read_image",
     "verify",
@@ -93,6 +101,10 @@ _MODULES = {
     "Reference": "reference",
     "ReportFiles": "reports.report",
     "make_report": "reports.report",
+    "SceneCheck": "reports.scene_check.checking",
+    "check": "reports.scene_check.checking",
+    "NewScene": "reports.scene_check.new_scene",
+    "new_scene": "reports.scene_check.new_scene",
     "Verification": "reports.verdict",
     "verify": "reports.verification",
     "read_image": "scenes.exr",

@@ -21,6 +21,7 @@ from xfrustum import (
     cli_light,
     cli_plan,
     cli_plate,
+    cli_scene,
     cli_study,
     cli_termination,
     cli_verify,
@@ -104,11 +105,17 @@ def report(
     from xfrustum.scenes import open_scene
 
     opened = light.applied(open_scene(scene))
+    chosen = (
+        opened.default_apertures()
+        if apertures is None
+        else tuple(opened.plate.aperture(*index) for index in apertures)
+    )
+    options.look_at(opened, chosen)
     files = make_report(
         opened,
         out,
         nears=nears,
-        apertures=None if apertures is None else [opened.plate.aperture(*index) for index in apertures],
+        apertures=chosen,
         depths=depths,
         tracer=tracer,
         effects=light.effects,
@@ -146,6 +153,7 @@ def trace(
     opened = light.applied(open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_image(out)
+    options.look_at(opened, [chosen], black_is_right=True)
     effects = light.chosen(opened)
     who, transported = light.tracer(opened, tracer)
     reference = Reference(opened, tracer=who, effects=effects)
@@ -174,6 +182,7 @@ def raster(
     chosen = options.chosen_aperture(opened, aperture)
     settings.check_against(opened.frustum)
     check_writable_image(out)
+    options.look_at(opened, [chosen], black_is_right=True)
     with Rasterizer(opened, effects=light.chosen(opened, settings.camera)) as rasterizer:
         write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
 
@@ -227,6 +236,8 @@ for _command in (
     cli_light.figure7,
     cli_plan.plan,
     cli_plate.plate,
+    cli_scene.check,
+    cli_scene.new,
     cli_study.study,
     cli_verify.verify,
 ):

@@ -46,7 +46,9 @@ def budget(
     opened = light.applied(open_scene(scene))
     if out is not None:
         check_writable_folder(out, FILES)
-    charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
+    chosen = options.chosen_aperture(opened, aperture)
+    options.look_at(opened, [chosen])
+    charged, chain = budget_of(opened, chosen, settings)
     radiance = radiance_budgeting.radiance_budget_of(opened, chain, progress=not quiet)
     if out is not None:
         write_budget(charged, chain, out, radiance)

@@ -43,6 +43,7 @@ def cost(  # noqa: PLR0913 - options are parameters
     chosen = options.chosen_aperture(opened, aperture)
     if out is not None:
         check_writable_folder(out, FILES)
+    options.look_at(opened, [chosen])
     measured = measure_cost(opened, chosen, tolerance_px, repeat=repeat, progress=not quiet)
     if out is not None:
         write_cost(measured, out)

@@ -58,9 +58,11 @@ def explain(
         slabs=slabs or (),
         camera=camera or Camera.BOTH,
     )
+    chosen = options.chosen_aperture(opened, aperture)
+    options.look_at(opened, [chosen])
     plan = effects_plan.explain(
         opened,
-        options.chosen_aperture(opened, aperture),
+        chosen,
         settings,
         tracer=tracer,
         repeat=repeat,

@@ -174,5 +174,6 @@ def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, ou
     chosen = options.chosen_aperture(opened, aperture)
     folder = Path("figure7") / default_folder(opened).name if out is None else out
     check_writable_folder(folder, FILES)
+    options.look_at(opened, [chosen])
     write_figure(draw_figure(opened, chosen, default_settings(opened, near)), folder)
     click.echo(folder / "index.html")

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from xfrustum.cli_numbers import Positive
+from xfrustum.cli_streams import say
 
 if TYPE_CHECKING:
     from xfrustum.scenes.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
@@ -213,6 +214,52 @@ def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
         The index lies outside the plate.
     """
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
+
+
+def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
+    """Refuse a question about nothing; warn on standard error of what the reach cuts, and of tiny objects.
+
+    Parameters
+    ----------
+    scene
+        What is asked about.
+    apertures
+        Those that the command is asked about.
+    black_is_right
+        Whether the command's answer is a picture, which may be black: then apertures that see nothing are
+        a warning as long as another one sees something, and in hard cases, which are empty on purpose.
+
+    Raises
+    ------
+    InputError
+        None of the apertures sees anything of the objects; with `black_is_right`, no aperture of the plate.
+    """
+    from xfrustum.compare import extent
+    from xfrustum.scenes import hard_cases
+    from xfrustum.scenes.errors import InputError
+
+    unseen = extent.unseen_sentence(scene, apertures)
+    if unseen is None:
+        warn_of(scene)
+        return
+    if not black_is_right:
+        raise InputError(unseen)
+    if scene.source not in hard_cases.CASES:
+        extent.require_seen(scene, scene.plate.apertures())
+    warn(unseen)
+
+
+def warn_of(scene: Scene) -> None:
+    """Warn on standard error of what the reach cuts, and of objects that are tiny beside the plate."""
+    from xfrustum.compare import extent
+
+    for warning in extent.warnings(scene):
+        warn(warning)
+
+
+def warn(warning: str) -> None:
+    """Print a warning on standard error."""
+    say(f"warning: {warning}")
 
 
 scene_argument = click.argument("scene")

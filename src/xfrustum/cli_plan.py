@@ -58,6 +58,7 @@ def plan(
         if apertures is None
         else spread_apertures(opened.plate, apertures)
     )
+    options.look_at(opened, chosen)
     made = make_plan(opened, chosen, requirement, depth_buffers(depth, mapping), progress=not quiet)
     if as_json:
         options.print_json(made.summary())

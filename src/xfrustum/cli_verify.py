@@ -98,12 +98,15 @@ def verify(
     from xfrustum.reports.outputs import check_writable_file, check_writable_folder
     from xfrustum.reports.verification import verify as verified
     from xfrustum.reports.verification_files import FILES, table, write_junit, write_verification
+    from xfrustum.scenes import open_scene
 
     if junit is not None:
         check_writable_file(junit, "--junit")
     if out is not None:
         check_writable_folder(out, FILES)
-    found = verified(scene, accept=accept or (), progress=not quiet, **asked)
+    opened = open_scene(scene)
+    found = verified(opened, accept=accept or (), progress=not quiet, **asked)
+    options.warn_of(opened)
     if out is not None:
         write_verification(found, out)
     if junit is not None:

@@ -1,0 +1,126 @@
+"""Size, heights, area within the reach and apertures of every object of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from xfrustum.compare.extent.layers import areas, share_between, triangles_in_chunks
+from xfrustum.compare.extent.sight import Flags, apertures_in_sight
+from xfrustum.scenes.frustum import Frustum
+from xfrustum.scenes.plate import Plate
+from xfrustum.scenes.scene import Scene, SceneObject
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """Which apertures of a plate have some of an object in their crossed frusta, whatever hides it.
+
+    Attributes
+    ----------
+    apertures, of
+        How many do, of how many.
+    columns, rows
+        First and last column and row of these; None where no aperture does.
+    middle
+        Whether the middle aperture does.
+    corners
+        Whether those at the top left, top right, bottom left and bottom right do.
+    """
+
+    apertures: int
+    of: int
+    columns: tuple[int, int] | None
+    rows: tuple[int, int] | None
+    middle: bool
+    corners: tuple[bool, bool, bool, bool]
+
+    @classmethod
+    def of_flags(cls, flags: Flags, plate: Plate) -> Sight:
+        """Count the (rows, columns) flags of a plate's apertures."""
+        seeing = np.argwhere(flags)
+        some = len(seeing) > 0
+        column, row = plate.middle.index
+        return cls(
+            apertures=len(seeing),
+            of=flags.size,
+            columns=(int(seeing[:, 1].min()), int(seeing[:, 1].max())) if some else None,
+            rows=(int(seeing[:, 0].min()), int(seeing[:, 0].max())) if some else None,
+            middle=bool(flags[row, column]),
+            corners=(bool(flags[0, 0]), bool(flags[0, -1]), bool(flags[-1, 0]), bool(flags[-1, -1])),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectExtent:
+    """Where one object lies.
+
+    Attributes
+    ----------
+    number, name
+        As in the scene.
+    triangles
+        How many there are.
+    low, high
+        Corners of the box about it, scene units; its height runs from low[2] to high[2].
+    share_in_reach
+        Share of its surface between the ends of the reach; None where its surface has no area.
+    sight
+        Which apertures may see some of it.
+    """
+
+    number: int
+    name: str
+    triangles: int
+    low: Point
+    high: Point
+    share_in_reach: float | None
+    sight: Sight
+
+    @property
+    def size(self) -> Point:
+        """Lengths of the box about it along x, y and z, scene units."""
+        x, y, z = (high - low for low, high in zip(self.low, self.high, strict=True))
+        return x, y, z
+
+
+def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
+    """Return where each object of a scene lies."""
+    return tuple(
+        ObjectExtent(
+            number=number,
+            name=part.name,
+            triangles=len(part.faces),
+            low=box(part)[0],
+            high=box(part)[1],
+            share_in_reach=share_in_reach(part, scene.frustum),
+            sight=Sight.of_flags(apertures_in_sight(part, scene.frustum, scene.plate), scene.plate),
+        )
+        for number, part in enumerate(scene.objects)
+    )
+
+
+def box(part: SceneObject) -> tuple[Point, Point]:
+    """Return the lowest and the highest coordinates of an object's triangles."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for triangles in triangles_in_chunks(part):
+        low = np.minimum(low, triangles.min(axis=(0, 1)))
+        high = np.maximum(high, triangles.max(axis=(0, 1)))
+    (x0, y0, z0), (x1, y1, z1) = low.tolist(), high.tolist()
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:
+    """Return the share of an object's surface between the ends of the reach; None where it has no area."""
+    toward, back = frustum.reach
+    whole = within = 0.0
+    # Of size one, so that areas neither underflow nor overflow.
+    size = max(float(np.abs(part.vertices).max()), np.finfo(np.float64).tiny)
+    for triangles in triangles_in_chunks(part):
+        area = areas(triangles / size)
+        whole += float(area.sum())
+        within += float((area * share_between(triangles, -back, toward)).sum())
+    return within / whole if whole > 0 else None

@@ -1,0 +1,209 @@
+"""Where a scene lies, in words: why nothing is seen, what the reach cuts off, units that do not fit."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from xfrustum.compare.extent.facts import Point, box, share_in_reach
+from xfrustum.compare.extent.sight import apertures_in_sight, aside_of_frusta, in_sight
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.plate import Aperture
+from xfrustum.scenes.scene import Scene, SceneObject
+
+OBJECTS_NAMED = 3
+"""Objects that one sentence speaks of, so that it stays one line; the others are counted."""
+
+FEW_APERTURES = 4
+"""Up to this many apertures are looked at one by one; of more, those that see nothing are left out first."""
+
+TINY_SHARE = 0.01
+"""An object smaller than this share of the plate's longer side is more likely one in other units, meters for
+millimeters or inches, than one made for the plate: a pixel of a hogel is a hundredth or more of that side."""
+
+
+def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
+    """Raise InputError where a scene has objects and none of the apertures can show any of them.
+
+    A scene without objects passes: the true image of nothing is nothing.
+
+    Raises
+    ------
+    InputError
+        One line that says where the objects lie and how far the frusta go.
+    """
+    sentence = unseen_sentence(scene, apertures)
+    if sentence is not None:
+        raise InputError(sentence)
+
+
+def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
+    """Say why some apertures see nothing, as `unseen_facts` does, and what to do about it."""
+    facts = unseen_facts(scene, apertures)
+    command = shlex.join(("xfrustum", "check", scene.source or scene.name))
+    advice = "Change the object's scale or translate, or the frustum's reach"
+    return None if facts is None else f"{facts}. {advice}; `{command}` shows where everything lies"
+
+
+def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
+    """Say with sizes why some apertures see nothing; None where they do, or where there are no objects."""
+    if not scene.objects or any(_seen(scene, part, apertures) for part in scene.objects):
+        return None
+    named = [
+        f"{_name(number, part)} {_why_unseen(scene, part, apertures)}"
+        for number, part in enumerate(scene.objects[:OBJECTS_NAMED])
+    ]
+    more = len(scene.objects) - len(named)
+    where = "; ".join([*named, f"and {more} more objects are not in sight"] if more else named)
+    return f"{scene.name}: {_none_of(scene, apertures)} of the scene: {where}"
+
+
+def warnings(scene: Scene) -> tuple[str, ...]:
+    """Say of each object that the reach cuts which part of it is beyond, and of each tiny one its size."""
+    return (*reach_warnings(scene), *scale_warnings(scene))
+
+
+def reach_warnings(scene: Scene) -> tuple[str, ...]:
+    """Say of each object that the reach cuts which part of it is beyond."""
+    found = (_reach_warning(scene, number, part) for number, part in enumerate(scene.objects))
+    return _first([text for text in found if text is not None])
+
+
+def _first(found: Sequence[str]) -> tuple[str, ...]:
+    """Return the first few sentences, the last of them with the number of those that are left out."""
+    more = len(found) - OBJECTS_NAMED
+    if more <= 0:
+        return tuple(found)
+    return (*found[: OBJECTS_NAMED - 1], f"{found[OBJECTS_NAMED - 1]}; and so for {more} more objects")
+
+
+def scale_warnings(scene: Scene) -> tuple[str, ...]:
+    """Say of each object that is tiny beside the plate what size it has: its units may not be the scene's."""
+    side = max(scene.plate.size)
+    found = []
+    for number, part in enumerate(scene.objects):
+        low, high = box(part)
+        if max(np.subtract(high, low)) < TINY_SHARE * side:
+            found.append(
+                f"{_name(number, part)} is {_size(low, high, scene.units)}, and the plate is {length(side)} "
+                f"{scene.units} wide: give it a scale if it is in other units"
+            )
+    return _first(found)
+
+
+def length(value: float) -> str:
+    """Write a length in four digits, thousands between commas."""
+    if value == 0 or 1e-3 <= abs(value) < 1e6:
+        digits = 3 - int(np.floor(np.log10(abs(value)))) if value else 0
+        text = f"{value:,.{max(digits, 0)}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    return f"{value:.4g}"
+
+
+def heights(low: float, high: float, units: str) -> str:
+    """Say between which heights something lies, as distances from the plate."""
+    if high <= 0:
+        return f"{_range(-high, -low)} {units} behind the plate"
+    if low >= 0:
+        return f"{_range(low, high)} {units} before the plate"
+    return f"from {length(-low)} {units} behind the plate to {length(high)} {units} before it"
+
+
+def _range(low: float, high: float) -> str:
+    return length(low) if length(low) == length(high) else f"{length(low)} to {length(high)}"
+
+
+def _name(number: int, part: SceneObject) -> str:
+    return f"object {number} ({Path(part.name).name})"
+
+
+def _size(low: Point, high: Point, units: str) -> str:
+    return " x ".join(length(b - a) for a, b in zip(low, high, strict=True)) + f" {units}"
+
+
+def _none_of(scene: Scene, apertures: Sequence[Aperture]) -> str:
+    columns, rows = scene.plate.hogels
+    if len(apertures) >= columns * rows:
+        return "no aperture of the plate sees anything"
+    if len(apertures) == 1:
+        return f"aperture {apertures[0].column},{apertures[0].row} sees nothing"
+    return f"none of the {len(apertures)} apertures asked for sees anything"
+
+
+def _seen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> bool:
+    """Return whether any of the apertures can show some of an object."""
+    if len(apertures) > FEW_APERTURES:
+        flags = apertures_in_sight(part, scene.frustum, scene.plate)
+        apertures = [one for one in apertures if flags[one.row, one.column]]
+    return any(in_sight(part, scene.frustum, one) for one in apertures)
+
+
+def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> str:
+    """Say with sizes why apertures see nothing of an object: beyond the reach, aside, or too small."""
+    (toward, back), units = scene.frustum.reach, scene.units
+    low, high = box(part)
+    if high[2] < -back:
+        return f"spans {heights(low[2], high[2], units)}; the reach is {length(back)} {units} there"
+    if low[2] > toward:
+        return f"spans {heights(low[2], high[2], units)}; the reach is {length(toward)} {units} there"
+    if share_in_reach(part, scene.frustum) == 0.0:
+        return (
+            f"lies beyond the reach of {length(back)} {units} behind the plate and {length(toward)} before it"
+        )
+    aside = _why_aside(scene, low, high, apertures)
+    if aside is not None:
+        return aside
+    where = f"is {_size(low, high, units)}, {heights(low[2], high[2], units)}"
+    flags = apertures_in_sight(part, scene.frustum, scene.plate)
+    if any(flags[one.row, one.column] for one in apertures):
+        return f"{where}, and falls between the centers of pixels: it needs a larger scale, or other units"
+    return f"{where}, and lies beside the lines of the image"
+
+
+def _why_aside(scene: Scene, low: Point, high: Point, apertures: Sequence[Aperture]) -> str | None:
+    """Say how far aside of the frusta a box lies; None where it does not lie on one side of all of them."""
+    toward, back = scene.frustum.reach
+    ends = (max(low[2], -back), min(high[2], toward))
+    sides = (("to the left", "to the right"), ("below", "above"))
+    widest, text = 0.0, None
+    for axis, (less, more) in enumerate(sides):
+        left, right = aside_of_frusta(scene.frustum, apertures, axis, ends)
+        # How far beyond the lines, and from where to where, both counted from the plate's middle.
+        for gap, first, last, limit, word in (
+            (left - high[axis], -high[axis], -low[axis], -left, less),
+            (low[axis] - right, low[axis], high[axis], right, more),
+        ):
+            if gap > widest:
+                widest = gap
+                of = "of" if axis == 0 else ""
+                text = (
+                    f"lies {_range(first, last)} {scene.units} {word} {of} the plate's middle; "
+                    f"at its height the lines end {length(limit)} {scene.units} from there"
+                ).replace("  ", " ")
+    return text
+
+
+def _reach_warning(scene: Scene, number: int, part: SceneObject) -> str | None:
+    """Say which part of an object lies beyond the reach; None where none does."""
+    (toward, back), units = scene.frustum.reach, scene.units
+    low, high = box(part)
+    if low[2] >= -back and high[2] <= toward:
+        return None
+    share = share_in_reach(part, scene.frustum)
+    beyond = "" if share is None else f": {_percent(1 - share)} of its surface is beyond and is not imaged"
+    return (
+        f"{_name(number, part)} spans {heights(low[2], high[2], units)}, and the reach is {length(back)} "
+        f"{units} behind the plate and {length(toward)} before it{beyond}"
+    )
+
+
+def _percent(share: float) -> str:
+    """Write a share as percent without calling some of it none or all of it."""
+    if share in (0.0, 1.0):
+        return f"{100 * share:g} %"
+    if share < 0.001:
+        return "less than 0.1 %"
+    return "more than 99.9 %" if share > 0.999 else f"{100 * share:.3g} %"

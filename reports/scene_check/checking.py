@@ -1,0 +1,201 @@
+"""`xfrustum check`: what lies where in a scene, which apertures see it, and what looks like a mistake."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.extent import ObjectExtent, Sight, extents, heights, length, unseen_facts, warnings
+from xfrustum.reports.outputs import Staging
+from xfrustum.reports.scene_check.drawing import draw_view
+from xfrustum.reports.scene_check.picture_frame import View
+from xfrustum.scenes.scene import Scene, SceneObject
+
+FILES = tuple(f"{view.value}.svg" for view in View)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectCheck:
+    """What is known of one object before it is drawn.
+
+    Attributes
+    ----------
+    extent
+        Where it lies.
+    normals, colors, textures
+        What its vertices and triangles have to be shaded with, and where that comes from, in words.
+    """
+
+    extent: ObjectExtent
+    normals: str
+    colors: str
+    textures: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneCheck:
+    """What is known of a scene before it is drawn.
+
+    Attributes
+    ----------
+    scene
+        What was checked.
+    objects
+        In the scene's order.
+    warnings
+        What looks like a mistake, one sentence each.
+    seen
+        Whether any aperture of the plate can show anything; true of a scene without objects.
+    """
+
+    scene: Scene
+    objects: tuple[ObjectCheck, ...]
+    warnings: tuple[str, ...]
+    seen: bool
+
+    def view(self, view: View | str) -> str:
+        """Return the `side` or the `top` view as an SVG document."""
+        return draw_view(self.scene, View(view))
+
+    def summary(self) -> dict[str, Any]:
+        """Return everything but the pictures as one JSON object."""
+        scene = self.scene
+        return {
+            "scene": scene.name,
+            "units": scene.units,
+            "plate": {"size": list(scene.plate.size), "hogels": list(scene.plate.hogels)},
+            "reach": list(scene.frustum.reach),
+            "objects": [_entry(one) for one in self.objects],
+            "warnings": list(self.warnings),
+            "seen": self.seen,
+        }
+
+
+def check(scene: Scene) -> SceneCheck:
+    """Say where each object of a scene lies, which apertures may see it, and what looks like a mistake.
+
+    Nothing is drawn or traced: an object behind another one counts as seen.
+    """
+    found = extents(scene)
+    unseen = unseen_facts(scene, scene.plate.apertures())
+    told = [line for part in scene.objects for line in getattr(part, "warnings", ())]
+    if unseen is not None:
+        told.append(unseen)
+    else:
+        told += warnings(scene)
+        told += [
+            f"object {one.number} ({Path(one.name).name}) is outside the frusta of all apertures"
+            for one in found
+            if one.sight.apertures == 0
+        ]
+    return SceneCheck(
+        scene=scene,
+        objects=tuple(
+            ObjectCheck(extent=extent, normals=_normals(part), colors=_colors(part), textures=_textures(part))
+            for extent, part in zip(found, scene.objects, strict=True)
+        ),
+        warnings=tuple(dict.fromkeys(told)),
+        seen=unseen is None,
+    )
+
+
+def write_check(checked: SceneCheck, out: Path) -> tuple[Path, ...]:
+    """Write side.svg and top.svg into a folder, both or none.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    with Staging(out, FILES) as staging:
+        for view, name in zip(View, FILES, strict=True):
+            (staging.folder / name).write_text(checked.view(view), encoding="utf-8")
+        return staging.commit()
+
+
+def table(checked: SceneCheck) -> str:
+    """Return a check as lines for people."""
+    scene = checked.scene
+    (toward, back), units = scene.frustum.reach, scene.units
+    plate = f"plate of {length(scene.plate.size[0])} x {length(scene.plate.size[1])} {units}, "
+    plate += f"{scene.plate.hogels[0]} x {scene.plate.hogels[1]} apertures"
+    lines = [
+        f"{scene.name}: {plate}; reach {length(toward)} {units} before and {length(back)} {units} behind it"
+    ]
+    if not checked.objects:
+        lines.append("no objects: the true image of nothing is nothing")
+    for one in checked.objects:
+        extent = one.extent
+        lines += ["", f"object {extent.number}: {extent.name}"]
+        share = extent.share_in_reach
+        rows = (
+            ("triangles", f"{extent.triangles:,}"),
+            ("size", " x ".join(length(side) for side in extent.size) + f" {units}"),
+            ("height", heights(extent.low[2], extent.high[2], units)),
+            ("in the reach", "no area" if share is None else f"{100 * share:.4g} % of its surface"),
+            ("seen by", _sight(extent.sight)),
+            ("normals", one.normals),
+            ("colors", one.colors),
+            ("textures", one.textures),
+        )
+        lines += [f"  {name:<12}  {value}" for name, value in rows]
+    return "\n".join(lines)
+
+
+def _entry(one: ObjectCheck) -> dict[str, Any]:
+    entry = {**asdict(one.extent), "size": list(one.extent.size)}
+    return {**entry, "normals": one.normals, "colors": one.colors, "textures": one.textures}
+
+
+def _sight(sight: Sight) -> str:
+    """Say which apertures see an object."""
+    if sight.columns is None or sight.rows is None:
+        return f"none of {sight.of:,} apertures"
+    if sight.apertures == sight.of:
+        return f"all {sight.of:,} apertures"
+    (left, right), (top, bottom) = sight.columns, sight.rows
+    middle = "the middle one too" if sight.middle else "not the middle one"
+    return (
+        f"{sight.apertures:,} of {sight.of:,} apertures, columns {left} to {right}, rows {top} to {bottom}; "
+        f"{middle}, {sum(sight.corners)} of 4 corners"
+    )
+
+
+def _normals(part: SceneObject) -> str:
+    """Say which vertices have normals to shade with, and who made them."""
+    found = part.vertex_normals
+    usable = 0 if found is None else int(np.isfinite(found).all(axis=1).sum())
+    if usable == 0:
+        return "none: every triangle is flat"
+    made = str(getattr(part, "normals_made", ""))
+    who = {"all": "made by smooth = true", "some": "of the mesh, and where it has none made by smooth = true"}
+    origin = who.get(made, "of the mesh" if made else "of the mesh, or made by smooth = true")
+    return f"{origin}, at {_of(usable, len(part.vertices), 'vertices')}"
+
+
+def _colors(part: SceneObject) -> str:
+    """Say whether the mesh has colors of its own."""
+    colors = part.vertex_colors
+    if colors is None:
+        return "none: its material's"
+    different = bool((colors != colors[0]).any())
+    return "of the mesh, one per vertex" if different else "of the mesh, the same at all vertices"
+
+
+def _textures(part: SceneObject) -> str:
+    """Say how many pictures the mesh has, how large, and on how many triangles."""
+    number, uv = part.texture_of_triangle, part.uv
+    coordinates = uv is not None and bool(np.isfinite(uv).any())
+    if number is None or uv is None or not part.textures:
+        return "none, though it has texture coordinates" if coordinates else "none"
+    shown = int(((number >= 0) & np.isfinite(uv[part.faces]).all(axis=(1, 2))).sum())
+    sizes = ", ".join(dict.fromkeys(f"{picture.shape[1]} x {picture.shape[0]}" for picture in part.textures))
+    count = f"{len(part.textures)} picture{'s' if len(part.textures) > 1 else ''} of {sizes} pixels"
+    return f"{count}, on {_of(shown, len(part.faces), 'triangles')}"
+
+
+def _of(some: int, total: int, what: str) -> str:
+    return f"all {what}" if some == total else f"{some:,} of {total:,} {what}"

@@ -1,0 +1,237 @@
+"""`xfrustum new`: a scene file whose plate, reach and field of view fit a mesh."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from xfrustum.compare.extent import box, heights, length
+from xfrustum.reports.outputs import Staging
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.meshes import load_mesh
+from xfrustum.scenes.patches import load_patches
+from xfrustum.scenes.scene import SceneObject
+
+FOV_DEG = 60.0
+"""Full angle of both axes, that of the built-in scenes."""
+
+RESOLUTION = 512
+"""Pixels along each side of a hogel image, likewise."""
+
+HOGELS = 61
+"""Apertures along the longer side of the plate: odd, so that the middle one is in the middle."""
+
+ROOM = 1.1
+"""Plate and reach are at least this much larger than what they must hold."""
+
+ROUND_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+"""Lengths in a new scene file are one of these times a power of ten: never over 4/3 of what is needed."""
+
+
+class Place(StrEnum):
+    """Where the object is put: its middle in the plate, or all of it behind or before the plate."""
+
+    THROUGH = "through"
+    BEHIND = "behind"
+    BEFORE = "before"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewScene:
+    """A scene file that was written.
+
+    Attributes
+    ----------
+    path
+        The file.
+    mesh
+        Box of the mesh as its file has it: lengths along x, y and z.
+    scale, translate
+        How it is placed.
+    size
+        Its lengths in scene units.
+    plate, hogels, reach, units
+        As in the file; the reach is the same on both sides.
+    heights
+        Lowest and highest z of the object.
+    """
+
+    path: Path
+    mesh: tuple[float, float, float]
+    scale: float
+    translate: tuple[float, float, float]
+    size: tuple[float, float, float]
+    plate: tuple[float, float]
+    hogels: tuple[int, int]
+    reach: float
+    units: str
+    heights: tuple[float, float]
+
+    @property
+    def sentence(self) -> str:
+        """What was written, in words."""
+        shown = " x ".join(length(side) for side in self.size)
+        return (
+            f"{self.path}: the mesh is {shown} {self.units}, {heights(*self.heights, self.units)}; plate of "
+            f"{length(self.plate[0])} x {length(self.plate[1])} {self.units} with {self.hogels[0]} x "
+            f"{self.hogels[1]} apertures, reach {length(self.reach)} {self.units} on both sides"
+        )
+
+
+def new_scene(
+    mesh: Path | str,
+    out: Path | str | None = None,
+    *,
+    units: str | None = None,
+    size: float | None = None,
+    place: Place | str = Place.THROUGH,
+    force: bool = False,
+) -> NewScene:
+    """Write a scene file whose plate, reach and field of view fit a mesh.
+
+    Parameters
+    ----------
+    mesh
+        A mesh file, or Bezier patches.
+    out
+        The scene file; by default the mesh's name with .toml in the current folder.
+    units
+        Name of the length unit; by default `m` for glTF, whose unit is the meter, and else `units`, for no
+        other mesh file says which one it has.
+    size
+        What the longest side of the mesh is scaled to, scene units; it keeps its own size where None.
+    place
+        Where the mesh is put.
+    force
+        Whether an existing file is replaced.
+
+    Raises
+    ------
+    InputError
+        The mesh cannot be read or has no size, the size is not positive, the file exists already or cannot
+        be written.
+    """
+    mesh, place = Path(mesh), _place(place)
+    out = Path(f"{mesh.stem}.toml") if out is None else Path(out)
+    if out.exists() and not force:
+        raise InputError(f"{out}: exists already; give --out another name, or --force to replace it")
+    if size is not None and not (math.isfinite(size) and size > 0):
+        raise InputError(f"size {size} must be a positive length")
+    written = _fitted(mesh, out, _units(mesh, units), size, place)
+    with Staging(out.parent, (out.name,)) as staging:
+        (staging.folder / out.name).write_text(_text(written, mesh), encoding="utf-8")
+        staging.commit()
+    return written
+
+
+def _place(place: Place | str) -> Place:
+    try:
+        return Place(place)
+    except ValueError as error:
+        raise InputError(f"place {place!r} is not one of {', '.join(Place)}") from error
+
+
+def _units(mesh: Path, units: str | None) -> str:
+    if units is not None:
+        if not units:
+            raise InputError("units must be a text that is not empty")
+        return units
+    return "m" if mesh.suffix.lower() in (".gltf", ".glb") else "units"
+
+
+def _read(mesh: Path) -> SceneObject:
+    return load_patches(mesh) if mesh.suffix.lower() == ".bpt" else load_mesh(mesh)
+
+
+def _fitted(mesh: Path, out: Path, units: str, size: float | None, place: Place) -> NewScene:
+    """Choose everything from the box about a mesh."""
+    low, high = box(_read(mesh))
+    own = _sides(low, high)
+    if not max(own) > 0:
+        raise InputError(f"{mesh}: all vertices lie in one point; a scene cannot be fitted to it")
+    scale = 1.0 if size is None else _digits(size / max(own))
+    width, height, depth = (side * scale for side in own)
+    # A flat object behind or before the plate keeps the distance of its longest side.
+    longest = max(width, height, depth)
+    # From there on the middle aperture, of a plate no larger than the object, sees all of its nearest side.
+    gap = _round_up(ROOM * max(width, height) / 2 / math.tan(math.radians(FOV_DEG) / 2))
+    middle = {Place.THROUGH: 0.0, Place.BEHIND: -(gap + depth / 2), Place.BEFORE: gap + depth / 2}[place]
+    center = [scale * (a + b) / 2 for a, b in zip(low, high, strict=True)]
+    x, y, z = (_digits(to - c, longest) for to, c in zip((0.0, 0.0, middle), center, strict=True))
+    bottom, top = scale * low[2] + z, scale * high[2] + z
+    plate = _round_up(ROOM * max(width, longest / 4)), _round_up(ROOM * max(height, longest / 4))
+    pitch = max(plate) / HOGELS
+    return NewScene(
+        path=out,
+        mesh=own,
+        scale=scale,
+        translate=(x, y, z),
+        size=(width, height, depth),
+        plate=plate,
+        hogels=(_odd(plate[0] / pitch), _odd(plate[1] / pitch)),
+        reach=_round_up(ROOM * max(-bottom, top, longest / 2)),
+        units=units,
+        heights=(bottom, top),
+    )
+
+
+def _sides(low: tuple[float, ...], high: tuple[float, ...]) -> tuple[float, float, float]:
+    x, y, z = (b - a for a, b in zip(low, high, strict=True))
+    return x, y, z
+
+
+def _round_up(value: float) -> float:
+    """Return the next round length."""
+    power = math.floor(math.log10(value))
+    # Through text, which is what the file holds: 1.2 times 10 to the -3 is not the double 0.0012.
+    steps = (float(f"{step:g}e{power}") for step in ROUND_STEPS)
+    return next((step for step in steps if step >= value), float(f"1e{power + 1}"))
+
+
+def _digits(value: float, of: float | None = None) -> float:
+    """Return a number in six digits; in as many as matter beside another one, where there is one."""
+    if of is None:
+        return float(f"{value:.6g}")
+    return round(value, 5 - math.floor(math.log10(of))) + 0.0
+
+
+def _odd(count: float) -> int:
+    return max(1, 2 * round((count - 1) / 2) + 1)
+
+
+def _quoted(text: str) -> str:
+    """Write a text as a TOML string."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _text(new: NewScene, mesh: Path) -> str:
+    """Return the scene file."""
+    low, high = new.heights
+    relative = Path(os.path.relpath(mesh.absolute(), new.path.absolute().parent)).as_posix()
+    shown = " x ".join(length(side) for side in new.mesh)
+    vector = ", ".join(repr(value) for value in new.translate)
+    return f"""\
+# Written by `xfrustum new`; `xfrustum check` draws where everything lies. All keys: CONVENTIONS.md.
+name = {_quoted(mesh.stem)}
+units = {_quoted(new.units)}  # a name; all lengths here are in this unit
+
+[plate]  # in z = 0, about the origin; +z points to the viewer
+size = [{new.plate[0]!r}, {new.plate[1]!r}]  # width, height
+hogels = [{new.hogels[0]}, {new.hogels[1]}]  # columns, rows of apertures
+
+[frustum]
+resolution = [{RESOLUTION}, {RESOLUTION}]  # pixels of the image of one aperture
+fov_deg = [{FOV_DEG!r}, {FOV_DEG!r}]  # full angles
+reach = [{new.reach!r}, {new.reach!r}]  # how far surfaces are shown: toward the viewer, behind the plate
+
+[[object]]
+mesh = {_quoted(relative)}  # relative to this file
+scale = {new.scale!r}  # the mesh itself is {shown}
+translate = [{vector}]  # then it lies {heights(low, high, new.units)}
+# rotate_deg = [0.0, 0.0, 0.0]  # about x, then y, then z; after scale and before translate
+# smooth = true  # normals for a mesh that has none
+"""
