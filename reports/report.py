@@ -58,6 +58,10 @@ class ReportFiles:
     command: str
 
 
+FILES = ("index.html", "report.json", "measurements.parquet")
+"""What a report writes."""
+
+
 def default_folder(scene: Scene) -> Path:
     """Return where a report goes unless told otherwise: `report/NAME` in the current folder."""
     name = re.sub(r"[^\w.-]+", "-", scene.name).strip("-.") or "scene"
@@ -105,8 +109,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, apertures)
-    names = ("index.html", "report.json", "measurements.parquet")
-    with Staging(default_folder(scene) if out is None else out, names) as staging:
+    with Staging(default_folder(scene) if out is None else out, FILES) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
         watch = Stopwatch()
         with watch.stage("light"):
@@ -115,9 +118,9 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         content = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
-        html=staging.out / "index.html",
-        json=staging.out / "report.json",
-        parquet=staging.out / "measurements.parquet",
+        html=staging.out / FILES[0],
+        json=staging.out / FILES[1],
+        parquet=staging.out / FILES[2],
         best=best_setting(measured.rows),
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
         content=content,

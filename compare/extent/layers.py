@@ -96,11 +96,15 @@ def _share_below(z: Floats, height: float) -> Floats:
     shrinks linearly from there: the area below is a square on either side.
     """
     lowest, middle, highest = z.T
-    ones, zeros = np.ones(len(z)), np.zeros(len(z))
+    ones = np.ones(len(z))
+
+    def quotient(part: Floats, whole: Floats) -> Floats:
+        # Where it is used it lies between 0 and 1; elsewhere it might overflow.
+        usable = (whole > 0) & (part >= 0) & (part <= whole)
+        return np.divide(part, whole, out=ones.copy(), where=usable)
+
     rise, fall = height - lowest, highest - height
-    rising = np.divide(rise, highest - lowest, out=zeros.copy(), where=highest > lowest)
-    rising *= np.divide(rise, middle - lowest, out=ones.copy(), where=middle > lowest)
-    falling = np.divide(fall, highest - lowest, out=zeros.copy(), where=highest > lowest)
-    falling *= np.divide(fall, highest - middle, out=ones.copy(), where=highest > middle)
+    rising = quotient(rise, highest - lowest) * quotient(rise, middle - lowest)
+    falling = quotient(fall, highest - lowest) * quotient(fall, highest - middle)
     within = np.where(height < middle, rising, 1.0 - falling)
     return np.where(height <= lowest, 0.0, np.where(height >= highest, 1.0, within))
