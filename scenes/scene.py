@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -38,6 +39,14 @@ def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
     return array
 
 
+class NormalsMade(StrEnum):
+    """How many of an object's vertex normals were made from its faces; the others are the mesh's own."""
+
+    NONE = "none"
+    SOME = "some"
+    ALL = "all"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneObject:
     """One object of a scene: a triangle mesh in scene coordinates.
@@ -64,6 +73,10 @@ class SceneObject:
         vertices without, whose triangles are flat; None if the mesh has none.
     vertex_colors
         (V, 3) float64 linear RGB; None if the mesh has none.
+    normals_made
+        Whether vertex normals were made from the faces, as `smooth = true` asks.
+    warnings
+        What was found wrong on reading and does not hinder drawing, one line each.
 
     Raises
     ------
@@ -80,6 +93,8 @@ class SceneObject:
     texture_of_triangle: NDArray[np.int32] | None = None
     vertex_normals: NDArray[np.float64] | None = None
     vertex_colors: NDArray[np.float64] | None = None
+    normals_made: NormalsMade = NormalsMade.NONE
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -158,6 +173,11 @@ class Scene:
                 f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} {self.units}, "
                 "which is what 32-bit images can hold; choose another unit of length"
             )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found wrong on reading its meshes and does not hinder drawing, each line once."""
+        return tuple(dict.fromkeys(line for part in self.objects for line in part.warnings))
 
     @cached_property
     def vertices(self) -> NDArray[np.float64]:

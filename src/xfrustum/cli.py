@@ -75,9 +75,8 @@ def report(
     A recentered frustum is measured at two corners of the plate too.
     """
     from xfrustum.reports.report import make_report
-    from xfrustum.scenes import open_scene
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     files = make_report(
         opened,
         out,
@@ -115,9 +114,8 @@ def trace(
     from xfrustum.reports.outputs import check_writable_image
     from xfrustum.reports.tracing import trace_to_file
     from xfrustum.reports.transported import trace_transported
-    from xfrustum.scenes import open_scene
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_image(out)
     effects = light.chosen(opened)
@@ -141,10 +139,9 @@ def raster(
     """Draw one aperture with the two cameras and write it as EXR."""
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.outputs import check_writable_image
-    from xfrustum.scenes import open_scene
     from xfrustum.scenes.exr import write_image
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     settings.check_against(opened.frustum)
     check_writable_image(out)

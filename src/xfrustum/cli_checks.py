@@ -41,9 +41,8 @@ def budget(
     from xfrustum.reports import radiance_budgeting
     from xfrustum.reports.budgeting import FILES, budget_of, summary, table, write_budget
     from xfrustum.reports.outputs import check_writable_folder
-    from xfrustum.scenes import open_scene
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     if out is not None:
         check_writable_folder(out, FILES)
     charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
@@ -94,10 +93,9 @@ def bench_truth(
 ) -> None:
     """Race the certified truth against bare tracers, in million pixels per second."""
     from xfrustum.reports import bench as benchmarks
-    from xfrustum.scenes import open_scene
 
     sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.bench_truth(open_scene(scene), sizes, repeat, progress=not quiet)
+    measured = benchmarks.bench_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
     if as_json:
         options.print_json(measured.summary())
     else:
@@ -113,9 +111,8 @@ def bench_truth(
 def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
     """Race one row of a plate, drawn many hogels at once, against plain loops."""
     from xfrustum.reports import bench_plate as benchmarks
-    from xfrustum.scenes import open_scene
 
-    measured = benchmarks.bench_plate(open_scene(scene), resolution, repeat, progress=not quiet)
+    measured = benchmarks.bench_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
     if as_json:
         options.print_json(measured.summary())
     else:

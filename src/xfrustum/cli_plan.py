@@ -45,14 +45,13 @@ def plan(
     from xfrustum.compare.plan import depth_buffers
     from xfrustum.compare.plan_views import Requirement
     from xfrustum.reports.planning import make_plan, spread_apertures, table
-    from xfrustum.scenes import open_scene
 
     if aperture is not None and apertures is not None:
         raise click.UsageError(
             "--aperture names one aperture and --apertures asks for many: give one of them"
         )
     requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
-    opened = open_scene(scene)
+    opened = options.open_scene(scene)
     chosen = (
         [options.chosen_aperture(opened, aperture)]
         if apertures is None

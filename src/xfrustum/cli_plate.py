@@ -85,10 +85,9 @@ def plate(
     Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1.
     """
     from xfrustum.reports.plate import all_apertures, blocks_of_apertures, write_plate
-    from xfrustum.scenes import open_scene
     from xfrustum.scenes.plate_content import ColorType, PlateContent
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     chosen = all_apertures(opened.plate) if blocks is None else blocks_of_apertures(opened.plate, blocks)
     content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings.camera))
     files = write_plate(opened, settings, out, chosen, content, progress=not quiet)
