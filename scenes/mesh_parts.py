@@ -58,12 +58,21 @@ class MeshPart:
     not_read: tuple[str, ...]
 
 
-def read_parts(path: Path) -> list[MeshPart]:
+def read_parts(path: Path, resolver: Any = None) -> list[MeshPart]:
     """Return the meshes of a file, each where its node places it, those without faces left out.
 
     Raises whatever trimesh's parser stumbles over.
+
+    Parameters
+    ----------
+    path
+        The mesh file.
+    resolver
+        One of trimesh's, which opens the files that the mesh names; None for those beside it.
     """
-    scene = _loaded(path)
+    if resolver is None:
+        resolver = trimesh.resolvers.FilePathResolver(str(path.absolute()))
+    scene = _loaded(path, resolver)
     gltf = _gltf_materials(path, list(scene.geometry))
     named = _named_textures(path)
     parts = []
@@ -75,19 +84,14 @@ def read_parts(path: Path) -> list[MeshPart]:
     return parts
 
 
-def _loaded(path: Path) -> Any:
+def _loaded(path: Path, resolver: Any) -> Any:
     """Return trimesh's scene, whose vertex colors are the file's own numbers where we know its loader."""
     suffix = path.suffix.lower()
     if suffix not in _RAW_COLOR_SUFFIXES:
-        return trimesh.load_scene(str(path), process=False)
+        return trimesh.load_scene(str(path), process=False, resolver=resolver)
     load: Any = mesh_loaders[suffix[1:]]
     with path.open("rb") as file:
-        loaded = load(
-            file_obj=file,
-            file_type=suffix[1:],
-            resolver=trimesh.resolvers.FilePathResolver(str(path.absolute())),
-            process=False,
-        )
+        loaded = load(file_obj=file, file_type=suffix[1:], resolver=resolver, process=False)
     loaded.setdefault("process", False)
     for arguments in (loaded, *loaded.get("geometry", {}).values()):
         if "faces" in arguments and arguments.get("vertex_colors") is not None:

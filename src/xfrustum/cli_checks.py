@@ -24,7 +24,9 @@ LIMIT_EXCEEDED = 1
 @options.aperture_option
 @options.double_frustum_options
 @cli_light.light_options("supersample", "multisample", "aperture", "shadows", "interreflection", "samples")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for pictures of causes and links.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for a page, and pictures of causes and links."
+)
 @options.quiet_option
 @options.json_option
 def budget(
@@ -38,21 +40,21 @@ def budget(
     as_json: bool,
 ) -> None:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart."""
-    from xfrustum.reports import radiance_budgeting
-    from xfrustum.reports.budgeting import FILES, budget_of, summary, table, write_budget
+    from xfrustum.reports import budgeting, radiance_budgeting
+    from xfrustum.reports.budget_page import FILES, write_budget
     from xfrustum.reports.outputs import check_writable_folder
 
     opened = light.applied(options.open_scene(scene))
     if out is not None:
         check_writable_folder(out, FILES)
-    charged, chain = budget_of(opened, options.chosen_aperture(opened, aperture), settings)
-    radiance = radiance_budgeting.radiance_budget_of(opened, chain, progress=not quiet)
+    chosen = options.chosen_aperture(opened, aperture)
+    charged = budgeting.budget(opened, settings, chosen, progress=not quiet)
     if out is not None:
-        write_budget(charged, chain, out, radiance)
+        write_budget(charged, out)
     if as_json:
-        options.print_json(summary(charged, radiance))
+        options.print_json(charged.summary())
     else:
-        click.echo(f"{table(charged)}\n{radiance_budgeting.table(radiance)}")
+        click.echo(f"{budgeting.table(charged.geometry)}\n{radiance_budgeting.table(charged.radiance)}")
 
 
 @click.command()
