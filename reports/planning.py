@@ -53,7 +53,7 @@ def make_plan(
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
-    """Return some apertures all over a plate: the middle, the corners, then a low-discrepancy pattern.
+    """Return some apertures of a plate: the middle, the corners, then a low-discrepancy pattern between them.
 
     Fewer where the plate has fewer. The first of a larger number are those of a smaller.
     """

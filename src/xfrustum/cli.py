@@ -112,7 +112,7 @@ def trace(
     """
     from xfrustum.reference import Reference
     from xfrustum.reports.outputs import check_writable_image
-    from xfrustum.reports.tracing import trace_to_file
+    from xfrustum.reports.tracing import forecast, trace_to_file
     from xfrustum.reports.transported import trace_transported
 
     opened = light.applied(options.open_scene(scene))
@@ -120,6 +120,9 @@ def trace(
     check_writable_image(out)
     effects = light.chosen(opened)
     who, transported = light.tracer(opened, tracer)
+    ahead = None if quiet else forecast(opened, transported=transported)
+    if ahead is not None:
+        click.echo(f"xfrustum: note: {ahead}", err=True)
     reference = Reference(opened, tracer=who, effects=effects)
     if not transported:
         trace_to_file(reference, chosen, out, progress=not quiet)

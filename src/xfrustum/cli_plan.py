@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 @click.command()
 @options.scene_argument
 @options.aperture_option
-@click.option("--apertures", type=click.IntRange(1), help="That many, all over the plate, instead.")
+@click.option(
+    "--apertures", type=click.IntRange(1), help="That many instead: the middle, the corners, then between."
+)
 @click.option("--tolerance-px", type=Positive(), default=0.5, show_default=True, help="99 % of displacement.")
 @click.option("--separation", type=Positive(), help="Of sheets to be ordered.  [default: reach/1000]")
 @click.option(
