@@ -12,6 +12,7 @@ from xfrustum.compare.radiance_budget import RadianceBudget
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports import radiance_budgeting
+from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.sampling import Sampling
@@ -67,6 +68,8 @@ def budget(
     InputError
         The settings make no sense for the scene, or there is no usable OpenGL.
     """
+    one_of(scene, Scene, "scene")
+    one_of(settings, DoubleFrustum, "settings")
     aperture = scene.plate.middle if aperture is None else aperture
     settings.check_against(scene.frustum)
     charged, chain = budget_of(scene, aperture, settings)

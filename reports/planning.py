@@ -14,6 +14,7 @@ from xfrustum.compare.plan_search import DepthBuffer
 from xfrustum.compare.plan_views import Requirement
 from xfrustum.compare.predict_depth import MISORDERED
 from xfrustum.reports.progress import progress_bar
+from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.plate import Aperture, Plate
 from xfrustum.scenes.scene import Scene
 
@@ -47,6 +48,9 @@ def make_plan(
     InputError
         There is no usable OpenGL.
     """
+    one_of(scene, Scene, "scene")
+    requirement = Requirement() if requirement is None else requirement
+    one_of(requirement, Requirement, "requirement")
     chosen = list(apertures or [scene.plate.middle])
     with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
         return plan(scene, chosen, requirement, choices, bar.update)

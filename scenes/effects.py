@@ -6,12 +6,13 @@ Light transport and band limiting change it: they are settings of the scene (`Sa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
+from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.double_frustum import Camera
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.material import Material
@@ -86,6 +87,19 @@ def chosen(scene: Scene, names: str, camera: Camera = Camera.BOTH) -> frozenset[
     if {"auto", "all"} & set(asked):
         raise InputError(f"effects are auto, or all, or names between commas, and no mixture: not {names!r}")
     return frozenset(_named(name) for name in asked)
+
+
+def checked(effects: object) -> frozenset[Effect]:
+    """Return effects that a caller asks for, members or names, as members.
+
+    Raises
+    ------
+    InputError
+        They are no collection, or one of them is no effect.
+    """
+    if isinstance(effects, str) or not isinstance(effects, Iterable):
+        raise InputError(f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}")
+    return frozenset(choice(Effect, effect, "an effect") for effect in effects)
 
 
 def _named(name: str) -> Effect:

@@ -79,10 +79,10 @@ class Plate:
             The index lies outside the plate.
         """
         columns, rows = self.hogels
-        column, row = whole(column), whole(row)
+        given, column, row = (column, row), whole(column), whole(row)
         if not (0 <= column < columns and 0 <= row < rows):
             raise InputError(
-                f"aperture {column},{row} lies outside the plate: "
+                f"aperture {given[0]},{given[1]} lies outside the plate: "
                 f"columns run from 0 to {columns - 1}, rows from 0 to {rows - 1}"
             )
         width, height = self.size

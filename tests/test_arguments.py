@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ import xfrustum
 from xfrustum import DepthFormat, DepthMapping, DoubleFrustum, Fit, InputError, Offset, Pivot, Requirement
 from xfrustum.scenes import Aperture, Camera, Frustum, Plate, Scene, SceneObject, Screen
 from xfrustum.scenes.appearance import Appearance
+from xfrustum.scenes.effects import Effect
 from xfrustum.scenes.light import DirectionalLight, Environment
 from xfrustum.scenes.material import Material
+from xfrustum.scenes.plate_content import PlateContent
 from xfrustum.scenes.sampling import Sampling, Transport
 
 NONSENSE: tuple[Any, ...] = (
@@ -148,6 +151,44 @@ def test_a_material_that_is_not_there_is_refused() -> None:
     scene = Scene(name="s", plate=PLATE, frustum=FRUSTUM, objects=(part,))
     with pytest.raises(InputError, match="no material 'gold'"):
         _ = scene.materials
+
+
+def test_functions_refuse_what_they_cannot_mean_too() -> None:
+    scene: Any = Scene(name="s", plate=PLATE, frustum=FRUSTUM, objects=(SHEET,))
+    anything: Any = "banana"
+    calls: list[Callable[[], object]] = [
+        lambda: xfrustum.open_scene(anything),
+        lambda: xfrustum.open_scene(Path("banana")),
+        lambda: xfrustum.open_scene(3),  # type: ignore[arg-type]  # that is the point
+        lambda: scene.plate.aperture("a", 0),
+        lambda: scene.plate.aperture(0.5, 0),
+        lambda: xfrustum.Reference(anything),
+        lambda: xfrustum.Reference(scene, tracer="banana"),
+        lambda: xfrustum.Reference(scene, effects=anything),
+        lambda: xfrustum.Reference(scene).trace((1, 1)),  # type: ignore[arg-type]  # that is the point
+        lambda: xfrustum.Rasterizer(scene, effects=frozenset({"banana"})),  # type: ignore[arg-type]  # likewise
+        lambda: xfrustum.budget(scene, anything),
+        lambda: xfrustum.plan(scene, requirement=anything),
+        lambda: xfrustum.cost(scene, tolerance_px=anything),
+        lambda: xfrustum.cost(scene, tolerance_px=math.inf),
+        lambda: xfrustum.cost(scene, repeat=1.5),  # type: ignore[arg-type]  # that is the point
+        lambda: xfrustum.explain(scene, repeat=-1),
+        lambda: xfrustum.explain(scene, tracer="banana", repeat=0),
+        lambda: PlateContent(color=anything),
+        lambda: PlateContent(ids=anything),
+    ]
+    for number, call in enumerate(calls):
+        with pytest.raises(InputError):
+            call()
+            pytest.fail(f"call {number} took it")
+
+
+def test_effects_may_be_given_by_name() -> None:
+    scene = Scene(name="s", plate=PLATE, frustum=FRUSTUM, objects=(SHEET,))
+    names: Any = {"c", "diffuse"}
+    with xfrustum.Rasterizer(scene, effects=names) as rasterizer:
+        assert rasterizer.effects == {Effect.C, Effect.DIFFUSE}
+        assert all(isinstance(effect, Effect) for effect in rasterizer.effects)
 
 
 def test_what_a_double_frustum_is_made_of_can_be_imported_from_the_top() -> None:
