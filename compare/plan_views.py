@@ -16,6 +16,7 @@ from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
 from xfrustum.compare.predict_share import Slab, depth_wrong_share, slabs
 from xfrustum.compare.stacks import Stacks
 from xfrustum.reference import Reference
+from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum
@@ -58,14 +59,17 @@ class Requirement:
     max_wrong: float = 1e-3
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.tolerance_px) and self.tolerance_px > 0):
-            raise InputError(f"tolerance must be a positive number of pixels, not {self.tolerance_px}")
-        if self.separation is not None and not (math.isfinite(self.separation) and self.separation > 0):
-            raise InputError(f"separation must be a positive length, not {self.separation}")
-        if not 0 < self.max_wrong < 1:
+        tolerance, share = real(self.tolerance_px), real(self.max_wrong)
+        separation = None if self.separation is None else real(self.separation)
+        if not (math.isfinite(tolerance) and tolerance > 0):
+            raise InputError(f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}")
+        if separation is not None and not (math.isfinite(separation) and separation > 0):
+            raise InputError(f"separation must be a positive length, not {self.separation!r}")
+        if not 0 < share < 1:
             raise InputError(
-                f"the largest share of wrong pixels must lie between 0 and 1, not {self.max_wrong}"
+                f"the largest share of wrong pixels must lie between 0 and 1, not {self.max_wrong!r}"
             )
+        settle(self, tolerance_px=tolerance, separation=separation, max_wrong=share)
 
     def separation_in(self, frustum: Frustum) -> float:
         """Return the separation in scene units."""

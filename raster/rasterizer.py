@@ -18,8 +18,9 @@ from xfrustum.raster.positions import DrawnBy, Positions
 from xfrustum.raster.room import check_room
 from xfrustum.raster.targets import Target
 from xfrustum.raster.timer import GpuTimer, StageTime
+from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.double_frustum import DepthFormat, DoubleFrustum
-from xfrustum.scenes.effects import Effect, needed
+from xfrustum.scenes.effects import Effect, checked, needed
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.plate import Aperture
@@ -54,12 +55,14 @@ class Rasterizer:
     Raises
     ------
     InputError
-        There is no usable OpenGL (see `context.open_context`), or the scene is too large for it.
+        There is no usable OpenGL (see `context.open_context`), the scene is too large for it, or an
+        effect is not one.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
+        one_of(scene, Scene, "scene")
         self.scene = scene
-        self.effects = needed(scene) if effects is None else effects
+        self.effects = needed(scene) if effects is None else checked(effects)
         self._context = open_context()
         self.device = describe(self._context)
         self.times: dict[str, StageTime] = {}
@@ -118,6 +121,8 @@ class Rasterizer:
         InputError
             near is not smaller than the reach, or the device cannot sample so finely.
         """
+        one_of(aperture, Aperture, "aperture")
+        one_of(settings, DoubleFrustum, "settings")
         settings.check_against(self.scene.frustum)
         sampling = self.scene.sampling if sampling is None else sampling
         # OpenGL draws in whichever context is current: another Rasterizer may have been opened since.

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
+from OpenGL.error import GLError
 
 from xfrustum.raster.depth_formats import INTERNAL_FORMAT
 from xfrustum.scenes.double_frustum import DepthFormat
+from xfrustum.scenes.errors import InputError
 
 IDENTITY, COLOR = 0, 1
 """Color attachments: triangle number + 1 and number of the camera (uint), linear radiance (float32)."""
@@ -68,7 +70,16 @@ class Target:
             GL.glTexStorage2DMultisample(self._kind, self.samples, internal, *self.size, True)
             self.samples = int(GL.glGetTexLevelParameteriv(self._kind, 0, GL.GL_TEXTURE_SAMPLES))
             return
-        GL.glTexStorage2D(self._kind, 1, internal, *self.size)
+        try:
+            GL.glTexStorage2D(self._kind, 1, internal, *self.size)
+        except GLError as error:
+            if error.err != GL.GL_OUT_OF_MEMORY:
+                raise
+            width, height = self.size
+            raise InputError(
+                f"the OpenGL device has no memory left for an image of {width} x {height} pixels; "
+                "choose a smaller frustum.resolution"
+            ) from error
         # Integer textures are complete, and can be sampled, only without filtering.
         GL.glTexParameteri(self._kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
         GL.glTexParameteri(self._kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)

@@ -11,7 +11,10 @@ from xfrustum.reference.threads import worker_count
 Band = TypeVar("Band")
 
 BAND_PIXELS = 1 << 19
-"""Pixels decided at once: bounds the memory, about 400 bytes a pixel, whatever the image's size."""
+"""Pixels decided at once: bounds the memory, `PIXEL_BYTES` each, whatever the image's size."""
+
+PIXEL_BYTES = 400
+"""Memory for each pixel of the bands under way, about."""
 
 BUSY_PIXELS = 1 << 15
 """A smaller band costs more to start than another processor saves."""
@@ -40,10 +43,9 @@ def in_parallel(
     least_pixels
         How small a band may be.
     """
-    width, height = resolution
-    rows = range(height) if rows is None else rows
+    rows = range(resolution[1]) if rows is None else rows
     workers = worker_count()
-    size = max(1, min(BAND_PIXELS // width, max(-(-len(rows) // workers), -(-least_pixels // width))))
+    size = rows_at_once(resolution[0], len(rows), least_pixels)
     bands = [rows[start : start + size] for start in range(0, len(rows), size)]
     if len(bands) == 1:
         yield band(bands[0])
@@ -52,3 +54,19 @@ def in_parallel(
         # No more bands under way than workers, so that a slow reader bounds the memory.
         for start in range(0, len(bands), workers):
             yield from pool.map(band, bands[start : start + workers])
+
+
+def rows_at_once(width: int, rows: int, least_pixels: int = 1) -> int:
+    """Return how many of an image's rows make a band.
+
+    Parameters
+    ----------
+    width
+        Pixels of a row.
+    rows
+        That are to be made.
+    least_pixels
+        How small a band may be.
+    """
+    share = -(-rows // worker_count())
+    return max(1, min(BAND_PIXELS // width, max(share, -(-least_pixels // width))))

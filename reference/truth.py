@@ -24,8 +24,10 @@ from xfrustum.reference.shading import Shader
 from xfrustum.reference.sides import sorted_by_side
 from xfrustum.reference.tracer import Tracer
 from xfrustum.reference.visibility import SurfacePoints, hidden
+from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.double_frustum import DoubleFrustum
-from xfrustum.scenes.effects import Effect
+from xfrustum.scenes.effects import Effect, checked
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.hogel_image import Certainty, HogelCamera, HogelImage, stacked
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.rendering import Rendering
@@ -50,16 +52,22 @@ class Reference:
         One of `TRACERS`: who gives the second opinion, before `certify` has the last word.
     effects
         What of the light is evaluated; None for what the scene calls for.
+
+    Raises
+    ------
+    InputError
+        There is no such tracer, or no such effect.
     """
 
     def __init__(
         self, scene: Scene, tracer: str = "embree", effects: frozenset[Effect] | None = None
     ) -> None:
+        one_of(scene, Scene, "scene")
         if tracer not in TRACERS:
-            raise ValueError(f"tracer must be one of {TRACERS}, not {tracer!r}")
+            raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
         self.scene = scene
         self._tracer_name = tracer
-        self._shader = Shader(scene, effects)
+        self._shader = Shader(scene, None if effects is None else checked(effects))
         self._pictures = Pictures(scene, self._shader)
 
     @cached_property
@@ -85,6 +93,7 @@ class Reference:
 
     def trace_bands(self, aperture: Aperture, sampling: Sampling | None = None) -> Iterator[HogelImage]:
         """Yield the true image in bands of rows, from the top, in bounded memory; see `trace`."""
+        one_of(aperture, Aperture, "aperture")
         sampling = self.scene.sampling if sampling is None else sampling
         pencil = crossed_frustum(self.scene.frustum, aperture)
         certifier = Certifier(self.scene.triangles, pencil)

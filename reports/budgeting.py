@@ -1,18 +1,10 @@
-"""`xfrustum budget`: the error of one image link by link, in numbers and pictures."""
+"""`xfrustum budget`: the error of one image link by link, in numbers."""
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
-from plotly.colors import unlabel_rgb
 
 from xfrustum.compare.budget import Budget, make_budget
 from xfrustum.compare.chain import LINKS, Chain, make_chain
@@ -20,26 +12,72 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.compare.radiance_budget import RadianceBudget
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports import images, radiance_budgeting
-from xfrustum.reports.outputs import Staging
-from xfrustum.reports.tables import json_ready
+from xfrustum.reports import radiance_budgeting
+from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.double_frustum import DoubleFrustum
-from xfrustum.scenes.hogel_image import HogelImage
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.sampling import Sampling
 from xfrustum.scenes.scene import Scene
 
-IMAGES = ("T0", "T1", "T2", "T3", "R0", "R1")
-"""Names of the chain's images, as the files are called."""
 
-DATA, BY_TRIANGLE, BY_SURFACE = "budget.json", "causes-by-triangle.png", "causes-by-surface.png"
-FILES = (DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in IMAGES))
-"""What is always written."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BudgetReport:
+    """The error of one image, charged to its causes.
 
-LINK_COLORS = ("rgb(0,114,178)", "rgb(86,180,233)", "rgb(0,158,115)", "rgb(230,159,0)", "rgb(213,94,0)")
-"""Okabe and Ito's palette, told apart by people with any color vision, in the order of the links."""
-UNEXPLAINED_COLOR = "rgb(255,0,255)"
-SHOWN_GRAY, EMPTY_GRAY = 215, 250
+    Attributes
+    ----------
+    scene, aperture, settings
+        Which image.
+    chain
+        The six images from the truth to what was drawn.
+    geometry
+        Every wrong pixel, charged to one link of the chain.
+    radiance
+        The error of color, link by link.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    chain: Chain
+    geometry: Budget
+    radiance: RadianceBudget
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as `budget --json` prints them."""
+        return summary(self.geometry, self.radiance)
+
+
+def budget(
+    scene: Scene, settings: DoubleFrustum, aperture: Aperture | None = None, *, progress: bool = False
+) -> BudgetReport:
+    """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
+
+    Parameters
+    ----------
+    scene
+        Its sampling and light transport are links of the radiance error.
+    settings
+        How the image is drawn.
+    aperture
+        The middle one where None.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The settings make no sense for the scene, or there is no usable OpenGL.
+    """
+    one_of(scene, Scene, "scene")
+    one_of(settings, DoubleFrustum, "settings")
+    aperture = scene.plate.middle if aperture is None else aperture
+    settings.check_against(scene.frustum)
+    charged, chain = budget_of(scene, aperture, settings)
+    radiance = radiance_budgeting.radiance_budget_of(scene, chain, progress=progress)
+    return BudgetReport(
+        scene=scene, aperture=aperture, settings=settings, chain=chain, geometry=charged, radiance=radiance
+    )
 
 
 def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tuple[Budget, Chain]:
@@ -59,63 +97,14 @@ def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tupl
     return make_budget(reference, chain), chain
 
 
-def summary(budget: Budget, radiance: RadianceBudget | None) -> dict[str, Any]:
+def summary(geometry: Budget, radiance: RadianceBudget | None) -> dict[str, Any]:
     """Return the numbers as `budget --json` prints them."""
-    return {**budget.summary(), "radiance": radiance.summary() if radiance else None}
+    return {**geometry.summary(), "radiance": radiance.summary() if radiance else None}
 
 
-def write_budget(
-    budget: Budget, chain: Chain, out: Path, radiance: RadianceBudget | None = None
-) -> tuple[Path, ...]:
-    """Write budget.json, every image of the chain, and the causes in color, all or nothing.
-
-    With a budget of radiance, a picture of what each of its links changes, too.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
-    """
-    truth = chain.images[0]
-    with Staging(out) as staging:
-        text = json.dumps(json_ready(summary(budget, radiance)), allow_nan=False, indent=1)
-        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
-        for name, image in zip(IMAGES, chain.images, strict=True):
-            (staging.folder / f"{name}.webp").write_bytes(images.picture(image))
-        unexplained = budget.explanation.unexplained
-        by_triangle = causes(truth, budget.charge, unexplained)
-        (staging.folder / BY_TRIANGLE).write_bytes(by_triangle)
-        by_surface = causes(truth, budget.surface_charge, unexplained & (budget.surface_charge >= 0))
-        (staging.folder / BY_SURFACE).write_bytes(by_surface)
-        for name, encoded in radiance_budgeting.pictures(radiance) if radiance else ():
-            (staging.folder / name).write_bytes(encoded)
-        return staging.commit()
-
-
-def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: NDArray[np.bool_]) -> bytes:
-    """Encode which link each wrong pixel is charged to, over the truth's outline, as PNG.
-
-    Parameters
-    ----------
-    truth
-        Its surfaces are light gray.
-    charge
-        (H, W) links, negative where the pixel is right.
-    unexplained
-        (H, W) pixels shown in `UNEXPLAINED_COLOR` instead.
-    """
-    pixels = np.repeat(np.where(truth.covered, SHOWN_GRAY, EMPTY_GRAY)[..., None], 3, axis=-1)
-    colors = np.array([unlabel_rgb(color) for color in LINK_COLORS])
-    pixels[charge >= 0] = colors[charge[charge >= 0]]
-    pixels[unexplained] = unlabel_rgb(UNEXPLAINED_COLOR)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
-
-
-def table(budget: Budget) -> str:
+def table(geometry: Budget) -> str:
     """Return the budget as aligned lines, and below it what was predicted, with the ratios."""
-    numbers = budget.summary()
+    numbers = geometry.summary()
     width = max(map(len, LINKS))
     lines = [f"{numbers['wrong']:,} of {numbers['judged']:,} judged pixels show another triangle"]
     lines.append(f"{'charged to':<{width}}  {'pixels':>9}  {'surface':>9}  {'moves by, px rms':>17}")

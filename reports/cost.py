@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,7 @@ from xfrustum.reports.tables import json_ready
 from xfrustum.reports.timing import Spread, Stopwatch
 from xfrustum.reports.trade_off import Answer, Option, answers, summary, unsettled
 from xfrustum.reports.turns import take_turn, take_turns_until_settled
+from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
@@ -96,7 +98,7 @@ def measure_cost(
         The tolerance or the number of repetitions is not positive, the aperture sees nothing of the objects,
         or there is no usable OpenGL.
     """
-    if not tolerance_px > 0 or repeat < 1:
+    if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:
         raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
     aperture = scene.plate.middle if aperture is None else aperture
     require_seen(scene, [aperture])

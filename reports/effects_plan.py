@@ -6,11 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.reference import TRACERS
 from xfrustum.reports.effects_cost import Cost, Stopwatches
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.timing import FEWEST_DIFFERENCES
+from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.effects import ALL_EFFECTS, Effect, decide
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.sampling import Sampling, Transport
 from xfrustum.scenes.scene import Scene
@@ -120,6 +123,10 @@ def explain(
     aperture = scene.plate.middle if aperture is None else aperture
     settings = DoubleFrustum(near=NEAR * scene.frustum.longest_reach) if settings is None else settings
     settings.check_against(scene.frustum)
+    if whole(repeat) < 0:
+        raise InputError(f"explain: repetitions must be a count from 0, not {repeat!r}")
+    if tracer not in TRACERS:
+        raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
     require_seen(scene, [aperture])
     decisions = decide(scene, settings.camera)
     used = frozenset(decision.effect for decision in decisions if decision.used)

@@ -14,6 +14,7 @@ from xfrustum.compare.plan_views import Requirement
 from xfrustum.compare.predict_depth import MISORDERED
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.raster_command import raster_command
+from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate import Aperture, Plate
 from xfrustum.scenes.scene import Scene
@@ -48,6 +49,9 @@ def make_plan(
     InputError
         None of the apertures sees anything of the objects, or there is no usable OpenGL.
     """
+    one_of(scene, Scene, "scene")
+    requirement = Requirement() if requirement is None else requirement
+    one_of(requirement, Requirement, "requirement")
     chosen = list(apertures or [scene.plate.middle])
     require_seen(scene, chosen)
     with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
@@ -55,7 +59,7 @@ def make_plan(
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
-    """Return some apertures all over a plate: the middle, the corners, then a low-discrepancy pattern.
+    """Return some apertures of a plate: the middle, the corners, then a low-discrepancy pattern between them.
 
     Fewer where the plate has fewer. The first of a larger number are those of a smaller.
     """

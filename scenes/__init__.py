@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from xfrustum.scenes.catalogue import open_scene
-from xfrustum.scenes.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.double_frustum import (
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Fit,
+    Offset,
+    Pivot,
+)
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum, Screen
 from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
@@ -18,10 +26,13 @@ __all__ = [
     "DepthFormat",
     "DepthMapping",
     "DoubleFrustum",
+    "Fit",
     "Frustum",
     "HogelCamera",
     "HogelImage",
     "InputError",
+    "Offset",
+    "Pivot",
     "Plate",
     "Scene",
     "SceneObject",

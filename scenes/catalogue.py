@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import difflib
+import os
 from pathlib import Path
 
 from xfrustum.scenes import builtin, hard_cases
+from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.scene import Scene
 from xfrustum.scenes.scene_file import read_scene
 
 
-def open_scene(text: str) -> Scene:
+def open_scene(text: str | os.PathLike[str]) -> Scene:
     """Open a scene file or a built-in scene.
 
     Parameters
     ----------
     text
         The path of a TOML file, or a name out of `builtin.names()` or `hard_cases.names()`. A path
-        that ends in .toml is a file even if it is missing; a built-in name comes before a file of
-        the same name.
+        that ends in .toml is a file even if it is missing, and so is a `Path`; a built-in name comes
+        before a file of the same name.
 
     Raises
     ------
     InputError
         Neither, or the file is not a valid scene.
     """
+    if isinstance(text, os.PathLike):
+        return read_scene(Path(text))
+    one_of(text, str, "a scene's name or path")
     if text in builtin.names():
         return builtin.build(text)
     if text in hard_cases.CASES:

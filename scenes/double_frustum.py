@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+from xfrustum.scenes.arguments import choice, real, reals, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum
 
@@ -94,6 +95,13 @@ class DoubleFrustum:
     slabs
         Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
         plane of its own and cameras exactly at the aperture; `fit` and `offset` are about the first.
+
+    Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`.
+
+    Raises
+    ------
+    InputError
+        A name that means nothing, or a length that is not positive and finite.
     """
 
     near: float
@@ -106,17 +114,27 @@ class DoubleFrustum:
     slabs: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.near) and self.near > 0):
-            raise InputError(f"near must be a positive length, not {self.near}")
-        if self.near < SMALLEST_NEAR:
+        near, slabs = real(self.near), reals(self.slabs)
+        if not (math.isfinite(near) and near > 0):
+            raise InputError(f"near must be a positive length, not {self.near!r}")
+        if near < SMALLEST_NEAR:
             raise InputError(
                 f"near must be at least {SMALLEST_NEAR:.3g}, as matrices have 32 bits, not {self.near}"
             )
-        if not isinstance(self.fit, Fit | None) and not (math.isfinite(self.fit) and self.fit > 0):
-            raise InputError(f"fit must be angle, screen, or a positive height, not {self.fit}")
-        ascending = all(low < high for low, high in itertools.pairwise((0.0, *self.slabs, math.inf)))
+        ascending = all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf)))
         if not ascending:
-            raise InputError(f"slabs must be positive heights in ascending order, not {list(self.slabs)}")
+            raise InputError(f"slabs must be positive heights in ascending order, not {self.slabs!r}")
+        settle(
+            self,
+            near=near,
+            slabs=slabs,
+            fit=_fit(self.fit),
+            depth=choice(DepthFormat, self.depth, "depth"),
+            mapping=choice(DepthMapping, self.mapping, "mapping"),
+            camera=choice(Camera, self.camera, "camera"),
+            pivot=choice(Pivot, self.pivot, "pivot"),
+            offset=choice(Offset, self.offset, "offset"),
+        )
 
     def check_against(self, frustum: Frustum) -> None:
         """Raise InputError where these settings make no sense for a frustum.
@@ -159,3 +177,13 @@ class DoubleFrustum:
     def depth_label(self) -> str:
         """Format and mapping as people write them, such as `D24 standard`."""
         return f"{self.depth.upper()} {self.mapping}"
+
+
+def _fit(given: Fit | float | None) -> Fit | float | None:
+    """Return a fit as a name or a positive height; None for the usual."""
+    if given is None or (isinstance(given, str) and given in list(Fit)):
+        return None if given is None else Fit(given)
+    height = real(given)
+    if not (math.isfinite(height) and height > 0):
+        raise InputError(f"fit must be angle, screen, or a positive height, not {given!r}")
+    return height

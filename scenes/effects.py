@@ -6,16 +6,17 @@ Light transport and band limiting change it: they are settings of the scene (`Sa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
+from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.double_frustum import Camera
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.material import Material
-from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.scene import NormalsMade, Scene, SceneObject
 from xfrustum.scenes.slabs import slab
 
 
@@ -56,7 +57,7 @@ def decide(scene: Scene, camera: Camera = Camera.BOTH) -> tuple[Decision, ...]:
     facts = (
         _camera(scene, Effect.C, camera),
         _camera(scene, Effect.C_STAR, camera),
-        _attribute(Effect.SMOOTH_NORMALS, _has_smooth_triangles(scene), "normals of its own"),
+        _smooth_normals(scene),
         _attribute(Effect.VERTEX_COLORS, _has_colors(scene), "colors at its vertices"),
         _attribute(Effect.TEXTURES, scene.surface.texture_of_triangle is not None, "a texture"),
         *(_term(scene, term) for term in (Effect.AMBIENT, Effect.DIFFUSE, Effect.SPECULAR)),
@@ -88,6 +89,19 @@ def chosen(scene: Scene, names: str, camera: Camera = Camera.BOTH) -> frozenset[
     return frozenset(_named(name) for name in asked)
 
 
+def checked(effects: object) -> frozenset[Effect]:
+    """Return effects that a caller asks for, members or names, as members.
+
+    Raises
+    ------
+    InputError
+        They are no collection, or one of them is no effect.
+    """
+    if isinstance(effects, str) or not isinstance(effects, Iterable):
+        raise InputError(f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}")
+    return frozenset(choice(Effect, effect, "an effect") for effect in effects)
+
+
 def _named(name: str) -> Effect:
     try:
         return Effect(name)
@@ -110,12 +124,45 @@ def _camera(scene: Scene, effect: Effect, camera: Camera) -> Decision:
     return Decision(effect=effect, used=count > 0, reason=f"{subject} {where}")
 
 
-def _has_smooth_triangles(scene: Scene) -> bool:
-    normals = scene.surface.vertex_normals
-    if normals is None:
+MAX_LISTED_OBJECTS = 4
+"""Objects that a reason lists by number; more are counted."""
+
+
+def _smooth_normals(scene: Scene) -> Decision:
+    """Say which objects have normals at the corners of a triangle, and who made them."""
+    smooth = [(number, part) for number, part in enumerate(scene.objects) if _has_smooth_triangle(part)]
+    numbers_of = {
+        made: [number for number, part in smooth if part.normals_made is made] for made in NormalsMade
+    }
+    reasons = [f"{_numbered(numbers)} {_NORMALS[made]}" for made, numbers in numbers_of.items() if numbers]
+    if not reasons:
+        return Decision(
+            effect=Effect.SMOOTH_NORMALS, used=False, reason="no object has normals at its vertices"
+        )
+    return Decision(effect=Effect.SMOOTH_NORMALS, used=True, reason="; ".join(reasons))
+
+
+_NORMALS = {
+    NormalsMade.NONE: "normals of its own",
+    NormalsMade.SOME: "normals of its own and, at vertices without, those that smooth = true made",
+    NormalsMade.ALL: "normals that smooth = true made",
+}
+
+
+def _numbered(numbers: list[int]) -> str:
+    """Say which objects have something, as the start of a sentence."""
+    if len(numbers) == 1:
+        return f"object {numbers[0]} has"
+    if len(numbers) > MAX_LISTED_OBJECTS:
+        return f"each of {len(numbers)} objects has"
+    return f"each of objects {', '.join(map(str, numbers[:-1]))} and {numbers[-1]} has"
+
+
+def _has_smooth_triangle(part: SceneObject) -> bool:
+    if part.vertex_normals is None:
         return False
-    has_normal = np.asarray(np.isfinite(normals).all(axis=1))
-    return bool(has_normal[scene.faces].all(axis=1).any())
+    has_normal = np.asarray(np.isfinite(part.vertex_normals).all(axis=1))
+    return bool(has_normal[part.faces].all(axis=1).any())
 
 
 def _has_colors(scene: Scene) -> bool:

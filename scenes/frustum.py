@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from xfrustum.scenes.arguments import one_of, real, reals, settle, wholes
 from xfrustum.scenes.errors import InputError
 
 SMALLEST_SLOPE = 1e-12
@@ -37,21 +38,23 @@ class Screen:
     size: tuple[float, float]
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.height) or self.height == 0:
+        height, center, size = real(self.height), reals(self.center, 2), reals(self.size, 2)
+        if not math.isfinite(height) or height == 0:
             raise InputError(
-                f"frustum.screen.height must be finite and not zero, not {self.height}: "
+                f"frustum.screen.height must be finite and not zero, not {self.height!r}: "
                 "a screen in the plate has no direction to shear to"
             )
-        if not all(math.isfinite(c) for c in self.center):
-            raise InputError(f"frustum.screen.center must be finite, not {list(self.center)}")
-        if not all(math.isfinite(s) and s > 0 for s in self.size):
-            raise InputError(f"frustum.screen.size must be two positive lengths, not {list(self.size)}")
-        least = 2 * abs(self.height) * SMALLEST_SLOPE
-        if min(self.size) < least:
+        if not all(math.isfinite(c) for c in center):
+            raise InputError(f"frustum.screen.center must be two finite coordinates, not {self.center!r}")
+        if not all(math.isfinite(s) and s > 0 for s in size):
+            raise InputError(f"frustum.screen.size must be two positive lengths, not {self.size!r}")
+        least = 2 * abs(height) * SMALLEST_SLOPE
+        if min(size) < least:
             raise InputError(
-                f"frustum.screen.size must be at least {least:.3g} for a screen at height {self.height:.6g}, "
-                f"not {list(self.size)}: no image resolves such angles"
+                f"frustum.screen.size must be at least {least:.3g} for a screen at height {height:.6g}, "
+                f"not {list(size)}: no image resolves such angles"
             )
+        settle(self, height=height, center=center, size=size)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,27 +79,29 @@ class Frustum:
     screen: Screen | None = None
 
     def __post_init__(self) -> None:
-        if not all(n >= 1 for n in self.resolution):
-            raise InputError(
-                f"frustum.resolution must be two counts of at least 1, not {list(self.resolution)}"
-            )
-        if not all(math.isfinite(r) and r > 0 for r in self.reach):
-            raise InputError(f"frustum.reach must be two positive lengths, not {list(self.reach)}")
+        resolution, reach = wholes(self.resolution, 2), reals(self.reach, 2)
+        if not all(n >= 1 for n in resolution):
+            raise InputError(f"frustum.resolution must be two counts of at least 1, not {self.resolution!r}")
+        if not all(math.isfinite(r) and r > 0 for r in reach):
+            raise InputError(f"frustum.reach must be two positive lengths, not {self.reach!r}")
         if (self.fov is None) == (self.screen is None):
             raise InputError(
                 "frustum needs either fov_deg or screen, and not both: fov_deg = [x, y] degrees "
                 "centers it, screen = { height = .., center = [x, y], size = [w, h] } recenters it"
             )
-        if self.fov is not None and not all(0 < angle < math.pi for angle in self.fov):
-            raise InputError(
-                "frustum.fov_deg must be two angles between 0 and 180 degrees, "
-                f"not {[math.degrees(angle) for angle in self.fov]}"
-            )
-        if self.fov is not None and min(self.fov) < 2 * SMALLEST_SLOPE:
+        fov = None if self.fov is None else reals(self.fov, 2)
+        if fov is not None and not all(0 < angle < math.pi for angle in fov):
+            numbers = not any(map(math.isnan, fov))
+            given = [math.degrees(angle) for angle in fov] if numbers else f"{self.fov!r} (in radians)"
+            raise InputError(f"frustum.fov_deg must be two angles between 0 and 180 degrees, not {given}")
+        if fov is not None and min(fov) < 2 * SMALLEST_SLOPE:
             raise InputError(
                 f"frustum.fov_deg must be at least {math.degrees(2 * SMALLEST_SLOPE):.1e} degrees, "
-                f"not {[math.degrees(angle) for angle in self.fov]}: no image resolves such angles"
+                f"not {[math.degrees(angle) for angle in fov]}: no image resolves such angles"
             )
+        if self.screen is not None:
+            one_of(self.screen, Screen, "frustum.screen")
+        settle(self, resolution=resolution, reach=reach, fov=fov)
 
     @property
     def recentered(self) -> bool:

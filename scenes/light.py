@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arguments import real, reals, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.material import LARGEST_COEFFICIENT, Color
 
@@ -39,15 +40,15 @@ class DirectionalLight:
     color: Color = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        length = math.hypot(*self.direction)
+        direction, color = reals(self.direction, 3), reals(self.color, 3)
+        length = math.hypot(*direction)
         if not (math.isfinite(length) and length > 0):
-            raise InputError(f"direction must be a vector with a length, not {list(self.direction)}")
-        if not all(0 <= part <= LARGEST_COEFFICIENT for part in self.color):
+            raise InputError(f"direction must be a vector with a length, not {self.direction!r}")
+        if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
             raise InputError(
-                f"color must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {list(self.color)}"
+                f"color must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {self.color!r}"
             )
-        x, y, z = (part / length for part in self.direction)
-        object.__setattr__(self, "direction", (x, y, z))
+        settle(self, direction=tuple(part / length for part in direction), color=color)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,20 +78,24 @@ class Environment:
     name: str = "environment"
 
     def __post_init__(self) -> None:
-        radiance = np.ascontiguousarray(self.radiance, dtype=np.float32)
+        try:
+            radiance = np.ascontiguousarray(self.radiance, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.name}: an environment map is an RGB picture ({error})") from error
+        strength = real(self.strength)
         if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
             raise InputError(f"{self.name}: an environment map is an RGB picture, not {radiance.shape}")
         if not (np.isfinite(radiance).all() and radiance.min() >= 0):
             raise InputError(f"{self.name}: radiance must be finite and not negative; repair the map")
-        if not (math.isfinite(self.strength) and self.strength >= 0):
-            raise InputError(f"strength must be a number of at least 0, not {self.strength}")
-        if self.strength * float(radiance.max()) > BRIGHTEST:
+        if not (math.isfinite(strength) and strength >= 0):
+            raise InputError(f"strength must be a number of at least 0, not {self.strength!r}")
+        if strength * float(radiance.max()) > BRIGHTEST:
             raise InputError(
                 f"{self.name}: strength {self.strength} makes the map brighter than 32-bit images can hold; "
                 f"at most {BRIGHTEST:.0e} in all"
             )
         radiance.flags.writeable = False
-        object.__setattr__(self, "radiance", radiance)
+        settle(self, radiance=radiance, strength=strength)
 
 
 DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from xfrustum.scenes.arguments import real, reals, settle
 from xfrustum.scenes.errors import InputError
 
 Color = tuple[float, float, float]
@@ -45,15 +46,19 @@ class Material:
 
     def __post_init__(self) -> None:
         for name in ("ambient", "diffuse", "specular", "reflectivity"):
-            color = getattr(self, name)
+            color = reals(getattr(self, name), 3)
             if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
                 raise InputError(
-                    f"{name} must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {list(color)}"
+                    f"{name} must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, "
+                    f"not {getattr(self, name)!r}"
                 )
+            settle(self, **{name: color})
         if max(self.reflectivity) > 1:
             raise InputError(f"reflectivity must lie between 0 and 1, not {list(self.reflectivity)}")
-        if not (math.isfinite(self.exponent) and self.exponent > 0):
-            raise InputError(f"exponent must be a positive number, not {self.exponent}")
+        exponent = real(self.exponent)
+        if not (math.isfinite(exponent) and exponent > 0):
+            raise InputError(f"exponent must be a positive number, not {self.exponent!r}")
+        settle(self, exponent=exponent)
 
 
 DEFAULT_MATERIAL = Material(

@@ -7,20 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from trimesh.visual.color import ColorVisuals, srgb_to_linear, to_float
+from trimesh.visual.color import srgb_to_linear
+
+from xfrustum.scenes.mesh_parts import MeshPart
+
+_BYTE, _WORD = 255.0, 65535.0
+"""Full scale of whole numbers of 8 and of 16 bits."""
 
 
-def vertex_normals(parts: Sequence[trimesh.Trimesh]) -> NDArray[np.float64] | None:
+def vertex_normals(parts: Sequence[MeshPart]) -> NDArray[np.float64] | None:
     """Return (V, 3) unit normals on the side that the winding faces; None where no part has any.
 
     NaN on parts whose file has none, and where a normal in it is zero or not finite.
     """
-    found = [_normals_of_file(part) for part in parts]
+    found = [_normals_of_file(part.mesh) for part in parts]
     if all(normals is None for normals in found):
         return None
     return np.concatenate(
         [
-            np.full(part.vertices.shape, np.nan) if normals is None else normals
+            np.full(part.mesh.vertices.shape, np.nan) if normals is None else normals
             for part, normals in zip(parts, found, strict=True)
         ]
     )
@@ -36,7 +41,7 @@ def _normals_of_file(part: trimesh.Trimesh) -> NDArray[np.float64] | None:
     return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))
 
 
-def vertex_colors(parts: Sequence[trimesh.Trimesh], *, linear: bool) -> NDArray[np.float64] | None:
+def vertex_colors(parts: Sequence[MeshPart], *, linear: bool) -> NDArray[np.float64] | None:
     """Return (V, 3) linear RGB, one on parts without; None where no part has any.
 
     Parameters
@@ -50,31 +55,36 @@ def vertex_colors(parts: Sequence[trimesh.Trimesh], *, linear: bool) -> NDArray[
     found = [_color_of(part, linear=linear) for part in parts]
     if all(color is None for color in found):
         return None
-    ones = [np.ones(part.vertices.shape) for part in parts]
+    ones = [np.ones(part.mesh.vertices.shape) for part in parts]
     return np.concatenate(
         [one if color is None else one * color for one, color in zip(ones, found, strict=True)]
     )
 
 
-def _color_of(part: trimesh.Trimesh, *, linear: bool) -> NDArray[np.float64] | None:
+def _color_of(part: MeshPart, *, linear: bool) -> NDArray[np.float64] | None:
     """Return (V, 3) or (3,) linear RGB of a part that has a color, its alpha ignored."""
-    stored = _stored_colors(part)
     color = None
-    if stored is not None and len(stored) == len(part.vertices):
-        decoded = to_float(stored) if linear else srgb_to_linear(stored)
-        color = np.asarray(decoded, dtype=np.float64)[:, :3]
-    # Only a glTF material has one; it is linear by that standard.
-    factor = getattr(getattr(part.visual, "material", None), "baseColorFactor", None)
-    if factor is None:
+    if part.colors is not None:
+        shares = _shares_of_full_scale(part.colors[:, :3], counted_to_one=linear)
+        color = shares if linear else np.asarray(srgb_to_linear(shares), dtype=np.float64)
+    if part.base_color is None or part.base_color == (1.0, 1.0, 1.0):
         return color
-    base = np.asarray(to_float(factor), dtype=np.float64)[:3]
+    base = np.array(part.base_color)
     return base if color is None else color * base
 
 
-def _stored_colors(part: trimesh.Trimesh) -> NDArray[np.generic] | None:
-    """Return (V, 3 or 4) colors at vertices as the file has them, which trimesh rounds to 8 bits."""
-    visual = part.visual
-    if isinstance(visual, ColorVisuals):
-        return np.asarray(visual.vertex_colors) if visual.kind == "vertex" else None
-    colors = part.vertex_attributes.get("color")
-    return None if colors is None else np.asarray(colors)
+def _shares_of_full_scale(stored: NDArray[np.generic], *, counted_to_one: bool) -> NDArray[np.float64]:
+    """Return colors as a file stores them as numbers from 0 to 1.
+
+    Whole numbers of 8 and 16 bits are shares of the largest. Other numbers are such shares already, as
+    glTF says; in other files they are counted to 255 if one of them is above 1, as some exporters of
+    OBJ and PLY do. What is no number, or negative, is 0; what is above full scale is full scale.
+    """
+    colors = np.asarray(stored).astype(np.float64)
+    if stored.dtype == np.uint8:
+        return colors / _BYTE
+    if stored.dtype == np.uint16:
+        return colors / _WORD
+    colors = np.where(np.isfinite(colors), colors, 0.0)
+    full_scale = 1.0 if counted_to_one or not (colors > 1).any() else _BYTE
+    return np.clip(colors / full_scale, 0.0, 1.0)

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.gltf_header import GLTF_SUFFIXES
 from xfrustum.scenes.input_files import bounded_memory
 from xfrustum.scenes.mesh_attributes import vertex_colors, vertex_normals
+from xfrustum.scenes.mesh_parts import MeshPart, read_parts
 from xfrustum.scenes.mesh_source import MeshResolver, check_mesh_source
+from xfrustum.scenes.mesh_textures import missing_libraries, read_textures
 from xfrustum.scenes.scene import SceneObject
-
-_GLTF = (".gltf", ".glb")
-"""Files whose vertex colors are linear; those of others are sRGB."""
 
 
 def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
@@ -41,37 +40,39 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
 def _loaded(path: Path, material: str | None) -> SceneObject:
     """Read a mesh file that has been checked, and join its parts."""
     resolver = MeshResolver(str(path))
-    parts = _read_parts(path, resolver)
+    parts = _parts(path, resolver)
     if resolver.refused:
         raise InputError(f"{path}: {resolver.refused[0]}")
     if not parts:
         raise InputError(f"{path}: the mesh has no triangles; give it a mesh with faces")
     for part in parts:
-        _check_faces(path, part)
-    counts = [len(part.vertices) for part in parts]
+        _check_faces(path, part.mesh)
+    counts = [len(part.mesh.vertices) for part in parts]
     offsets = np.cumsum([0, *counts[:-1]])
-    faces = [part.faces + offset for part, offset in zip(parts, offsets, strict=True)]
-    vertices = np.concatenate([part.vertices for part in parts])
+    faces = [part.mesh.faces + offset for part, offset in zip(parts, offsets, strict=True)]
+    vertices = np.concatenate([part.mesh.vertices for part in parts])
     _check_finite(path, vertices)
-    textures, texture_of_triangle = _textures(parts)
+    textures = read_textures(path, parts)
+    told = dict.fromkeys([*missing_libraries(path), *textures.warnings, *_left_out(parts)])
     return SceneObject(
         name=str(path),
         vertices=vertices,
         faces=np.concatenate(faces),
         material=material,
         uv=_texture_coordinates(parts),
-        textures=textures,
-        texture_of_triangle=texture_of_triangle,
+        textures=textures.pictures,
+        texture_of_triangle=textures.of_triangle,
         vertex_normals=vertex_normals(parts),
-        vertex_colors=vertex_colors(parts, linear=path.suffix.lower() in _GLTF),
+        vertex_colors=vertex_colors(parts, linear=path.suffix.lower() in GLTF_SUFFIXES),
+        warnings=tuple(f"{path}: {line}" for line in told),
     )
 
 
-def _read_parts(path: Path, resolver: MeshResolver) -> list[trimesh.Trimesh]:
-    """Return the meshes of a file, each where its node places it, those without faces left out."""
+def _parts(path: Path, resolver: MeshResolver) -> list[MeshPart]:
+    """Return the parts of a file, or say why it cannot be read."""
     kinds = ", ".join(sorted(trimesh.available_formats()))
     try:
-        return _placed(trimesh.load_scene(str(path), process=False, resolver=resolver))
+        return read_parts(path, resolver)
     except OSError as error:
         raise InputError(f"{path}: cannot read the mesh ({error.strerror or 'I/O error'})") from error
     except NotImplementedError as error:
@@ -85,24 +86,6 @@ def _read_parts(path: Path, resolver: MeshResolver) -> list[trimesh.Trimesh]:
     except Exception as error:  # trimesh's loaders raise whatever their parser stumbled over
         reason = (str(error).splitlines() or [""])[0][:120] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh ({reason}); export the mesh again") from error
-
-
-def _placed(scene: Any) -> list[trimesh.Trimesh]:
-    """Return every mesh of a scene where its nodes place it, as its `dump` does, but with normals."""
-    parts = []
-    for node in scene.graph.nodes_geometry:
-        scene_from_part, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-            # The cache is where trimesh keeps the normals that it has read.
-            part = geometry.copy(include_cache=True)
-            part.apply_transform(scene_from_part)
-            colors = getattr(geometry.visual, "vertex_attributes", {}).get("color")
-            if colors is not None:  # which a copy of textured visuals leaves out
-                part.vertex_attributes["color"] = colors
-            part.metadata["name"] = name
-            parts.append(part)
-    return parts
 
 
 def _check_faces(path: Path, part: trimesh.Trimesh) -> None:
@@ -127,41 +110,15 @@ def _check_finite(path: Path, vertices: NDArray[np.float64]) -> None:
         )
 
 
-def _texture_coordinates(parts: list[trimesh.Trimesh]) -> NDArray[np.float64] | None:
+def _texture_coordinates(parts: list[MeshPart]) -> NDArray[np.float64] | None:
     """Return (V, 2) coordinates, NaN on parts without; None where no part has them."""
-    found = []
-    for part in parts:
-        uv = getattr(part.visual, "uv", None)
-        usable = uv is not None and np.shape(uv) == (len(part.vertices), 2)
-        found.append(np.asarray(uv, dtype=np.float64) if usable else np.full((len(part.vertices), 2), np.nan))
-    joined = np.concatenate(found)
-    return None if np.isnan(joined).all() else joined
-
-
-def _textures(parts: list[trimesh.Trimesh]) -> tuple[tuple[NDArray[np.uint8], ...], NDArray[np.int32] | None]:
-    """Return each different base color texture once, and per triangle which one it uses."""
-    textures: list[NDArray[np.uint8]] = []
-    index_of_geometry: dict[Any, int] = {}
-    indices = []
-    for part in parts:
-        geometry = part.metadata.get("name", id(part))
-        if geometry not in index_of_geometry:
-            texture = _base_color_texture(part)
-            index_of_geometry[geometry] = -1 if texture is None else len(textures)
-            textures += [] if texture is None else [texture]
-        indices.append(np.full(len(part.faces), index_of_geometry[geometry], dtype=np.int32))
-    return tuple(textures), np.concatenate(indices) if textures else None
-
-
-def _base_color_texture(part: trimesh.Trimesh) -> NDArray[np.uint8] | None:
-    """Return a part's (H, W, 4) uint8 picture, or None: a bad picture never fails a mesh."""
-    material = getattr(part.visual, "material", None)
-    picture = getattr(material, "baseColorTexture", None)
-    if picture is None:
-        picture = getattr(material, "image", None)
-    if picture is None:
+    if all(part.uv is None for part in parts):
         return None
-    try:
-        return np.array(picture.convert("RGBA"), dtype=np.uint8)
-    except OSError:  # Pillow decodes late, and only then finds a truncated file
-        return None
+    return np.concatenate(
+        [np.full((len(part.mesh.vertices), 2), np.nan) if part.uv is None else part.uv for part in parts]
+    )
+
+
+def _left_out(parts: list[MeshPart]) -> list[str]:
+    """Return what the parts say about their color and this reader leaves out, one line each."""
+    return [f"not read: {what} (see CONVENTIONS.md, Light)" for part in parts for what in part.not_read]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from xfrustum.scenes.arguments import real, reals, settle, whole, wholes
 from xfrustum.scenes.errors import InputError
 
 
@@ -18,12 +19,27 @@ class Aperture:
         Index on the plate; row 0 is at the top.
     x, y
         Center in scene units; its z is 0, the plate.
+
+    Raises
+    ------
+    InputError
+        An index is no count, or a coordinate is not finite.
     """
 
     column: int
     row: int
     x: float
     y: float
+
+    def __post_init__(self) -> None:
+        index, center = (whole(self.column), whole(self.row)), (real(self.x), real(self.y))
+        if min(index) < 0:
+            raise InputError(
+                f"an aperture's column and row must be counts from 0, not {self.column!r}, {self.row!r}"
+            )
+        if not all(map(math.isfinite, center)):
+            raise InputError(f"an aperture's x and y must be finite, not {self.x!r}, {self.y!r}")
+        settle(self, column=index[0], row=index[1], x=center[0], y=center[1])
 
     @property
     def index(self) -> tuple[int, int]:
@@ -47,10 +63,12 @@ class Plate:
     hogels: tuple[int, int]
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(s) and s > 0 for s in self.size):
-            raise InputError(f"plate.size must be two positive lengths, not {list(self.size)}")
-        if not all(n >= 1 for n in self.hogels):
-            raise InputError(f"plate.hogels must be two counts of at least 1, not {list(self.hogels)}")
+        size, hogels = reals(self.size, 2), wholes(self.hogels, 2)
+        if not all(math.isfinite(s) and s > 0 for s in size):
+            raise InputError(f"plate.size must be two positive lengths, not {self.size!r}")
+        if not all(n >= 1 for n in hogels):
+            raise InputError(f"plate.hogels must be two counts of at least 1, not {self.hogels!r}")
+        settle(self, size=size, hogels=hogels)
 
     def aperture(self, column: int, row: int) -> Aperture:
         """Return the aperture in a column and row.
@@ -61,9 +79,10 @@ class Plate:
             The index lies outside the plate.
         """
         columns, rows = self.hogels
+        given, column, row = (column, row), whole(column), whole(row)
         if not (0 <= column < columns and 0 <= row < rows):
             raise InputError(
-                f"aperture {column},{row} lies outside the plate: "
+                f"aperture {given[0]},{given[1]} lies outside the plate: "
                 f"columns run from 0 to {columns - 1}, rows from 0 to {rows - 1}"
             )
         width, height = self.size

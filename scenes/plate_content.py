@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from xfrustum.scenes.effects import Effect
+from xfrustum.scenes.arguments import choice, settle, switch
+from xfrustum.scenes.effects import Effect, checked
 from xfrustum.scenes.plate import Aperture
 
 
@@ -42,11 +43,24 @@ class PlateContent:
         Whether triangle numbers come along.
     effects
         What is simulated; None for what the scene calls for. The pictures are the same with more.
+
+    Raises
+    ------
+    InputError
+        A type, a switch or an effect that is not one.
     """
 
     color: ColorType = ColorType.FLOAT16
     ids: bool = False
     effects: frozenset[Effect] | None = None
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            color=choice(ColorType, self.color, "color"),
+            ids=switch(self.ids, "ids"),
+            effects=None if self.effects is None else checked(self.effects),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

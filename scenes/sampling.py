@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arguments import settle, switch, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture, Plate
 
@@ -39,10 +40,12 @@ class Sampling:
 
     def __post_init__(self) -> None:
         for name in ("supersample", "multisample", "aperture"):
-            if not 1 <= getattr(self, name) <= MAX_SAMPLES:
+            count = whole(getattr(self, name))
+            if not 1 <= count <= MAX_SAMPLES:
                 raise InputError(
-                    f"{name} must be a count between 1 and {MAX_SAMPLES}, not {getattr(self, name)}"
+                    f"{name} must be a count between 1 and {MAX_SAMPLES}, not {getattr(self, name)!r}"
                 )
+            settle(self, **{name: count})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +58,11 @@ class Transport:
         Whether surfaces hide lights from each other, and whether they light each other.
     samples
         Light paths per pixel.
+
+    Raises
+    ------
+    InputError
+        A switch is not True or False, or a count is below two or beyond `MAX_SAMPLES`.
     """
 
     shadows: bool = False
@@ -62,11 +70,18 @@ class Transport:
     samples: int = 64
 
     def __post_init__(self) -> None:
-        if not 2 <= self.samples <= MAX_SAMPLES:
+        samples = whole(self.samples)
+        if not 2 <= samples <= MAX_SAMPLES:
             raise InputError(
-                f"samples must be a count between 2 and {MAX_SAMPLES}, not {self.samples}: "
+                f"samples must be a count between 2 and {MAX_SAMPLES}, not {self.samples!r}: "
                 "fewer than two have no variance"
             )
+        settle(
+            self,
+            samples=samples,
+            shadows=switch(self.shadows, "shadows"),
+            interreflection=switch(self.interreflection, "interreflection"),
+        )
 
     @property
     def simulated(self) -> bool:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -12,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance import Appearance
+from xfrustum.scenes.arguments import one_of, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum
 from xfrustum.scenes.material import Material
@@ -36,6 +39,33 @@ def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
     """Return the array with writing switched off."""
     array.flags.writeable = False
     return array
+
+
+class NormalsMade(StrEnum):
+    """How many of an object's vertex normals were made from its faces; the others are the mesh's own."""
+
+    NONE = "none"
+    SOME = "some"
+    ALL = "all"
+
+
+def _points(name: str, vertices: object) -> NDArray[np.float64]:
+    """Return vertices as (V, 3) float64."""
+    try:
+        points = np.ascontiguousarray(vertices, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: vertices must be numbers, (V, 3) ({error})") from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{name}: vertices must be one triple each, (V, 3), not {points.shape}")
+    return points
+
+
+def _indices(name: str, faces: object) -> NDArray[np.int64]:
+    """Return faces as (F, 3) int64, none of them cut down to a whole number."""
+    given = np.asarray(faces)
+    if given.dtype.kind not in "iu" and given.size:
+        raise InputError(f"{name}: faces must be whole numbers, (F, 3), not of type {given.dtype}")
+    return np.ascontiguousarray(given, dtype=np.int64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +94,10 @@ class SceneObject:
         vertices without, whose triangles are flat; None if the mesh has none.
     vertex_colors
         (V, 3) float64 linear RGB; None if the mesh has none.
+    normals_made
+        Whether vertex normals were made from the faces, as `smooth = true` asks.
+    warnings
+        What was found wrong on reading and does not hinder drawing, one line each.
 
     Raises
     ------
@@ -80,10 +114,14 @@ class SceneObject:
     texture_of_triangle: NDArray[np.int32] | None = None
     vertex_normals: NDArray[np.float64] | None = None
     vertex_colors: NDArray[np.float64] | None = None
+    normals_made: NormalsMade = NormalsMade.NONE
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
-        faces = np.ascontiguousarray(self.faces, dtype=np.int64)
+        one_of(self.name, str, "an object's name")
+        if self.material is not None:
+            one_of(self.material, str, f"{self.name}: the name of a material")
+        vertices, faces = _points(self.name, self.vertices), _indices(self.name, self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
             raise InputError(f"{self.name}: the mesh has no triangles; give it a mesh with faces")
         if faces.min() < 0 or faces.max() >= len(vertices):
@@ -140,6 +178,7 @@ class Scene:
     transport: Transport = field(default_factory=Transport)
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         lengths = [*self.plate.size, *self.frustum.reach]
         corners = [float(np.abs(part.vertices).max()) for part in self.objects]
         screen = self.frustum.screen
@@ -158,6 +197,25 @@ class Scene:
                 f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} {self.units}, "
                 "which is what 32-bit images can hold; choose another unit of length"
             )
+
+    def _check_kinds(self) -> None:
+        """Raise InputError where something is not of the class that it must be of."""
+        one_of(self.name, str, "a scene's name")
+        one_of(self.units, str, "a scene's units")
+        one_of(self.plate, Plate, "a scene's plate")
+        one_of(self.frustum, Frustum, "a scene's frustum")
+        one_of(self.appearance, Appearance, "a scene's appearance")
+        one_of(self.sampling, Sampling, "a scene's sampling")
+        one_of(self.transport, Transport, "a scene's transport")
+        one_of(self.objects, Iterable, "a scene's objects")
+        settle(self, objects=tuple(self.objects))
+        for number, part in enumerate(self.objects):
+            one_of(part, SceneObject, f"object {number} of a scene")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found wrong on reading its meshes and does not hinder drawing, each line once."""
+        return tuple(dict.fromkeys(line for part in self.objects for line in part.warnings))
 
     @cached_property
     def vertices(self) -> NDArray[np.float64]:

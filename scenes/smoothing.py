@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.scenes.scene import SceneObject
+from xfrustum.scenes.scene import NormalsMade, SceneObject
 
 
 def smoothed(part: SceneObject) -> SceneObject:
@@ -20,7 +20,13 @@ def smoothed(part: SceneObject) -> SceneObject:
     """
     mean = _mean_normals(part.vertices, part.faces)
     own = part.vertex_normals
-    return replace(part, vertex_normals=mean if own is None else np.where(np.isfinite(own), own, mean))
+    if own is None or not np.isfinite(own).any():
+        return replace(part, vertex_normals=mean, normals_made=NormalsMade.ALL)
+    normals = np.where(np.isfinite(own), own, mean)
+    added = bool((np.isfinite(normals) & ~np.isfinite(own)).any())
+    return replace(
+        part, vertex_normals=normals, normals_made=NormalsMade.SOME if added else part.normals_made
+    )
 
 
 def _mean_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:

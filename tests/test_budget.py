@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shlex
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -9,13 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import xfrustum
 from tests.views import SHARED_SCENES, view
+from xfrustum import cli_checks
+from xfrustum.cli import cli
 from xfrustum.compare.budget import Budget, make_budget
 from xfrustum.compare.chain import LINKS, Chain, make_chain
 from xfrustum.compare.displacement import displacement
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budgeting import IMAGES, table, write_budget
+from xfrustum.reports.budget_page import IMAGES, LINK_COLORS, command, write_budget
+from xfrustum.reports.budgeting import table
+from xfrustum.reports.tables import json_ready
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, builtin
 from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
 
@@ -165,13 +173,52 @@ def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
         assert np.abs(displacement(drawn, camera)[inside]).max() > 1e-3
 
 
-def test_the_pictures_of_a_budget_are_all_there(tmp_path: Path) -> None:
-    [(_, chain, budget)] = budgets("asymmetric", [DoubleFrustum(near=0.5)])
-    written = write_budget(budget, chain, tmp_path / "budget")
-    names = {path.name for path in written}
-    assert names == {
+def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(tmp_path: Path) -> None:
+    """Every cause is named beside its color, with the numbers of --json, and the page needs nothing else."""
+    report = xfrustum.budget(view("asymmetric", (96, 72)), DoubleFrustum(near=0.5, slabs=(4.0, 10.0)))
+    written = write_budget(report, tmp_path / "budget")
+    numbers = report.summary()
+    assert {path.name for path in written} == {
+        "index.html",
         "budget.json",
         "causes-by-triangle.png",
         "causes-by-surface.png",
         *(f"{name}.webp" for name in IMAGES),
+        *(f"radiance-{link['name'].replace(' ', '-')}.png" for link in numbers["radiance"]["links"]),
+        "radiance-total.png",
     }
+    assert json.loads((tmp_path / "budget" / "budget.json").read_text()) == json_ready(numbers)
+    page = (tmp_path / "budget" / "index.html").read_text()
+    for link, color in zip(numbers["links"], LINK_COLORS, strict=True):
+        row = next(row for row in page.split("<tr>") if f"<td>{link['name']}</td>" in row)
+        assert f'fill="{color}"' in row
+        assert f">{link['pixels']:,}</td>" in row
+        assert f">{link['surface']:,}</td>" in row
+    for name in ("edge", "order", "lost", "unexplained"):
+        assert f"<td>{name}</td>" in page
+    assert "--near 0.5 --slabs 4.0,10.0</pre>" in page
+    assert not re.findall(r'(?:src|href)="(?!data:)', page)
+
+
+def test_the_command_of_a_budget_makes_it_again() -> None:
+    """What the page says can be given to the command line: the same aperture, the same settings."""
+    scene = view("asymmetric", (48, 36))
+    settings = DoubleFrustum(
+        near=0.1 + 0.2, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, fit=3.5, pivot=Pivot.CAMERA
+    )
+    report = xfrustum.budget(scene, settings, scene.plate.aperture(0, 0))
+    words = shlex.split(command(report))
+    assert words[:5] == ["xfrustum", "budget", scene.source or scene.name, "--aperture", "0,0"]
+    given = cli.make_context("xfrustum", words[1:])
+    taken = cli_checks.budget.make_context("budget", list(given.args))
+    fields = {name: value for name, value in taken.params.items() if value is not None}
+    for name in ("near", "depth", "mapping", "fit", "pivot"):
+        assert fields[name] == getattr(settings, name)
+
+
+def test_the_public_functions_print_nothing_and_return_objects(capfd: pytest.CaptureFixture[str]) -> None:
+    scene = view("asymmetric", (24, 18))
+    assert xfrustum.budget(scene, DoubleFrustum(near=0.5)).geometry.judged > 0
+    assert isinstance(xfrustum.plan(scene), xfrustum.Plan)
+    assert xfrustum.cost(scene, repeat=1).options
+    assert capfd.readouterr() == ("", "")

@@ -23,6 +23,7 @@ from xfrustum.scenes.light import DirectionalLight, Environment
 from xfrustum.scenes.material import Material
 from xfrustum.scenes.sampling import Sampling, Transport
 from xfrustum.scenes.slabs import slabs
+from xfrustum.scenes.smoothing import smoothed
 
 CORNERS = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
 DARK = Material(ambient=(0,) * 3, diffuse=(0,) * 3)
@@ -82,13 +83,31 @@ def test_each_fact_turns_on_its_own_effect_and_no_other() -> None:
         assert needed(asked) == BASE | {effect}
 
 
+def test_the_reason_says_of_each_object_who_made_its_normals() -> None:
+    normals = np.tile([0.0, 0, 1], (3, 1))
+    partly = np.where(np.arange(3)[:, None] == 1, np.nan, normals)
+    asked = scene(
+        sheet(vertex_normals=normals),
+        smoothed(sheet()),
+        sheet(),
+        smoothed(sheet(vertex_normals=partly)),
+        smoothed(sheet(vertex_normals=normals)),
+    )
+    [reason] = [d.reason for d in decide(asked) if d.effect is Effect.SMOOTH_NORMALS]
+    assert reason == (
+        "each of objects 0 and 4 has normals of its own; "
+        "object 3 has normals of its own and, at vertices without, those that smooth = true made; "
+        "object 1 has normals that smooth = true made"
+    )
+
+
 def test_each_missing_fact_turns_it_off_again() -> None:
     flat = np.tile([0.0, 0, 1], (3, 1))
     flat[1] = np.nan
     mirror = Material(reflectivity=(0.1,) * 3)
     black = Environment(radiance=np.zeros((2, 4, 3), dtype=np.float32))
     for asked, effect, reason in (
-        (scene(sheet(vertex_normals=flat)), Effect.SMOOTH_NORMALS, "no mesh has normals of its own"),
+        (scene(sheet(vertex_normals=flat)), Effect.SMOOTH_NORMALS, "no object has normals at its vertices"),
         (
             scene(sheet(vertex_colors=np.ones((3, 3)))),
             Effect.VERTEX_COLORS,

@@ -12,7 +12,7 @@ from xfrustum.compare.extent import ObjectExtent, Sight, extents, heights, lengt
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.scene_check.drawing import draw_view
 from xfrustum.reports.scene_check.picture_frame import View
-from xfrustum.scenes.scene import Scene, SceneObject
+from xfrustum.scenes.scene import NormalsMade, Scene, SceneObject
 
 FILES = tuple(f"{view.value}.svg" for view in View)
 
@@ -81,7 +81,7 @@ def check(scene: Scene) -> SceneCheck:
     """
     found = extents(scene)
     unseen = unseen_facts(scene, scene.plate.apertures())
-    told = [line for part in scene.objects for line in getattr(part, "warnings", ())]
+    told = list(scene.warnings)
     if unseen is not None:
         told.append(unseen)
     else:
@@ -170,10 +170,12 @@ def _normals(part: SceneObject) -> str:
     usable = 0 if found is None else int(np.isfinite(found).all(axis=1).sum())
     if usable == 0:
         return "none: every triangle is flat"
-    made = str(getattr(part, "normals_made", ""))
-    who = {"all": "made by smooth = true", "some": "of the mesh, and where it has none made by smooth = true"}
-    origin = who.get(made, "of the mesh" if made else "of the mesh, or made by smooth = true")
-    return f"{origin}, at {_of(usable, len(part.vertices), 'vertices')}"
+    who = {
+        NormalsMade.NONE: "of the mesh",
+        NormalsMade.SOME: "of the mesh, and where it has none made by smooth = true",
+        NormalsMade.ALL: "made by smooth = true",
+    }
+    return f"{who[part.normals_made]}, at {_of(usable, len(part.vertices), 'vertices')}"
 
 
 def _colors(part: SceneObject) -> str:

@@ -11,8 +11,10 @@ The public API on one page; each command of `xfrustum` is one of these:
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
     write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
+    budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
+    plan(scene, apertures, Requirement())    the fewest slabs and the largest near that do -> Plan
+    cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
     explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
-    make_plan(scene, apertures, Requirement())   the fewest slabs and the largest near that do -> Plan
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
@@ -34,8 +36,12 @@ if TYPE_CHECKING:
     from xfrustum.compare.plan_views import Requirement
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
+    from xfrustum.reports.budgeting import BudgetReport, budget
+    from xfrustum.reports.cost import CostReport
+    from xfrustum.reports.cost import measure_cost as cost
     from xfrustum.reports.effects_plan import EffectsPlan, explain
     from xfrustum.reports.planning import make_plan
+    from xfrustum.reports.planning import make_plan as plan
     from xfrustum.reports.plate import PlateFiles, write_plate
     from xfrustum.reports.report import ReportFiles, make_report
     from xfrustum.reports.scene_check.checking import SceneCheck, check
@@ -48,8 +54,11 @@ if TYPE_CHECKING:
         DepthFormat,
         DepthMapping,
         DoubleFrustum,
+        Fit,
         HogelImage,
         InputError,
+        Offset,
+        Pivot,
         Scene,
         open_scene,
     )
@@ -57,15 +66,20 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Aperture",
+    "BudgetReport",
     "Camera",
     "Comparison",
+    "CostReport",
     "DepthFormat",
     "DepthMapping",
     "DoubleFrustum",
     "EffectsPlan",
+    "Fit",
     "HogelImage",
     "InputError",
     "NewScene",
+    "Offset",
+    "Pivot",
     "Plan",
     "PlateFiles",
     "Rasterizer",
@@ -76,27 +90,35 @@ __all__ = [
     "SceneCheck",
     "Verification",
     "__version__",
+    "budget",
     "check",
     "compare_images",
+    "cost",
     "explain",
     "make_plan",
     "make_report",
     "new_scene",
     "open_scene",
+    "plan",
     "read_image",
     "verify",
     "write_image",
     "write_plate",
 ]
 
-_MODULES = {
+_MODULES = {  # module, and after a colon what the name is called there
     "Comparison": "compare",
     "compare_images": "compare",
+    "BudgetReport": "reports.budgeting",
+    "budget": "reports.budgeting",
+    "CostReport": "reports.cost",
+    "cost": "reports.cost:measure_cost",
     "EffectsPlan": "reports.effects_plan",
     "explain": "reports.effects_plan",
     "Plan": "compare.plan",
     "Requirement": "compare.plan_views",
     "make_plan": "reports.planning",
+    "plan": "reports.planning:make_plan",
     "Rasterizer": "raster",
     "Reference": "reference",
     "ReportFiles": "reports.report",
@@ -121,7 +143,8 @@ def __getattr__(name: str) -> object:
         return metadata.version("xfrustum")
     if name not in __all__:
         raise AttributeError(f"module 'xfrustum' has no attribute {name!r}")
-    return getattr(import_module(f"xfrustum.{_MODULES.get(name, 'scenes')}"), name)
+    module, _, other_name = _MODULES.get(name, "scenes").partition(":")
+    return getattr(import_module(f"xfrustum.{module}"), other_name or name)
 
 
 def __dir__() -> list[str]:

@@ -102,9 +102,8 @@ def report(
     A recentered frustum is measured at two corners of the plate too.
     """
     from xfrustum.reports.report import make_report
-    from xfrustum.scenes import open_scene
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     chosen = (
         opened.default_apertures()
         if apertures is None
@@ -146,16 +145,18 @@ def trace(
     """
     from xfrustum.reference import Reference
     from xfrustum.reports.outputs import check_writable_image
-    from xfrustum.reports.tracing import trace_to_file
+    from xfrustum.reports.tracing import forecast, trace_to_file
     from xfrustum.reports.transported import trace_transported
-    from xfrustum.scenes import open_scene
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)
     effects = light.chosen(opened)
     who, transported = light.tracer(opened, tracer)
+    ahead = None if quiet else forecast(opened, transported=transported)
+    if ahead is not None:
+        say(f"note: {ahead}")
     reference = Reference(opened, tracer=who, effects=effects)
     if not transported:
         trace_to_file(reference, chosen, out, progress=not quiet)
@@ -175,10 +176,9 @@ def raster(
     """Draw one aperture with the two cameras and write it as EXR."""
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.outputs import check_writable_image
-    from xfrustum.scenes import open_scene
     from xfrustum.scenes.exr import write_image
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     chosen = options.chosen_aperture(opened, aperture)
     settings.check_against(opened.frustum)
     check_writable_image(out)

@@ -24,7 +24,9 @@ LIMIT_EXCEEDED = 1
 @options.aperture_option
 @options.double_frustum_options
 @cli_light.light_options("supersample", "multisample", "aperture", "shadows", "interreflection", "samples")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for pictures of causes and links.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for a page, and pictures of causes and links."
+)
 @options.quiet_option
 @options.json_option
 def budget(
@@ -38,24 +40,22 @@ def budget(
     as_json: bool,
 ) -> None:
     """Charge every wrong pixel of one image to its cause, and take its radiance error apart."""
-    from xfrustum.reports import radiance_budgeting
-    from xfrustum.reports.budgeting import FILES, budget_of, summary, table, write_budget
+    from xfrustum.reports import budgeting, radiance_budgeting
+    from xfrustum.reports.budget_page import FILES, write_budget
     from xfrustum.reports.outputs import check_writable_folder
-    from xfrustum.scenes import open_scene
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     if out is not None:
         check_writable_folder(out, FILES)
     chosen = options.chosen_aperture(opened, aperture)
     options.look_at(opened, [chosen])
-    charged, chain = budget_of(opened, chosen, settings)
-    radiance = radiance_budgeting.radiance_budget_of(opened, chain, progress=not quiet)
+    charged = budgeting.budget(opened, settings, chosen, progress=not quiet)
     if out is not None:
-        write_budget(charged, chain, out, radiance)
+        write_budget(charged, out)
     if as_json:
-        options.print_json(summary(charged, radiance))
+        options.print_json(charged.summary())
     else:
-        click.echo(f"{table(charged)}\n{radiance_budgeting.table(radiance)}")
+        click.echo(f"{budgeting.table(charged.geometry)}\n{radiance_budgeting.table(charged.radiance)}")
 
 
 @click.command()
@@ -96,10 +96,9 @@ def bench_truth(
 ) -> None:
     """Race the certified truth against bare tracers, in million pixels per second."""
     from xfrustum.reports import bench as benchmarks
-    from xfrustum.scenes import open_scene
 
     sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.bench_truth(open_scene(scene), sizes, repeat, progress=not quiet)
+    measured = benchmarks.bench_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
     if as_json:
         options.print_json(measured.summary())
     else:
@@ -115,9 +114,8 @@ def bench_truth(
 def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
     """Race one row of a plate, drawn many hogels at once, against plain loops."""
     from xfrustum.reports import bench_plate as benchmarks
-    from xfrustum.scenes import open_scene
 
-    measured = benchmarks.bench_plate(open_scene(scene), resolution, repeat, progress=not quiet)
+    measured = benchmarks.bench_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
     if as_json:
         options.print_json(measured.summary())
     else:

@@ -37,9 +37,8 @@ def cost(  # noqa: PLR0913 - options are parameters
     from xfrustum.reports.cost import measure_cost
     from xfrustum.reports.cost_page import FILES, table, write_cost
     from xfrustum.reports.outputs import check_writable_folder
-    from xfrustum.scenes import open_scene
 
-    opened = open_scene(scene)
+    opened = options.open_scene(scene)
     chosen = options.chosen_aperture(opened, aperture)
     if out is not None:
         check_writable_folder(out, FILES)

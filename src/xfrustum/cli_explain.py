@@ -50,9 +50,9 @@ def explain(
     transport do: they are used if the scene, or an option here, asks for them.
     """
     from xfrustum.reports import effects_plan, effects_table
-    from xfrustum.scenes import Camera, DoubleFrustum, open_scene
+    from xfrustum.scenes import Camera, DoubleFrustum
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     settings = DoubleFrustum(
         near=effects_plan.NEAR * opened.frustum.longest_reach,
         slabs=slabs or (),

@@ -168,9 +168,8 @@ def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, ou
     from xfrustum.reports.figure7 import FILES, default_settings, draw_figure, write_figure
     from xfrustum.reports.outputs import check_writable_folder
     from xfrustum.reports.report import default_folder
-    from xfrustum.scenes import open_scene
 
-    opened = open_scene(scene)
+    opened = options.open_scene(scene)
     chosen = options.chosen_aperture(opened, aperture)
     folder = Path("figure7") / default_folder(opened).name if out is None else out
     check_writable_folder(folder, FILES)

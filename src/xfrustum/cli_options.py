@@ -205,6 +205,22 @@ def _collect(options: dict[str, Any]) -> DoubleFrustum:
     return DoubleFrustum(**{name: value for name, value in given.items() if value is not None})
 
 
+def open_scene(name: str) -> Scene:
+    """Open a scene file or a built-in scene, and say on standard error what its meshes lack.
+
+    Raises
+    ------
+    InputError
+        See `xfrustum.open_scene`.
+    """
+    from xfrustum.scenes import open_scene as opened
+
+    scene = opened(name)
+    for line in scene.warnings:
+        warn(line)
+    return scene
+
+
 def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
     """Return the aperture of an index, the middle one where there is none.
 

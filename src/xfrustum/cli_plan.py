@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 @click.command()
 @options.scene_argument
 @options.aperture_option
-@click.option("--apertures", type=click.IntRange(1), help="That many, all over the plate, instead.")
+@click.option(
+    "--apertures", type=click.IntRange(1), help="That many instead: the middle, the corners, then between."
+)
 @click.option("--tolerance-px", type=Positive(), default=0.5, show_default=True, help="99 % of displacement.")
 @click.option("--separation", type=Positive(), help="Of sheets to be ordered.  [default: reach/1000]")
 @click.option(
@@ -45,14 +47,13 @@ def plan(
     from xfrustum.compare.plan import depth_buffers
     from xfrustum.compare.plan_views import Requirement
     from xfrustum.reports.planning import make_plan, spread_apertures, table
-    from xfrustum.scenes import open_scene
 
     if aperture is not None and apertures is not None:
         raise click.UsageError(
             "--aperture names one aperture and --apertures asks for many: give one of them"
         )
     requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
-    opened = open_scene(scene)
+    opened = options.open_scene(scene)
     chosen = (
         [options.chosen_aperture(opened, aperture)]
         if apertures is None

@@ -85,10 +85,9 @@ def plate(
     Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1.
     """
     from xfrustum.reports.plate import blocks_of_apertures, write_plate
-    from xfrustum.scenes import open_scene
     from xfrustum.scenes.plate_content import ColorType, PlateContent
 
-    opened = light.applied(open_scene(scene))
+    opened = light.applied(options.open_scene(scene))
     spans = [(None, None)] if blocks is None else blocks
     chosen = list(blocks_of_apertures(opened.plate, spans))
     options.look_at(opened, chosen, black_is_right=True)

@@ -98,13 +98,12 @@ def verify(
     from xfrustum.reports.outputs import check_writable_file, check_writable_folder
     from xfrustum.reports.verification import verify as verified
     from xfrustum.reports.verification_files import FILES, table, write_junit, write_verification
-    from xfrustum.scenes import open_scene
 
     if junit is not None:
         check_writable_file(junit, "--junit")
     if out is not None:
         check_writable_folder(out, FILES)
-    opened = open_scene(scene)
+    opened = options.open_scene(scene)
     found = verified(opened, accept=accept or (), progress=not quiet, **asked)
     options.warn_of(opened)
     if out is not None:

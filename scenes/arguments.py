@@ -1,0 +1,101 @@
+"""Arguments of the public dataclasses, taken as numbers and names, or not at all.
+
+Every class says itself what it needs. What is no number becomes NaN here, and what is no count a
+number below all counts, so that the class's own test refuses both and its message shows what was given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from enum import StrEnum
+from numbers import Integral, Real
+from typing import TypeVar
+
+from xfrustum.scenes.errors import InputError
+
+Choice = TypeVar("Choice", bound=StrEnum)
+
+NO_COUNT = -1
+"""In place of what is no whole number: below every count that is allowed."""
+
+
+def real(value: object) -> float:
+    """Return a number as float; NaN where it is none. Truth values and texts are no numbers."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def reals(values: object, length: int | None = None) -> tuple[float, ...]:
+    """Return numbers as floats; one NaN where they are no sequence, or not as many as are needed.
+
+    Parameters
+    ----------
+    values
+        Any sequence but a text.
+    length
+        How many there must be; any number where None.
+    """
+    found = _items(values)
+    wrong = found is None or (length is not None and len(found) != length)
+    return (math.nan,) if wrong or found is None else tuple(real(value) for value in found)
+
+
+def whole(value: object) -> int:
+    """Return a whole number as int; `NO_COUNT` where it is none."""
+    return NO_COUNT if isinstance(value, bool) or not isinstance(value, Integral) else int(value)
+
+
+def wholes(values: object, length: int) -> tuple[int, ...]:
+    """Return whole numbers as ints; one `NO_COUNT` where they are not as many as are needed."""
+    found = _items(values)
+    return (NO_COUNT,) if found is None or len(found) != length else tuple(whole(value) for value in found)
+
+
+def _items(values: object) -> tuple[object, ...] | None:
+    if isinstance(values, str | bytes) or not isinstance(values, Iterable):
+        return None
+    return tuple(values)
+
+
+def choice(kind: type[Choice], value: object, name: str) -> Choice:
+    """Return a member of an enumeration, given as such or by its value, as on the command line.
+
+    Raises
+    ------
+    InputError
+        It is neither.
+    """
+    try:
+        return kind(value)  # type: ignore[arg-type]  # an enumeration takes anything, and refuses it
+    except ValueError as error:
+        raise InputError(f"{name} must be one of {', '.join(kind)}, not {value!r}") from error
+
+
+def switch(value: object, name: str) -> bool:
+    """Return a truth value.
+
+    Raises
+    ------
+    InputError
+        It is something else.
+    """
+    if value is True or value is False:
+        return value
+    raise InputError(f"{name} must be True or False, not {value!r}")
+
+
+def one_of(value: object, kind: type, name: str) -> None:
+    """Raise InputError unless a value is of some class."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name} must be a {kind.__name__}, not {value!r:.100}")
+
+
+def settle(owner: object, **values: object) -> None:
+    """Set attributes of a frozen dataclass from within its `__post_init__`."""
+    for name, value in values.items():
+        object.__setattr__(owner, name, value)
