@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 
@@ -17,6 +18,10 @@ EXR_MAGIC = bytes.fromhex("762f3101")
 """First four bytes of every OpenEXR file."""
 
 
+LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
+"""Pillow's names of formats that change pixels; WebP and others may too, but need not."""
+
+
 class Encoding(StrEnum):
     """What the RGB values of a picture mean; an OpenEXR file says so itself."""
 
@@ -27,6 +32,75 @@ class Encoding(StrEnum):
     """Red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing."""
     OBJECT_ID = "object-id"
     """The same with the object's number."""
+
+
+ALL_ONES = 0xFFFFFF
+"""What a picture stores where a renderer packs the number -1 into three bytes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StoredPixels:
+    """A picture's pixels as its file stores them, before they are read as numbers or colors.
+
+    Attributes
+    ----------
+    rgb
+        (H, W, 3) uint8.
+    lossy
+        Whether the file's format changes pixels when it stores them, as JPEG does.
+    """
+
+    rgb: NDArray[np.uint8]
+    lossy: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForeignImage(HogelImage):
+    """A hogel image that was read from a picture, with that picture.
+
+    Attributes
+    ----------
+    stored
+        The picture's own pixels; None where the image comes from OpenEXR or from a function.
+    """
+
+    stored: StoredPixels | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """A way to read stored pixels.
+
+    Attributes
+    ----------
+    encoding
+        What they mean.
+    channels
+        The stored channel (0 red, 1 green, 2 blue) that holds the high, the middle and the low byte of a number.
+    offset
+        What was added to numbers before they were stored.
+    """
+
+    encoding: Encoding
+    channels: tuple[int, int, int] = (0, 1, 2)
+    offset: int = 1
+
+    def packed(self, rgb: NDArray[np.uint8]) -> NDArray[np.int32]:
+        """Return the stored integers (H, W) of pixels (H, W, 3), the offset still in them."""
+        return np.asarray(
+            rgb[..., list(self.channels)].astype(np.int32) @ np.array([65536, 256, 1], dtype=np.int32)
+        )
+
+    def numbers(self, packed: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the numbers (H, W) that stored integers stand for, `NOTHING` for nothing.
+
+        Nothing is stored as 0. Only where numbers are stored as they are, 0 is also a number; nothing is then
+        what has all bits set, if any pixel has.
+        """
+        if self.offset == 0:
+            clear = ALL_ONES if (packed == ALL_ONES).any() else 0
+            return np.where(packed == clear, NOTHING, packed).astype(np.int32)
+        return np.maximum(packed - self.offset, NOTHING).astype(np.int32)
 
 
 def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
@@ -55,17 +129,18 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     if magic == EXR_MAGIC:
         return read_image(path, camera, partial=True)
-    return _of_picture(_pixels(path, camera), camera, encoding)
+    return read_again(_of_picture(_stored(path, camera), camera), Reading(encoding=encoding))
 
 
-def _pixels(path: Path, camera: HogelCamera) -> NDArray[np.uint8]:
-    """Return RGB (H, W, 3) of a picture."""
+def _stored(path: Path, camera: HogelCamera) -> StoredPixels:
+    """Return what a picture stores."""
     try:
         with Image.open(path) as picture:
             _check_size(path, picture.size, camera)
             if picture.mode not in ("RGB", "RGBA", "P", "L", "1"):
                 raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
-            return np.asarray(picture.convert("RGB"))
+            lossy = picture.format in LOSSY_FORMATS
+            return StoredPixels(rgb=np.asarray(picture.convert("RGB")), lossy=lossy)
     except InputError:
         raise
     except UnidentifiedImageError as error:
@@ -80,21 +155,40 @@ def _check_size(path: Path, size: tuple[int, int], camera: HogelCamera) -> None:
         raise InputError(f"{path}: is {size[0]} x {size[1]}, but the scene says {width} x {height}")
 
 
-def _of_picture(pixels: NDArray[np.uint8], camera: HogelCamera, encoding: Encoding) -> HogelImage:
-    shape = pixels.shape[:2]
+def _of_picture(stored: StoredPixels, camera: HogelCamera) -> ForeignImage:
+    """Return an image that says nothing yet but what its file stores."""
+    shape = stored.rgb.shape[:2]
     nothing = np.full(shape, NOTHING, dtype=np.int32)
-    packed = pixels.astype(np.int32) @ np.array([65536, 256, 1], dtype=np.int32) - 1
-    color = None
-    if encoding in (Encoding.RGB, Encoding.SRGB):
-        color = (pixels / 255).astype(np.float32)
-        if encoding is Encoding.SRGB:
-            # IEC 61966-2-1, decoding.
-            color = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
-            color = color.astype(np.float32)
-    return HogelImage(
-        camera=camera,
-        triangle=packed if encoding is Encoding.TRIANGLE_ID else nothing,
-        object=packed if encoding is Encoding.OBJECT_ID else nothing,
-        position=np.full((*shape, 3), np.nan, dtype=np.float32),
-        color=color,
-    )
+    position = np.full((*shape, 3), np.nan, dtype=np.float32)
+    return ForeignImage(camera=camera, triangle=nothing, object=nothing, position=position, stored=stored)
+
+
+def read_again(image: HogelImage, reading: Reading) -> HogelImage:
+    """Return an image as it is when its stored pixels are read in another way.
+
+    Images that come from OpenEXR or from a function hold numbers already: of these only the offset is read anew,
+    and whether they count triangles or objects.
+    """
+    mine = {item.name: getattr(image, item.name) for item in fields(image)}
+    nothing = np.full_like(image.triangle, NOTHING)
+    numbered = reading.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
+    if isinstance(image, ForeignImage) and image.stored is not None:
+        rgb = image.stored.rgb
+        numbers = reading.numbers(reading.packed(rgb)) if numbered else nothing
+        mine["color"] = None if numbered else _colors(rgb, reading.encoding)
+    else:
+        assert numbered
+        told = image.triangle if (image.triangle != NOTHING).any() else image.object
+        numbers = reading.numbers(told + np.int32(1))
+    mine["triangle"] = numbers if reading.encoding is Encoding.TRIANGLE_ID else nothing
+    mine["object"] = numbers if reading.encoding is Encoding.OBJECT_ID else nothing
+    return type(image)(**mine)
+
+
+def _colors(rgb: NDArray[np.uint8], encoding: Encoding) -> NDArray[np.float32]:
+    """Return the linear radiance (H, W, 3) of stored pixels."""
+    color = (rgb / 255).astype(np.float32)
+    if encoding is Encoding.SRGB:
+        # IEC 61966-2-1, decoding.
+        color = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return color
