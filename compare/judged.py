@@ -33,7 +33,6 @@ Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 
-
 class Compared(StrEnum):
     """What pictures without numbers are compared by."""
 
@@ -255,9 +254,7 @@ def _displacement(
 ) -> tuple[Spread | None, MeasuredBy]:
     """Return how far what an image shows has moved, and what that was measured by."""
     if by == "triangle" or np.isfinite(image.position[..., :2]).any():
-        moved = question.project(
-            reference.scene, answer.camera.aperture, image.position.astype(np.float64)
-        )
+        moved = question.project(reference.scene, answer.camera.aperture, image.position.astype(np.float64))
         height, width = image.triangle.shape
         moved -= np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
         length = lengths(moved)

@@ -206,7 +206,7 @@ class _Run:
                 question=declared(nominal, diagnosis.model, conventions),
                 found=diagnosis.model,
                 encoding=encoding,
-                read_as_found=ENCODING in accept,
+                read_as_found=ENCODING in accept and encoding.restoring is None,
             )
             worst, hogels = WorstHogels(), []
             for aperture in self.asked:

@@ -34,10 +34,6 @@ class Encoding(StrEnum):
     """The same with the object's number."""
 
 
-ALL_ONES = 0xFFFFFF
-"""What a picture stores where a renderer packs the number -1 into three bytes."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoredPixels:
     """A picture's pixels as its file stores them, before they are read as numbers or colors.
@@ -79,11 +75,14 @@ class Reading:
         The stored channel (0 red, 1 green, 2 blue) that holds the high, the middle and the low byte of a number.
     offset
         What was added to numbers before they were stored.
+    background
+        What is stored for nothing.
     """
 
     encoding: Encoding
     channels: tuple[int, int, int] = (0, 1, 2)
     offset: int = 1
+    background: int = 0
 
     def packed(self, rgb: NDArray[np.uint8]) -> NDArray[np.int32]:
         """Return the stored integers (H, W) of pixels (H, W, 3), the offset still in them."""
@@ -92,15 +91,13 @@ class Reading:
         )
 
     def numbers(self, packed: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return the numbers (H, W) that stored integers stand for, `NOTHING` for nothing.
+        """Return the numbers (H, W) that stored integers stand for, `NOTHING` for nothing."""
+        numbers = np.maximum(packed - self.offset, NOTHING)
+        return np.where(packed == self.background, NOTHING, numbers).astype(np.int32)
 
-        Nothing is stored as 0. Only where numbers are stored as they are, 0 is also a number; nothing is then
-        what has all bits set, if any pixel has.
-        """
-        if self.offset == 0:
-            clear = ALL_ONES if (packed == ALL_ONES).any() else 0
-            return np.where(packed == clear, NOTHING, packed).astype(np.int32)
-        return np.maximum(packed - self.offset, NOTHING).astype(np.int32)
+    def stored(self, numbers: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the integers that numbers are stored as: the inverse of `numbers`."""
+        return np.where(numbers == NOTHING, self.background, numbers + self.offset).astype(np.int32)
 
 
 def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
@@ -171,18 +168,32 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     """
     mine = {item.name: getattr(image, item.name) for item in fields(image)}
     nothing = np.full_like(image.triangle, NOTHING)
-    numbered = reading.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
-    if isinstance(image, ForeignImage) and image.stored is not None:
-        rgb = image.stored.rgb
-        numbers = reading.numbers(reading.packed(rgb)) if numbered else nothing
-        mine["color"] = None if numbered else _colors(rgb, reading.encoding)
-    else:
-        assert numbered
-        told = image.triangle if (image.triangle != NOTHING).any() else image.object
-        numbers = reading.numbers(told + np.int32(1))
+    if reading.encoding in (Encoding.RGB, Encoding.SRGB):
+        mine |= {"triangle": nothing, "object": nothing}
+        mine["color"] = _colors(stored_rgb(image), reading.encoding)
+        return type(image)(**mine)
+    numbers = reading.numbers(stored_integers(image, reading))
+    if isinstance(image, ForeignImage):
+        mine["color"] = None
     mine["triangle"] = numbers if reading.encoding is Encoding.TRIANGLE_ID else nothing
     mine["object"] = numbers if reading.encoding is Encoding.OBJECT_ID else nothing
     return type(image)(**mine)
+
+
+def stored_integers(image: HogelImage, reading: Reading) -> NDArray[np.int32]:
+    """Return the integers (H, W) that an image stores; of one that is no picture, its numbers plus one."""
+    if isinstance(image, ForeignImage) and image.stored is not None:
+        return reading.packed(image.stored.rgb)
+    told = image.triangle if (image.triangle != NOTHING).any() else image.object
+    return np.asarray(told + np.int32(1))
+
+
+def stored_rgb(image: HogelImage) -> NDArray[np.uint8]:
+    """Return the bytes (H, W, 3) that an image stores; of one that is no picture, those of its numbers plus one."""
+    if isinstance(image, ForeignImage) and image.stored is not None:
+        return image.stored.rgb
+    packed = stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID))
+    return np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
 
 
 def _colors(rgb: NDArray[np.uint8], encoding: Encoding) -> NDArray[np.float32]:
