@@ -1,8 +1,9 @@
 """What do the pixels of a picture mean? Found by reading them in other ways, and comparing with the scene.
 
-As `xfrustum.compare.geometry_fit` finds orientations: by trying. Numbers of triangles are compared by what their
-pixels claim (`xfrustum.compare.containment`), which holds whatever lies in front; all else is compared with the truth
-in `xfrustum.compare.stored_truth`. Another reading is found only where the one that was stated fails and it holds.
+As `xfrustum.compare.geometry_fit` finds orientations: by trying. Numbers of triangles are compared by what
+their pixels claim (`xfrustum.compare.containment`), which holds whatever lies in front; all else is compared
+with the truth in `xfrustum.compare.stored_truth`. Another reading is found only where the one that was stated
+fails and it holds.
 """
 
 from __future__ import annotations
@@ -56,24 +57,29 @@ ACCEPTABLE = (*CONVENTIONS, ENCODING)
 NUMBERED = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
 
 HELD_PX = 0.05
-"""Mean distance by which claims of a reading that is right may fail: 20 times what rasterizers snap edges by."""
+"""Mean distance by which claims of a reading that is right may fail: 20 times what rasterizers snap edges
+by."""
 
 FAILED_PX = 1.0
-"""Mean distance beyond which claims fail altogether: then even those at a triangle's other side do not hold."""
+"""Mean distance beyond which claims fail altogether: then even those at a triangle's other side do not
+hold."""
 
 CAP_PX = 8.0
 """How much one claim counts at most; so much counts a claim of what does not exist."""
 
 FAR_BETTER = 4.0
-"""How many times less another reading must leave than the stated one. A wrong number is most often that of a triangle
-within a pixel or two, so that even the wrong one of two readings leaves little on a fine mesh; but the right one
-leaves what rounding leaves."""
+"""How many times less another reading must leave than the stated one. A wrong number is most often that of a
+triangle within a pixel or two, so that even the wrong one of two readings leaves little on a fine mesh; but
+the right one leaves what rounding leaves."""
 
 VALID = 0.99
 """Share of stored integers that must exist under a reading that is right; the others are damage."""
 
 SEARCHED_CLAIMS = 600
 """Claims that are looked at under every orientation and order; more do not change which reading is best."""
+
+CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
+"""The right one first, then OpenCV's: of those that cannot be told apart, the first is named first."""
 
 FEWEST_CLAIMS = 100
 """Claims that it takes to tell readings apart."""
@@ -82,8 +88,8 @@ NEARS = (0.0, 1e-3, 1e-2, 1e-1)
 """Near offsets that claims are tried with, as parts of the reach."""
 
 AGREEING, AGREEING_OBJECTS = 0.9, 0.6
-"""Share of pixels that must agree with the truth to within a pixel, under a reading that is right: of triangles, and of
-objects, which near offsets and moved scenes change."""
+"""Share of pixels that must agree with the truth to within a pixel, under a reading that is right: of
+triangles, and of objects, which near offsets and moved scenes change."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,7 +289,7 @@ def _others(
 ) -> Iterator[Reading]:
     """Yield readings under which nearly all that is stored exists: `start` only if asked, and first."""
     pictures = all(_is_picture(image) for image in images)
-    for channels in itertools.permutations(range(3)) if pictures else ((0, 1, 2),):
+    for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
         for offset in (1, 0, 2):
             plain = replace(start, channels=channels, offset=offset)
             for background in dict.fromkeys((0, _common_strange(scene, images, plain))):
@@ -319,7 +325,7 @@ def _valid_share(scene: Scene, images: Sequence[HogelImage], reading: Reading) -
 
 
 def _misfit(scene: Scene, images: Sequence[HogelImage], reading: Reading, nominal: DrawnModel) -> float:
-    """Return by how much claims fail on the average, px, under the best orientation, order and near offset."""
+    """Return by how much claims fail on the average, px, under the best conventions and near offset."""
     valid = _valid_share(scene, images, reading)
     read = [read_again(image, reading) for image in images]
     claims = claims_of(scene, read).thinned(SEARCHED_CLAIMS) if valid else None

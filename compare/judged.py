@@ -45,7 +45,8 @@ class MeasuredBy(StrEnum):
     """What a displacement was measured by."""
 
     POINTS = "surface points"
-    """Of a pixel that names a triangle which its line misses, the point of that triangle drawn nearest to it."""
+    """Of a pixel that names a triangle which its line misses, the point of that triangle drawn nearest to
+    it."""
     OUTLINES = "registration of outlines"
     NOTHING = "nothing"
     """It cannot be known."""
@@ -94,15 +95,15 @@ class Figures:
     surface
         Of these, the ones with the wrong surface; None where the image does not say.
     claimed, invalid
-        Pixels where the image shows something, and of these the ones that name a triangle or an object which the
-        scene does not have.
+        Pixels where the image shows something, and of these the ones that name a triangle or an object which
+        the scene does not have.
     displacement_px
         Of what the image shows; None where it cannot be known.
     measured_by
         What the displacement was measured by.
     radiance
-        Pixels with the right surface in another color; None where the image does not say both, or colors are not
-        compared.
+        Pixels with the right surface in another color; None where the image does not say both, or colors are
+        not compared.
     causes
         Why pixels are wrong; None where that was not asked.
     answer

@@ -36,20 +36,21 @@ MOST_TILES = 4
 """Tiles along each side, at most."""
 
 CLEAR_PEAK = 1.3
-"""How many times the median contrast over all displacements the largest must be: noise, in which contrast is as
-large everywhere, stays below 1.2 with `FEWEST_STEPS`."""
+"""How many times the median contrast over all displacements the largest must be: noise, in which contrast is
+as large everywhere, stays below 1.2 with `FEWEST_STEPS`."""
 
 SAME_PEAK = 0.98
-"""Displacements whose contrast is at least this part of the largest cannot be told from it, as along a straight
-outline; the smallest of them is taken."""
+"""Displacements whose contrast is at least this part of the largest cannot be told from it, as along a
+straight outline; the smallest of them is taken."""
 
 FOUND_WITHIN_PX = 1
-"""How near to a true outline a picture must have contrast, for the outline to be there: the outline runs between two
-pixels, and rounding puts it on either side of a center."""
+"""How near to a true outline a picture must have contrast, for the outline to be there: the outline runs
+between two pixels, and rounding puts it on either side of a center."""
 
 CONTRAST = 4 / 255
-"""Difference between two neighboring pixels that is an edge, of the square root of the radiance, which is nearly what a
-display encodes: what 8 bits and dithering make of one brightness differs by 2 steps at most on either side."""
+"""Difference between two neighboring pixels that is an edge, of the square root of the radiance, which is
+nearly what a display encodes: what 8 bits and dithering make of one brightness differs by 2 steps at most on
+either side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,7 +149,7 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
 
 
 def _strongest(expected: Steps) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return row and column (N, 2), axis and weight of the strongest steps, evenly thinned to `MOST_STEPS`."""
+    """Return row and column (N, 2), axis and weight of the `MOST_STEPS` strongest steps."""
     rows, weights = [], []
     for axis, some in enumerate((expected.across, expected.down)):
         here = np.argwhere(some > 0)
@@ -165,7 +166,7 @@ def _strongest(expected: Steps) -> tuple[NDArray[np.int64], NDArray[np.int64], F
 def _peak(
     places: NDArray[np.int64], axis: NDArray[np.int64], weights: Floats, shown: Steps
 ) -> tuple[float, float] | None:
-    """Return the displacement (rows, columns) with the most contrast at the steps; None where none stands out."""
+    """Return the displacement (rows, columns) with the most contrast at steps; None if none stands out."""
     reach = FARTHEST_PX
     scores = np.zeros((2 * reach + 1, 2 * reach + 1))
     counted = np.zeros_like(scores)

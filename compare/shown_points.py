@@ -16,20 +16,21 @@ from xfrustum.scenes.scene import Scene
 Floats = NDArray[np.float64]
 
 FROM_CAMERA = 1e-6
-"""How near to a camera's own plane points of triangles are looked for, as a part of the reach: at it they have no place."""
+"""How near to a camera's own plane points of triangles are looked for, as a part of the reach: at it they
+have no place."""
 
 ON_TRIANGLE = 1e-9
-"""How far from a triangle a point may lie that is on it, as a part of the reach: a million roundings of doubles, and a
-thousandth of what a pixel of 1000 sees at a thousandth of the reach."""
+"""How far from a triangle a point may lie that is on it, as a part of the reach: a million roundings of
+doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach."""
 
 
 def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     """Return the surface points (H, W, 3) that an image as found shows, NaN where it says nothing.
 
     Its own where it has them; else where the line that a pixel has by a guess meets the triangle
-    that it names. Where the line misses that triangle, the pixel shows no point of it that can be known; the one
-    that the guess draws nearest to the pixel's center is taken. A displacement is then at least what it is
-    found to be, and it is not zero.
+    that it names. Where the line misses that triangle, the pixel shows no point of it that can be known; the
+    one that the guess draws nearest to the pixel's center is taken. A displacement is then at least what it
+    is found to be, and it is not zero.
     """
     if np.isfinite(image.position[..., :2]).any():
         return np.asarray(image.position, dtype=np.float64)
@@ -66,7 +67,7 @@ def _met(corners: Floats, center: Floats, directions: Floats) -> Floats:
 
 
 def _drawn_nearest(corners: Floats, pencils: Sequence[Pencil], cells: Floats, reach: float) -> Floats:
-    """Return the points (N, 3) of triangles' edges that are drawn nearest to pixels' centers; NaN where none is drawn.
+    """Return the points (N, 3) of triangles' edges drawn nearest to pixels' centers; NaN where none is drawn.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def _drawn_nearest(corners: Floats, pencils: Sequence[Pencil], cells: Floats, re
 def _nearest_of_edge(
     ends: Floats, pencil: Pencil, side: int, cells: Floats, closest: float
 ) -> tuple[Floats, Floats]:
-    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to cells, and how far from these, in pixels."""
+    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to cells, and how many pixels from these."""
     center = np.asarray(pencil.center)
     ahead = side * (center[2] - ends[..., 2])
     # What lies behind the camera is cut off.

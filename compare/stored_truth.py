@@ -32,11 +32,17 @@ EXPLAINED = 0.9
 """Share of the pixels that show something which a kind of damage must account for."""
 
 BLENDED = 0.01
-"""Share of pixels between the numbers around them from which on pictures are resampled: fewer are accidents."""
+"""Share of pixels between the numbers around them from which on pictures are resampled: fewer are
+accidents."""
+
+NEW_VALUES = 1.2
+"""How many times as many different integers as the truth has, mixed or compressed pictures store at least:
+what lies between two numbers is new. Numbers that are merely wrong, as of objects in another order, are as
+many as the right ones."""
 
 LOSSY_STEPS = 24
-"""How far lossy compression may move a byte: the coarsest quantization that JPEG's quality 75 has for brightness, its
-low frequencies, is 16; chroma adds half of its own."""
+"""How far lossy compression may move a byte: the coarsest quantization that JPEG's quality 75 has for
+brightness, its low frequencies, is 16; chroma adds half of its own."""
 
 SHADES = 3
 """Different gray values that a shaded picture has, at least."""
@@ -56,7 +62,8 @@ class Agreement:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Beside:
-    """Stored bytes (h, w, 3), upright, and for the same pixels and their neighbors (9, h, w) the truth's numbers.
+    """Stored bytes (h, w, 3), upright, and for the same pixels and their neighbors (9, h, w) the truth's
+    numbers.
 
     The first of the nine is the pixel itself.
     """
@@ -171,14 +178,17 @@ def _around(numbers: Numbers, step: int) -> Numbers:
 
 
 def _covers(beside: _Beside) -> Mask:
-    """Return the pixels that are not black where the truth shows something, or the reverse, within a pixel."""
+    """Return the pixels that are not black where the truth shows something, or the reverse, within a
+    pixel.
+    """
     lit = (beside.rgb != 0).any(axis=-1)
     return np.asarray(((beside.triangle != NOTHING) == lit).any(axis=0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Restoring:
-    """Which numbers were meant, where stored ones are damaged: with the truth's help, hence only after judging.
+    """Which numbers were meant, where stored ones are damaged: with the truth's help, hence only after
+    judging.
 
     Attributes
     ----------
@@ -241,7 +251,9 @@ def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
 
         found = truth.best(overflown)
         if found.share >= EXPLAINED:
-            words = f"only the low {bits} bits of each number are stored, of {count:,} triangles: the others are lost"
+            words = (
+                f"only the low {bits} bits of each number are stored, of {count:,} triangles: others are lost"
+            )
             fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
             return fault, Restoring(truth=truth, kind=OVERFLOW, reading=stated, agreement=found, bits=bits)
     return _mixed(truth, stated)
@@ -264,10 +276,14 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
         parts = [truth.beside(image, found.orientation, found.order) for image in truth.images]
         exact = [(stated.packed(part.rgb) == part.stored(stated)).any(axis=0)[part.shown()] for part in parts]
         mixed = 1 - float(np.concatenate(exact).mean()) if parts else 0.0
-        if (found.share >= EXPLAINED and mixed >= BLENDED) or (kind == LOSSY and named_lossy):
+        stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
+        should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
+        new = len(np.unique(stored)) >= NEW_VALUES * len(np.unique(should))
+        explained = found.share >= EXPLAINED and mixed >= BLENDED and new
+        if explained or (kind == LOSSY and named_lossy):
             words = {
-                RESAMPLED: f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, by filtering, "
-                "resizing or anti-aliasing: numbers have no averages",
+                RESAMPLED: f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
+                "by filtering, resizing or anti-aliasing: numbers have no averages",
                 LOSSY: "numbers went through lossy compression, such as JPEG: write PNG",
             }[kind]
             fault = Fault(fault=kind, value=mixed, unit="share", words=words)

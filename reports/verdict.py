@@ -15,12 +15,12 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
 
-
 DISPLACEMENT, COLORS, INVALID = "displacement", "wrong colors", "claims of what does not exist"
 """Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judged` names."""
 
 MOST_INVALID = 0.5
-"""Share of the pixels in which an image shows something that may claim what does not exist, whatever the limits."""
+"""Share of the pixels in which an image shows something that may claim what does not exist, whatever the
+limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +75,8 @@ class Limits:
     Attributes
     ----------
     wrong
-        Share of the pixels where image or answer shows a surface that may be wrong: of wrong surfaces, where images
-        tell surfaces; else of wrong colors or outlines, whichever are compared.
+        Share of the pixels where image or answer shows a surface that may be wrong: of wrong surfaces, where
+        images tell surfaces; else of wrong colors or outlines, whichever are compared.
     displacement_px
         By which 99 of 100 surface points or outlines may be off; None where that does not matter.
     judging
@@ -142,7 +142,7 @@ def _badness(check: Check) -> tuple[bool, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Hogel:
-    """What was found of one hogel: a problem, or figures as found and corrected, and the limits that these keep."""
+    """What was found of one hogel: a problem, or figures as found and corrected, and the limits kept."""
 
     aperture: Aperture
     problem: str | None = None
@@ -178,7 +178,8 @@ JUDGED_WORDS = {
     "coverage": "surfaces, by where something is shown",
     "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading",
 }
-"""What is judged of images that are compared by `Figures.by`; of plain pictures it is colors, unless geometry was asked for."""
+"""What is judged of images that are compared by `Figures.by`; of plain pictures it is colors, unless geometry
+was asked for."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

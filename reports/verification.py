@@ -50,7 +50,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     accept: Sequence[str] = (),
     max_wrong: float = 0.01,
     max_displacement_px: float | None = 0.5,
-    max_color: float = COLOR_TOLERANCE,
+    max_color: float | None = None,
     compare: Compared | str = Compared.COLOR,
     timeout_s: float = 60.0,
     progress: bool = False,
@@ -78,13 +78,13 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     max_wrong
         Limits the share of wrong surfaces of each hogel; of plain pictures, that of wrong colors or outlines.
     max_displacement_px
-        Limits how far 99 of 100 surface points, or outlines, may be off; what cannot be measured is off. None sets no
-        limit.
+        Limits how far 99 of 100 surface points, or outlines, may be off; what cannot be measured is off. None
+        sets no limit.
     max_color
-        Difference of linear radiance beyond which a color is wrong.
+        Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None.
     compare
-        What plain pictures are judged by: `color`, or `geometry`, which is where they show something and where
-        outlines run.
+        What plain pictures are judged by: `color`, or `geometry`, which is where they show something and
+        where outlines run.
     timeout_s
         For each run of the command.
     progress
@@ -98,7 +98,9 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     opened = open_scene(scene) if isinstance(scene, str) else scene
     if compare not in tuple(Compared):
         raise InputError(f"compare must be one of {', '.join(Compared)}, not {compare!r}")
-    judging = Judging(compared=Compared(compare), color_tolerance=max_color)
+    judging = Judging(
+        compared=Compared(compare), color_tolerance=COLOR_TOLERANCE if max_color is None else max_color
+    )
     limits = Limits(wrong=max_wrong, displacement_px=max_displacement_px, judging=judging)
     nominal = _nominal(opened, near, accept)
     asked = _apertures(opened, apertures)

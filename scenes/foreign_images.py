@@ -72,7 +72,8 @@ class Reading:
     encoding
         What they mean.
     channels
-        The stored channel (0 red, 1 green, 2 blue) that holds the high, the middle and the low byte of a number.
+        The stored channel (0 red, 1 green, 2 blue) that holds the high, the middle and the low byte of a
+        number.
     offset
         What was added to numbers before they were stored.
     background
@@ -163,8 +164,8 @@ def _of_picture(stored: StoredPixels, camera: HogelCamera) -> ForeignImage:
 def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     """Return an image as it is when its stored pixels are read in another way.
 
-    Images that come from OpenEXR or from a function hold numbers already: of these only the offset is read anew,
-    and whether they count triangles or objects.
+    Images that come from OpenEXR or from a function hold numbers already: of these only the offset is read
+    anew, and whether they count triangles or objects.
     """
     mine = {item.name: getattr(image, item.name) for item in fields(image)}
     nothing = np.full_like(image.triangle, NOTHING)
@@ -189,7 +190,7 @@ def stored_integers(image: HogelImage, reading: Reading) -> NDArray[np.int32]:
 
 
 def stored_rgb(image: HogelImage) -> NDArray[np.uint8]:
-    """Return the bytes (H, W, 3) that an image stores; of one that is no picture, those of its numbers plus one."""
+    """Return the bytes (H, W, 3) that an image stores; if it is no picture, those of its numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return image.stored.rgb
     packed = stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID))

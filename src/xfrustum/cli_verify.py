@@ -96,8 +96,8 @@ class LimitInPixels(click.ParamType["float | None"]):
     type=Share(),
     default="1%",
     show_default=True,
-    help="Limits wrong surfaces, as a share of a hogel's pixels that show something; of plain pictures wrong colors "
-    "or outlines.",
+    help="Limits wrong surfaces, as a share of the pixels of a hogel that show something; of plain pictures "
+    "wrong colors or outlines.",
 )
 @click.option(
     "--max-displacement-px",
@@ -122,7 +122,6 @@ def verify(
     *,
     scene: str,
     accept: tuple[str, ...] | None,
-    max_color: float | None,
     out: Path | None,
     junit: Path | None,
     quiet: bool,
@@ -134,7 +133,6 @@ def verify(
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'. Exit status 1 if
     any hogel is missing or exceeds a limit.
     """
-    from xfrustum.compare.pictures import COLOR_TOLERANCE
     from xfrustum.reports.outputs import check_writable_file, check_writable_folder
     from xfrustum.reports.verification import verify as verified
     from xfrustum.reports.verification_files import FILES, table, write_junit, write_verification
@@ -143,8 +141,7 @@ def verify(
         check_writable_file(junit, "--junit")
     if out is not None:
         check_writable_folder(out, FILES)
-    tolerance = COLOR_TOLERANCE if max_color is None else max_color
-    found = verified(scene, accept=accept or (), max_color=tolerance, progress=not quiet, **asked)
+    found = verified(scene, accept=accept or (), progress=not quiet, **asked)
     if out is not None:
         write_verification(found, out)
     if junit is not None:
