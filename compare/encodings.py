@@ -133,6 +133,8 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
     if stated is None:
         return FoundEncoding()
     told = [image for image in images if (stored_integers(image, stated) != 0).any()]
+    if not told:
+        return FoundEncoding()
     if stated.encoding in NUMBERED:
         found = _numbers(reference, told, nominal, stated)
     else:

@@ -62,10 +62,9 @@ class Agreement:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Beside:
-    """Stored bytes (h, w, 3), upright, and for the same pixels and their neighbors (9, h, w) the truth's
-    numbers.
+    """Stored bytes (h, w, 3), upright, beside the truth's numbers of the same pixels and their neighbors.
 
-    The first of the nine is the pixel itself.
+    Numbers are (9, h, w); the first of the nine is the pixel itself. `gray` is the truth's brightness (h, w).
     """
 
     rgb: Bytes
@@ -178,17 +177,16 @@ def _around(numbers: Numbers, step: int) -> Numbers:
 
 
 def _covers(beside: _Beside) -> Mask:
-    """Return the pixels that are not black where the truth shows something, or the reverse, within a
-    pixel.
-    """
+    """Return the pixels that are black where the truth shows nothing, and only there, to within a pixel."""
     lit = (beside.rgb != 0).any(axis=-1)
     return np.asarray(((beside.triangle != NOTHING) == lit).any(axis=0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Restoring:
-    """Which numbers were meant, where stored ones are damaged: with the truth's help, hence only after
-    judging.
+    """Tells which numbers were meant where stored ones are damaged, with the truth's help.
+
+    It serves the figures after correction only; nothing passes by it.
 
     Attributes
     ----------
