@@ -247,7 +247,7 @@ def _differing(answer: HogelImage, image: HogelImage, covered: Mask, by: str, to
     if by == "outlines":
         lost = missing_outlines(true_outlines(answer), contrast(image))
         return np.not_equal(answer.covered, covered) | lost
-    return np.not_equal(getattr(answer, by), getattr(image, by))
+    return np.asarray(getattr(answer, by) != getattr(image, by))
 
 
 def _displacement(

@@ -98,7 +98,8 @@ class StoredTruth:
 
     def __init__(self, reference: Reference, images: Sequence[HogelImage]) -> None:
         self.reference = reference
-        chosen = np.unique(np.linspace(0, len(images) - 1, COMPARED_HOGELS).astype(int)) if images else []
+        count = min(COMPARED_HOGELS, len(images))
+        chosen = np.unique(np.linspace(0, max(len(images) - 1, 0), count).astype(int)).tolist()
         self.images = [images[index] for index in chosen]
         self.several = len({image.camera.aperture.index for image in images}) > 1
         self._truths: dict[tuple[int, int], HogelImage] = {}
@@ -225,7 +226,10 @@ class Restoring:
         for explained, number in candidates:
             numbers[open_pixels & explained] = number[open_pixels & explained]
             open_pixels &= ~explained
-        return replace(as_read, **{name: orientation.applied(numbers)})
+        restored = orientation.applied(numbers)
+        if name == "object":
+            return replace(as_read, object=restored)
+        return replace(as_read, triangle=restored)
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:

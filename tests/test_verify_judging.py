@@ -130,7 +130,10 @@ ENCODED: dict[str, tuple[Paint, dict[str, float | str]]] = {
         {"background-id": float(0xFFFFFF)},
     ),
     "low byte": (lambda image: packed((image.triangle + 1) & 255), {"8-bit-overflow": 8.0}),
-    "low byte in gray": (lambda image: packed(((image.triangle + 1) & 255) * 0x010101), {"8-bit-overflow": 8.0}),
+    "low byte in gray": (
+        lambda image: packed(((image.triangle + 1) & 255) * 0x010101),
+        {"8-bit-overflow": 8.0},
+    ),
     "resampled": (resampled, {}),
     "shaded": (headlight, {"wrong-encoding": "rgb"}),
     "objects": (objects, {"wrong-encoding": "object-id"}),
@@ -157,9 +160,7 @@ def test_wrongly_stored_numbers_fail_and_their_cause_is_named(
 def test_what_claims_nothing_that_exists_fails_whatever_the_limits(
     paint: Paint, world: Scene, hogels: dict[str, list[HogelImage]]
 ) -> None:
-    found = verified(
-        hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None
-    )
+    found = verified(hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None)
     assert not found.passed
     for hogel in found.hogels:
         assert hogel.as_found is not None
@@ -335,7 +336,9 @@ def test_wrong_geometry_fails_in_any_shading(
 
 def test_the_tolerance_of_colors_is_the_users(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
     def brighter(image: HogelImage) -> Bytes:
-        return np.where(image.covered[..., None], np.minimum(colors(image).astype(int) + 8, 255), 0).astype(np.uint8)
+        return np.where(image.covered[..., None], np.minimum(colors(image).astype(int) + 8, 255), 0).astype(
+            np.uint8
+        )
 
     assert verified(hogels["right"], colors).passed
     assert not verified(hogels["right"], brighter).passed
