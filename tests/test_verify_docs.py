@@ -9,14 +9,17 @@ import string
 import subprocess
 import sys
 import textwrap
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from xfrustum.compare import faults
 from xfrustum.compare.encodings import ENCODING_FAULTS
+
+# Untyped, and needed here only.
+yaml: Any = import_module("yaml")
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "verify.md"
 

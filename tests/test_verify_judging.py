@@ -1,4 +1,4 @@
-"""No false pass: what does not exist is wrong, every figure says what it counts, and displacements are measured."""
+"""No false pass: what does not exist is wrong, figures say what they count, displacements are measured."""
 
 from __future__ import annotations
 
