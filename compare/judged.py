@@ -77,6 +77,9 @@ WRONG_WORDS = {
 }
 """What `Figures.wrong` counts, by `Figures.by`."""
 
+PLAIN = ("color", "outlines")
+"""What pictures are judged by that name no surfaces."""
+
 SURFACES = "wrong surfaces"
 
 
@@ -189,53 +192,57 @@ def judge(
         Of the scene.
     question
         How the renderer is supposed to draw: `DrawnModel()` is the true crossed frustum.
-    image
-        As found, its camera that of the aperture that its file is named after.
-    points
-        (H, W, 3) surface points that it shows, as found (`shown_points`).
+    image, points
+        As found, and the (H, W, 3) surface points that it shows, as found (`shown_points`). Its camera is that
+        of the aperture that its file is named after.
     judging
         What is compared, and how exactly.
     explained
         Whether to find causes, by triangles.
     """
     judging = judging or Judging()
-    scene = reference.scene
-    aperture = question.answers(scene, image.camera.aperture)
+    aperture = question.answers(reference.scene, image.camera.aperture)
     answer = trace_drawn(reference, question, aperture)
     upright = turned(reference, question, image, aperture, points)
-    by = _named_by(image)
-    if by == "color":
-        by = "color" if judging.compared is Compared.COLOR else "outlines"
+    by = _named_by(image, judging.compared)
+    if by in PLAIN:
         answer = reference_colors(reference, question, answer)
-    covered: Mask = shows_something(upright) if by in ("color", "outlines") else covered_by(upright)
+    covered: Mask = shows_something(upright) if by in PLAIN else covered_by(upright)
     shown = judged_pixels(answer) & (answer.covered | covered)
     differs = _differing(answer, upright, covered, by, judging.color_tolerance) & shown
-    surface, invalid = None, np.zeros_like(shown)
-    if by not in ("color", "outlines"):
-        invalid = invalid_claims(reference, question, image)
-        surface = (wrong_surfaces(reference, question, answer, upright) | invalid) & shown
+    invalid = invalid_claims(reference, question, image) & shown
+    surface = None
+    if by not in PLAIN:
+        surface = (wrong_surfaces(reference, question, answer, upright) & shown) | invalid
     radiance = None
     if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
-        colored = reference_colors(reference, question, answer)
-        radiance = colors_differ(colored, upright, judging.color_tolerance) & shown & ~surface
-        radiance &= answer.triangle == upright.triangle
+        radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
     spread, measured_by = _displacement(reference, question, answer, upright, by)
-    found = causes(scene, question, answer, upright, differs) if explained and by == "triangle" else None
     return Figures(
         shown=int(shown.sum()),
         by=by,
         wrong=int(differs.sum()),
         surface=None if surface is None else int(surface.sum()),
         claimed=int((covered & shown).sum()),
-        invalid=int((invalid & shown).sum()),
+        invalid=int(invalid.sum()),
         displacement_px=spread,
         measured_by=measured_by,
         radiance=None if radiance is None else int(radiance.sum()),
-        causes=found,
+        causes=causes(reference.scene, question, answer, upright, differs)
+        if explained and by == "triangle"
+        else None,
         answer=answer,
         image=upright,
         error=(differs if surface is None else surface) | (False if radiance is None else radiance),
     )
+
+
+def _wrong_colors(
+    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage, judging: Judging
+) -> Mask:
+    """Return the pixels (H, W) of the right triangle in another color."""
+    differ = colors_differ(reference_colors(reference, question, answer), image, judging.color_tolerance)
+    return np.asarray(differ & (answer.triangle == image.triangle))
 
 
 def _differing(answer: HogelImage, image: HogelImage, covered: Mask, by: str, tolerance: float) -> Mask:
@@ -276,7 +283,7 @@ SEEN_CONTRAST = 0.1
 
 def _outlines(answer: HogelImage, image: HogelImage, by: str) -> tuple[Steps, Steps]:
     """Return where an answer has outlines, and where an image has."""
-    if by in ("color", "outlines"):
+    if by in PLAIN:
         seen = contrast(image)
         capped = Steps(
             across=np.minimum(seen.across, SEEN_CONTRAST), down=np.minimum(seen.down, SEEN_CONTRAST)
@@ -320,15 +327,17 @@ def turned(
     )
 
 
-def _named_by(image: HogelImage) -> str:
-    """Return what an image names its surfaces by; one that shows none at all, by what it could have."""
+def _named_by(image: HogelImage, compared: Compared) -> str:
+    """Return what an image is judged by; one that shows no surface at all, by what it could have."""
     if (image.triangle != NOTHING).any():
         return "triangle"
     if (image.object != NOTHING).any():
         return "object"
     if np.isfinite(image.height).any():
         return "coverage"
-    return "triangle" if image.color is None else "color"
+    if image.color is None:
+        return "triangle"
+    return "color" if compared is Compared.COLOR else "outlines"
 
 
 def covered_by(image: HogelImage) -> Mask:

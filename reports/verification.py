@@ -15,7 +15,6 @@ from xfrustum.compare.diagnosis import declared, diagnose
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.encodings import ACCEPTABLE, ENCODING, FoundEncoding, find_encoding
 from xfrustum.compare.judged import Compared, Judging, judge
-from xfrustum.compare.pictures import COLOR_TOLERANCE
 from xfrustum.compare.shown_points import shown_points
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import Command
@@ -62,8 +61,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     scene
         What was to be drawn.
     source
-        A pattern of files with {i} and {j}; or a function that takes the scene and an aperture and
-        returns a hogel image.
+        A pattern of files with {i} and {j}; or a function of scene and aperture that returns a hogel image.
     command
         Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
     encoding
@@ -73,22 +71,17 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     near
         The near offset that the renderer's author states; it is then part of the question.
     accept
-        Conventions that are the renderer's own business, out of `ACCEPTABLE`: images are judged by
-        what was found of them.
+        Conventions out of `ACCEPTABLE`, of which images are judged by what was found.
     max_wrong
         Limits the share of wrong surfaces of each hogel; of plain pictures, that of wrong colors or outlines.
     max_displacement_px
-        Limits how far 99 of 100 surface points, or outlines, may be off; what cannot be measured is off. None
-        sets no limit.
+        Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit.
     max_color
         Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None.
     compare
-        What plain pictures are judged by: `color`, or `geometry`, which is where they show something and
-        where outlines run.
-    timeout_s
-        For each run of the command.
-    progress
-        Whether to draw a bar on standard error.
+        What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
+    timeout_s, progress
+        For each run of the command; and whether to draw a bar on standard error.
 
     Raises
     ------
@@ -96,11 +89,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         The scene, the source or an option is not usable.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
-    if compare not in tuple(Compared):
-        raise InputError(f"compare must be one of {', '.join(Compared)}, not {compare!r}")
-    judging = Judging(
-        compared=Compared(compare), color_tolerance=COLOR_TOLERANCE if max_color is None else max_color
-    )
+    judging = _judging(compare, max_color)
     limits = Limits(wrong=max_wrong, displacement_px=max_displacement_px, judging=judging)
     nominal = _nominal(opened, near, accept)
     asked = _apertures(opened, apertures)
@@ -109,6 +98,15 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         opened_source.check(asked)
         run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
         return run.verified(nominal, tuple(accept), progress=progress)
+
+
+def _judging(compare: Compared | str, max_color: float | None) -> Judging:
+    """Return how images are judged."""
+    if compare not in tuple(Compared):
+        raise InputError(f"compare must be one of {', '.join(Compared)}, not {compare!r}")
+    if max_color is None:
+        return Judging(compared=Compared(compare))
+    return Judging(compared=Compared(compare), color_tolerance=max_color)
 
 
 def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
