@@ -193,8 +193,8 @@ def judge(
     question
         How the renderer is supposed to draw: `DrawnModel()` is the true crossed frustum.
     image, points
-        As found, and the (H, W, 3) surface points that it shows, as found (`shown_points`). Its camera is that
-        of the aperture that its file is named after.
+        As found, and the (H, W, 3) surface points that it shows, as found (`shown_points`). Its camera is
+        that of the aperture that its file is named after.
     judging
         What is compared, and how exactly.
     explained

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from xfrustum.compare.judged import SURFACES, WRONG_WORDS
+from xfrustum.compare.judged import SURFACES, WRONG_WORDS, MeasuredBy
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.provenance import machine, versions
 from xfrustum.reports.tables import json_ready
@@ -155,7 +155,10 @@ def figures_words(figures: dict[str, Any]) -> str:
         parts.append(f"{COLORS} on right surfaces {figures['radiance']['wrong']:,}")
     spread = figures["displacement_px"]
     value = "unknown" if spread is None else f"{spread.get('worst_p99', spread.get('p99')):.3g} px"
-    by = "" if spread is None else f" by {figures['displacement_by']}"
+    means = [name for name in figures["displacement_by"].split(" or ") if name != MeasuredBy.NOTHING]
+    by = f" by {' or '.join(means)}" if spread is not None else ""
+    if spread is not None and str(MeasuredBy.NOTHING) in figures["displacement_by"].split(" or "):
+        by += ", unknown of other hogels"
     parts.append(f"{DISPLACEMENT} (p99{' of the worst hogel' if 'hogels' in figures else ''}) {value}{by}")
     text = ", ".join(parts)
     if figures["causes"] is not None and figures["wrong"]:
