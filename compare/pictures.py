@@ -74,11 +74,14 @@ def shows_something(image: HogelImage) -> NDArray[np.bool_]:
     return np.asarray((image.color > 0).any(axis=-1))
 
 
-def colors_differ(answer: HogelImage, image: HogelImage) -> NDArray[np.bool_]:
-    """Return the pixels whose colors differ by more than two 8-bit pictures may."""
+def colors_differ(
+    answer: HogelImage, image: HogelImage, tolerance: float = COLOR_TOLERANCE
+) -> NDArray[np.bool_]:
+    """Return the pixels whose colors differ by more than a tolerance, or are not numbers."""
     assert answer.color is not None
     assert image.color is not None
-    return np.asarray((np.abs(answer.color - image.color) > COLOR_TOLERANCE).any(axis=-1))
+    # What is not a number is within no tolerance.
+    return np.asarray(~(np.abs(answer.color - image.color) <= tolerance).all(axis=-1))
 
 
 def as_gray(image: HogelImage) -> Floats:

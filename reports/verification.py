@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,9 +13,9 @@ import numpy as np
 
 from xfrustum.compare.diagnosis import declared, diagnose
 from xfrustum.compare.drawn_model import DrawnModel
+from xfrustum.compare.encodings import ACCEPTABLE, ENCODING, FoundEncoding, find_encoding
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.faults import CONVENTIONS
-from xfrustum.compare.judged import judge
+from xfrustum.compare.judged import Compared, Judging, judge
 from xfrustum.compare.shown_points import shown_points
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import Command
@@ -49,7 +49,9 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     near: float | None = None,
     accept: Sequence[str] = (),
     max_wrong: float = 0.01,
-    max_displacement_px: float = 0.5,
+    max_displacement_px: float | None = 0.5,
+    max_color: float | None = None,
+    compare: Compared | str = Compared.COLOR,
     timeout_s: float = 60.0,
     progress: bool = False,
 ) -> Verification:
@@ -60,8 +62,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     scene
         What was to be drawn.
     source
-        A pattern of files with {i} and {j}; or a function that takes the scene and an aperture and
-        returns a hogel image.
+        A pattern of files with {i} and {j}; or a function of scene and aperture that returns a hogel image.
     command
         Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
     encoding
@@ -71,14 +72,17 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     near
         The near offset that the renderer's author states; it is then part of the question.
     accept
-        Conventions that are the renderer's own business, out of `CONVENTIONS`: images are judged by
-        what was found of them.
-    max_wrong, max_displacement_px
-        The limits.
-    timeout_s
-        For each run of the command.
-    progress
-        Whether to draw a bar on standard error.
+        Conventions out of `ACCEPTABLE`, of which images are judged by what was found.
+    max_wrong
+        Limits the share of wrong surfaces of each hogel; of plain pictures, that of wrong colors or outlines.
+    max_displacement_px
+        Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit.
+    max_color
+        Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None.
+    compare
+        What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
+    timeout_s, progress
+        For each run of the command; and whether to draw a bar on standard error.
 
     Raises
     ------
@@ -87,7 +91,8 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         objects, so that any black picture would be right.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
-    limits = Limits(wrong=max_wrong, displacement_px=max_displacement_px)
+    judging = _judging(compare, max_color)
+    limits = Limits(wrong=max_wrong, displacement_px=max_displacement_px, judging=judging)
     nominal = _nominal(opened, near, accept)
     asked = _apertures(opened, apertures)
     require_seen(opened, asked)
@@ -98,11 +103,20 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         return run.verified(nominal, tuple(accept), progress=progress)
 
 
+def _judging(compare: Compared | str, max_color: float | None) -> Judging:
+    """Return how images are judged."""
+    if compare not in tuple(Compared):
+        raise InputError(f"compare must be one of {', '.join(Compared)}, not {compare!r}")
+    if max_color is None:
+        return Judging(compared=Compared(compare))
+    return Judging(compared=Compared(compare), color_tolerance=max_color)
+
+
 def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
     """Return what the renderer's author says of it, if that can be."""
-    strange = [name for name in accept if name not in CONVENTIONS]
+    strange = [name for name in accept if name not in ACCEPTABLE]
     if strange:
-        raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(CONVENTIONS)}")
+        raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
     reach = scene.frustum.longest_reach
     if near is not None and not 0 <= near < reach:
         raise InputError(f"near {near} must be at least 0 and smaller than the reach, {reach}")
@@ -148,6 +162,28 @@ def _source(
         yield Function(function=source, reference=reference)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Findings:
+    """What hogels are judged by.
+
+    Attributes
+    ----------
+    question
+        How the renderer is supposed to draw.
+    found
+        How it draws.
+    encoding
+        How its images are to be read.
+    read_as_found
+        Whether that is accepted.
+    """
+
+    question: DrawnModel
+    found: DrawnModel
+    encoding: FoundEncoding
+    read_as_found: bool
+
+
 @dataclass(kw_only=True, eq=False)
 class _Run:
     """One verification under way."""
@@ -165,11 +201,19 @@ class _Run:
                 self.kept[aperture] = self._had(aperture)
                 bar.update()
             images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
-            diagnosis = diagnose(self.reference, images, nominal)
-            question = declared(nominal, diagnosis.model, accept)
+            encoding = find_encoding(self.reference, images, nominal)
+            diagnosis = diagnose(self.reference, [encoding.read(image) for image in images], nominal)
+            diagnosis = replace(diagnosis, faults=(*encoding.faults, *diagnosis.faults))
+            conventions = [name for name in accept if name != ENCODING]
+            findings = _Findings(
+                question=declared(nominal, diagnosis.model, conventions),
+                found=diagnosis.model,
+                encoding=encoding,
+                read_as_found=ENCODING in accept and encoding.restoring is None,
+            )
             worst, hogels = WorstHogels(), []
             for aperture in self.asked:
-                hogels.append(self._hogel(aperture, question, diagnosis.model, worst))
+                hogels.append(self._hogel(aperture, findings, worst))
                 bar.update()
         return Verification(
             scene=self.reference.scene,
@@ -186,21 +230,29 @@ class _Run:
         except Problem as problem:
             return problem
 
-    def _hogel(
-        self, aperture: Aperture, question: DrawnModel, found: DrawnModel, worst: WorstHogels
-    ) -> Hogel:
+    def _hogel(self, aperture: Aperture, findings: _Findings, worst: WorstHogels) -> Hogel:
         image = self.kept.pop(aperture, None) or self._had(aperture)
         if isinstance(image, Problem):
-            return Hogel(aperture=aperture, passed=False, problem=str(image))
-        points = shown_points(self.reference.scene, found, image)
-        as_found = judge(self.reference, question, image, points, explained=question == found)
+            return Hogel(aperture=aperture, problem=str(image))
+        question, found, judging = findings.question, findings.found, self.limits.judging
+        read = findings.encoding.read(image)
+        points = shown_points(self.reference.scene, found, read)
+        same = question == found and (read is image or findings.read_as_found)
+        as_given, given_points = image, points
+        if findings.read_as_found:
+            as_given = read
+        elif read is not image:
+            given_points = shown_points(self.reference.scene, found, image)
+        as_found = judge(self.reference, question, as_given, given_points, judging, explained=same)
         corrected = as_found
-        if question != found:
-            corrected = judge(self.reference, found, image, points, explained=True)
-        passed = self.limits.hold(as_found)
+        if not same:
+            corrected = judge(self.reference, found, read, points, judging, explained=True)
         worst.add(aperture, as_found, corrected)
         return Hogel(
-            aperture=aperture, passed=passed, as_found=as_found.summary(), corrected=corrected.summary()
+            aperture=aperture,
+            checks=self.limits.checks(as_found),
+            as_found=as_found.summary(),
+            corrected=corrected.summary(),
         )
 
 

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from xfrustum.compare.judged import SURFACES, WRONG_WORDS, MeasuredBy
 from xfrustum.reports.outputs import Staging
 from xfrustum.reports.provenance import machine, versions
 from xfrustum.reports.tables import json_ready
 from xfrustum.reports.templates_environment import html_page
-from xfrustum.reports.verdict import Verification, totals
+from xfrustum.reports.verdict import COLORS, DISPLACEMENT, Verification, percent, totals
 
 FILES = PAGE, DATA = "index.html", "verification.json"
 
@@ -43,9 +44,15 @@ def render_page(found: Verification) -> str:
         "found": found,
         "summary": found.summary(),
         "sentence": sentence(found),
+        "as_found": _worded(totals([hogel.as_found for hogel in found.hogels])),
+        "corrected": _worded(totals([hogel.corrected for hogel in found.hogels])),
         "versions": {**versions(), **machine()},
     }
-    return html_page("verify.html.j2", {"percent": percent}, values)
+    return html_page("verify.html.j2", {"percent": percent, "figures": figures_words}, values)
+
+
+def _worded(figures: dict[str, Any] | None) -> str | None:
+    return None if figures is None else figures_words(figures)
 
 
 def write_junit(found: Verification, path: Path) -> None:
@@ -66,8 +73,9 @@ def write_junit(found: Verification, path: Path) -> None:
             ElementTree.SubElement(case, "error", message=_xml_text(hogel.problem))
         elif not hogel.passed:
             assert hogel.as_found is not None
-            failure = ElementTree.SubElement(case, "failure", message=_xml_text(_figures(hogel.as_found)))
-            failure.text = _xml_text(f"diagnosis: {words}")
+            exceeded = "; ".join(check.words for check in hogel.checks if not check.held)
+            failure = ElementTree.SubElement(case, "failure", message=_xml_text(exceeded))
+            failure.text = _xml_text(f"{figures_words(hogel.as_found)}\ndiagnosis: {words}")
     ElementTree.SubElement(suite, "system-out").text = _xml_text(table(found))
     tree = ElementTree.ElementTree(suite)
     ElementTree.indent(tree)
@@ -92,25 +100,22 @@ def _xml_text(text: str) -> str:
     return _NOT_IN_XML.sub("\ufffd", text)
 
 
-def percent(fraction: float) -> str:
-    """Return a share in percent, with three digits."""
-    return f"{100 * fraction:.3g} %"
-
-
 def sentence(found: Verification) -> str:
-    """Return the verdict in one sentence."""
+    """Return the verdict in one sentence, with the figures of the worst hogel that decided it."""
     missing = sum(bool(hogel.problem) for hogel in found.hogels)
     bad = sum(not hogel.passed and not hogel.problem for hogel in found.hogels)
     if found.passed:
-        return f"Right: all {len(found.hogels)} hogels keep to the limits."
-    parts = [f"{bad} of {len(found.hogels)} hogels exceed a limit"] if bad else []
+        kept = ", ".join(check.words for check in found.checks)
+        return f"Right: all {len(found.hogels)} hogels keep to the limits: at most {kept}."
+    exceeded = ", ".join(check.words for check in found.checks if not check.held)
+    parts = [f"{bad} of {len(found.hogels)} hogels exceed a limit: up to {exceeded}"] if bad else []
     parts += [f"{missing} of {len(found.hogels)} could not be had"] if missing else []
-    return f"Not right: {', and '.join(parts)}."
+    return f"Not right: {'; and '.join(parts)}."
 
 
 def table(found: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
-    lines = [sentence(found), f"diagnosis, by {found.diagnosis.means}:"]
+    lines = [sentence(found), f"judged: {found.judged}", f"diagnosis, by {found.diagnosis.means}:"]
     lines += [f"  {fault.words}{_interval(fault.low, fault.high)}" for fault in found.diagnosis.faults]
     if not found.diagnosis.faults:
         judged = any(hogel.as_found for hogel in found.hogels)
@@ -120,7 +125,7 @@ def table(found: Verification) -> str:
         ("corrected", totals([hogel.corrected for hogel in found.hogels])),
     ):
         if figures is not None:
-            lines.append(f"{name}: {_figures(figures)}")
+            lines.append(f"{name}: {figures_words(figures)}")
     problems = [hogel for hogel in found.hogels if hogel.problem]
     lines += [f"hogel {h.aperture.column},{h.aperture.row}: {h.problem}" for h in problems[:LISTED]]
     if len(problems) > LISTED:
@@ -132,17 +137,27 @@ def _interval(low: float | None, high: float | None) -> str:
     return "" if low is None or high is None else f"  [{low:.6g}, {high:.6g}]"
 
 
-def _figures(figures: dict[str, Any]) -> str:
-    """Return figures of one hogel, or of all, in words."""
-    share = percent(figures["fraction"])
-    text = f"{figures['wrong']:,} of {figures['shown']:,} pixels that show something are wrong ({share})"
+def figures_words(figures: dict[str, Any]) -> str:
+    """Return figures of one hogel, or of all, in words; each says which wrong it counts."""
+    parts = [f"{figures['shown']:,} pixels show something"]
     if figures["surface"] is not None:
-        text += f", wrong surfaces {percent(figures['surface']['fraction'])}"
-    spread = figures["displacement_px"]
-    if spread is not None:
-        text += f", displacement p99 {spread.get('worst_p99', spread.get('p99')):.3g} px"
+        surface = figures["surface"]
+        parts.append(f"{SURFACES} {surface['wrong']:,} ({percent(surface['fraction'])})")
+    counted = " or ".join(WRONG_WORDS[name] for name in figures["by"].split(" or "))
+    parts.append(f"{counted} {figures['wrong']:,} ({percent(figures['fraction'])})")
+    if figures["invalid"]:
+        parts.append(f"{figures['invalid']:,} claim what does not exist")
     if figures["radiance"] is not None:
-        text += f", in another color {figures['radiance']['wrong']:,}"
+        parts.append(f"{COLORS} on right surfaces {figures['radiance']['wrong']:,}")
+    spread = figures["displacement_px"]
+    value = "unknown" if spread is None else f"{spread.get('worst_p99', spread.get('p99')):.3g} px"
+    means = [name for name in figures["displacement_by"].split(" or ") if name != MeasuredBy.NOTHING]
+    by = f" by {' or '.join(means)}" if spread is not None else ""
+    if spread is not None and str(MeasuredBy.NOTHING) in figures["displacement_by"].split(" or "):
+        by += ", unknown of other hogels"
+    parts.append(f"{DISPLACEMENT} (p99{' of the worst hogel' if 'hogels' in figures else ''}) {value}{by}")
+    text = ", ".join(parts)
     if figures["causes"] is not None and figures["wrong"]:
-        text += "; causes: " + ", ".join(f"{name} {count:,}" for name, count in figures["causes"].items())
+        causes = ", ".join(f"{name} {count:,}" for name, count in figures["causes"].items())
+        text += f"; causes of {counted}: {causes}"
     return text

@@ -26,9 +26,10 @@ WRONG_RGB, BACKGROUND, DIMMED = (224, 49, 49), 250, 0.35
 
 @dataclass(frozen=True, kw_only=True)
 class Pictured:
-    """One hogel in pictures, each a data URL, with how bad it is."""
+    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
 
     aperture: Aperture
+    words: str
     badness: tuple[float, float]
     fraction: float
     corrected_fraction: float
@@ -48,6 +49,7 @@ class WorstHogels:
             return
         pictured = Pictured(
             aperture=aperture,
+            words=as_found.limited_words,
             badness=badness,
             fraction=as_found.fraction,
             corrected_fraction=corrected.fraction,

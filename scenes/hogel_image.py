@@ -132,7 +132,7 @@ class HogelImage:
 
     def rows(self, some: slice) -> HogelImage:
         """Return a band of rows, without what is known of ties and of tracers."""
-        mine = {f.name: getattr(self, f.name) for f in fields(self)}
+        mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}
         arrays = {name: value[some] for name, value in mine.items() if isinstance(value, np.ndarray)}
         return HogelImage(**mine | arrays | {"companions": None, "overruled": None})
 

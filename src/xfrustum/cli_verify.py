@@ -40,15 +40,30 @@ class Conventions(click.ParamType[tuple[str, ...]]):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, ...]:
         """Return the names."""
-        from xfrustum.compare.faults import CONVENTIONS
+        from xfrustum.compare.encodings import ACCEPTABLE
 
         names = tuple(part.strip() for part in str(value).split(","))
         if names == ("all",):
-            return CONVENTIONS
+            return ACCEPTABLE
         for name in names:
-            if name not in CONVENTIONS:
-                self.fail(f"{name!r} is not one of {', '.join(CONVENTIONS)}, all", param, ctx)
+            if name not in ACCEPTABLE:
+                self.fail(f"{name!r} is not one of {', '.join(ACCEPTABLE)}, all", param, ctx)
         return names
+
+
+class LimitInPixels(click.ParamType["float | None"]):
+    """A number of pixels, or none for no limit."""
+
+    name = "PX|none"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | None:
+        """Return the limit, None where there is none."""
+        if str(value).strip() == "none":
+            return None
+        try:
+            return float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither a number of pixels nor none", param, ctx)
 
 
 @click.command()
@@ -67,11 +82,34 @@ class Conventions(click.ParamType[tuple[str, ...]]):
 @click.option(
     "--accept",
     type=Conventions(),
-    help="Conventions that are no fault: orientation, order, shift, fov, pitch, near; or all.",
+    help="Conventions that are no fault: orientation, order, shift, fov, pitch, near, encoding; or all.",
 )
-@click.option("--max-wrong", type=Share(), default="1%", show_default=True, help="Of the pixels of a hogel.")
 @click.option(
-    "--max-displacement-px", type=float, default=0.5, show_default=True, help="Of 99 of 100 surface points."
+    "--compare",
+    type=click.Choice(["color", "geometry"]),
+    default="color",
+    show_default=True,
+    help="What plain pictures are judged by; geometry is coverage and outlines, in whatever shading.",
+)
+@click.option(
+    "--max-wrong",
+    type=Share(),
+    default="1%",
+    show_default=True,
+    help="Limits wrong surfaces, as a share of the pixels of a hogel that show something; of plain pictures "
+    "wrong colors or outlines.",
+)
+@click.option(
+    "--max-displacement-px",
+    type=LimitInPixels(),
+    default="0.5",
+    show_default=True,
+    help="Limits how far 99 of 100 surface points or outlines are off. Unknown is too far, but with none.",
+)
+@click.option(
+    "--max-color",
+    type=float,
+    help="Difference of linear radiance that makes a color wrong.  [default: what 8 bits round, 0.009]",
 )
 @click.option(
     "--timeout", "timeout_s", type=Positive(), default=60.0, show_default=True, help="Seconds, per run."

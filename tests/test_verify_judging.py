@@ -1,0 +1,354 @@
+"""No false pass: what does not exist is wrong, figures say what they count, displacements are measured."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+
+import xfrustum
+from xfrustum.cli import main
+from xfrustum.compare.encodings import ENCODING_FAULTS
+from xfrustum.compare.outline_shift import outline_displacement, steps_of
+from xfrustum.raster import Rasterizer
+from xfrustum.reports.verdict import Verification
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, Scene, open_scene
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.foreign_images import Encoding, Reading
+
+SCENE = """
+name = "three parts"
+units = "mm"
+[plate]
+size = [40.0, 40.0]
+hogels = [2, 2]
+[frustum]
+resolution = [64, 64]
+fov_deg = [60.0, 60.0]
+reach = [50.0, 60.0]
+[[object]]
+shape = "torus"
+scale = 12.0
+rotate_deg = [20.0, 30.0, 0.0]
+translate = [{0}, 3.0, 25.0]
+[[object]]
+shape = "sphere"
+scale = 30.0
+translate = [{1}, 2.0, -35.0]
+"""
+RIGHT = DoubleFrustum(near=1e-4, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+OTHER_NEAR = replace(RIGHT, near=3.0)
+
+Bytes = NDArray[np.uint8]
+Paint = Callable[[HogelImage], Bytes]
+
+
+@pytest.fixture(scope="module")
+def hogels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[HogelImage]]:
+    """The scene's four hogels drawn rightly, with another near, and with all objects 0.5 mm aside."""
+    place = tmp_path_factory.mktemp("scenes")
+    found = {}
+    for name, moved, settings_ in (("right", 0.0, RIGHT), ("near", 0.0, OTHER_NEAR), ("moved", 0.5, RIGHT)):
+        file = place / f"{name}.toml"
+        file.write_text(SCENE.format(6.0 + moved, -4.0 + moved))
+        scene = open_scene(str(file))
+        with Rasterizer(scene) as rasterizer:
+            found[name] = [
+                rasterizer.render(scene.plate.aperture(i, j), settings_) for j in (0, 1) for i in (0, 1)
+            ]
+    return found
+
+
+@pytest.fixture
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE.format(6.0, -4.0))
+    return open_scene("scene.toml")
+
+
+def packed(numbers: NDArray[np.integer]) -> Bytes:
+    return np.stack((numbers >> 16 & 255, numbers >> 8 & 255, numbers & 255), axis=-1).astype(np.uint8)
+
+
+def ids(image: HogelImage) -> Bytes:
+    return packed(image.triangle + 1)
+
+
+def objects(image: HogelImage) -> Bytes:
+    return packed(image.object + 1)
+
+
+def headlight(image: HogelImage) -> Bytes:
+    """Gray by the angle between surface and line: a shading that the scene does not have."""
+    assert image.normal is not None
+    toward = np.nan_to_num(image.position) - (image.camera.aperture.x, image.camera.aperture.y, 0.0)
+    toward /= np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-9)
+    gray = 0.2 + 0.8 * np.abs((np.nan_to_num(image.normal) * toward).sum(axis=-1))
+    return np.repeat(np.where(image.covered, 255 * gray, 0).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def colors(image: HogelImage) -> Bytes:
+    assert image.color is not None
+    return (np.clip(np.nan_to_num(image.color), 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def stored(images: list[HogelImage], paint: Paint, ending: str = "png") -> str:
+    """Write pictures of the four hogels; return their pattern."""
+    for image in images:
+        aperture = image.camera.aperture
+        Image.fromarray(paint(image)).save(f"{aperture.column}-{aperture.row}.{ending}")
+    return f"{{i}}-{{j}}.{ending}"
+
+
+def verified(images: list[HogelImage], paint: Paint, **asked: Any) -> Verification:
+    return xfrustum.verify("scene.toml", stored(images, paint), **asked)
+
+
+def resampled(image: HogelImage) -> Bytes:
+    large = Image.fromarray(ids(image)).resize((96, 96), Image.Resampling.NEAREST)
+    return np.asarray(large.resize((64, 64), Image.Resampling.BILINEAR))
+
+
+ENCODED: dict[str, tuple[Paint, dict[str, float | str]]] = {
+    "blue and red exchanged": (lambda image: ids(image)[..., ::-1], {"channel-order": "BGR"}),
+    "red and green exchanged": (lambda image: ids(image)[..., [1, 0, 2]], {"channel-order": "GRB"}),
+    "numbers not plus one": (lambda image: packed(np.maximum(image.triangle, 0)), {"id-offset": -1.0}),
+    "numbers plus two": (lambda image: packed(image.triangle + 2), {"id-offset": 1.0}),
+    "white background": (
+        lambda image: packed(np.where(image.covered, image.triangle + 1, 0xFFFFFF)),
+        {"background-id": float(0xFFFFFF)},
+    ),
+    "low byte": (lambda image: packed((image.triangle + 1) & 255), {"8-bit-overflow": 8.0}),
+    "low byte in gray": (
+        lambda image: packed(((image.triangle + 1) & 255) * 0x010101),
+        {"8-bit-overflow": 8.0},
+    ),
+    "resampled": (resampled, {}),
+    "shaded": (headlight, {"wrong-encoding": "rgb"}),
+    "objects": (objects, {"wrong-encoding": "object-id"}),
+}
+"""Ways to store triangle numbers wrongly: what is written, and what must be named with which value."""
+
+
+@pytest.mark.parametrize("name", ENCODED)
+def test_wrongly_stored_numbers_fail_and_their_cause_is_named(
+    name: str, world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    paint, expected = ENCODED[name]
+    found = verified(hogels["right"], paint, encoding="triangle-id")
+    named = {fault.fault: fault.value for fault in found.diagnosis.faults if fault.fault in ENCODING_FAULTS}
+    assert not found.passed
+    assert named == expected or (name == "resampled" and set(named) == {"resampled"})
+    summary = found.summary()
+    assert summary["as_found"]["wrong"] > 0.3 * summary["as_found"]["shown"]
+    if name != "shaded":
+        assert summary["corrected"]["fraction"] < 0.1 * summary["as_found"]["fraction"]
+
+
+@pytest.mark.parametrize("paint", [headlight, lambda image: np.full((64, 64, 3), 255, np.uint8)])
+def test_what_claims_nothing_that_exists_fails_whatever_the_limits(
+    paint: Paint, world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    found = verified(hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None)
+    assert not found.passed
+    for hogel in found.hogels:
+        assert hogel.as_found is not None
+        assert hogel.as_found["invalid"] > 0.9 * hogel.as_found["surface"]["wrong"]
+
+
+def test_nothing_is_named_of_numbers_stored_rightly_and_an_accepted_order_is_undone(
+    world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    assert verified(hogels["right"], ids, encoding="triangle-id").diagnosis.faults == ()
+    accepted = verified(
+        hogels["right"], lambda image: ids(image)[..., ::-1], encoding="triangle-id", accept=("encoding",)
+    )
+    assert accepted.passed
+    assert [fault.fault for fault in accepted.diagnosis.faults] == ["channel-order"]
+    lost = verified(
+        hogels["right"],
+        lambda image: packed((image.triangle + 1) & 255),
+        encoding="triangle-id",
+        accept=("encoding",),
+    )
+    assert not lost.passed
+
+
+def test_numbers_given_as_colors_are_recognized(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
+    found = verified(hogels["right"], ids, encoding="rgb")
+    assert not found.passed
+    assert [fault.value for fault in found.diagnosis.faults] == ["triangle-id"]
+
+
+def test_orders_of_channels_that_cannot_be_told_apart_are_said_to_be(
+    world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    found = verified(hogels["right"], lambda image: objects(image)[..., ::-1], encoding="object-id")
+    (order,) = [fault for fault in found.diagnosis.faults if fault.fault == "channel-order"]
+    assert order.value == "BGR"
+    assert "or as GBR" in order.words
+    assert not found.passed
+
+
+def test_jpeg_files_hold_no_numbers(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
+    found = xfrustum.verify("scene.toml", stored(hogels["right"], ids, "jpg"), encoding="triangle-id")
+    assert not found.passed
+    assert "lossy" in {fault.fault for fault in found.diagnosis.faults}
+
+
+@given(
+    numbers=st.lists(st.integers(-1, 65000), min_size=1, max_size=30),
+    channels=st.permutations(range(3)),
+    offset=st.integers(1, 2),
+)
+def test_reading_undoes_storing(numbers: list[int], channels: list[int], offset: int) -> None:
+    reading = Reading(
+        encoding=Encoding.TRIANGLE_ID, channels=(channels[0], channels[1], channels[2]), offset=offset
+    )
+    some = np.array([numbers], dtype=np.int32)
+    straight = packed(reading.stored(some))
+    rgb = np.empty_like(straight)
+    rgb[..., channels] = straight
+    np.testing.assert_array_equal(reading.numbers(reading.packed(rgb)), some)
+
+
+def test_text_page_junit_and_json_give_the_figures_that_were_limited(
+    world: Scene, hogels: dict[str, list[HogelImage]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The worst hogel's wrong surfaces and displacement, each with its limit, are the same four times."""
+    pattern = stored(hogels["near"], ids)
+    arguments = ["verify", "scene.toml", pattern, "--encoding", "triangle-id", "--quiet"]
+    assert main([*arguments, "--out", "out", "--junit", "junit.xml"]) == 1
+    text = capsys.readouterr().out
+    data = json.loads(Path("out/verification.json").read_text())
+    page = Path("out/index.html").read_text()
+    junit = Path("junit.xml").read_text()
+    worst = {check["figure"]: check for check in data["checks"]}
+    assert set(worst) == {"wrong surfaces", "displacement"}
+    surfaces = max(hogel["as_found"]["surface"]["fraction"] for hogel in data["hogels"])
+    assert worst["wrong surfaces"]["value"] == surfaces
+    words = f"wrong surfaces {100 * surfaces:.3g} % (limit 1 %)"
+    displacement = max(hogel["as_found"]["displacement_px"]["p99"] for hogel in data["hogels"])
+    moved = f"displacement {displacement:.3g} px (limit 0.5 px)"
+    for output in (text, page, junit):
+        assert words in output
+        assert moved in output
+        # No share of wrong pixels stands without saying wrong what.
+        assert not re.search(r"\bwrong (pixels )?\(|are wrong", output)
+    triangles = data["as_found"]["wrong"]
+    for output in (text, page, junit):
+        assert f"wrong triangles {triangles:,}" in output
+    cases = ElementTree.parse("junit.xml").getroot().findall("testcase")
+    assert [case.get("name") for case in cases if case.find("failure") is not None] == [
+        f"hogel {i},{j}" for j in (0, 1) for i in (0, 1)
+    ]
+
+
+def test_displacement_is_never_zero_where_pictures_are_rolled_or_the_scene_has_moved(
+    world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    asked: dict[str, Any] = {"encoding": "triangle-id", "max_wrong": 1.0}
+    moved = verified(hogels["moved"], ids, **asked)
+    rolled = verified(hogels["right"], lambda image: np.roll(ids(image), 5, axis=1), **asked)
+    for found, least in ((moved, 0.5), (rolled, 4.0)):
+        assert not found.passed
+        for hogel in found.summary()["hogels"]:
+            assert hogel["as_found"]["displacement_px"]["p99"] > least
+            assert hogel["as_found"]["displacement_by"] == "surface points"
+    assert verified(hogels["moved"], ids, **asked, max_displacement_px=None).passed
+
+
+def test_a_displacement_that_nobody_can_measure_keeps_no_limit(
+    world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    def noise(image: HogelImage) -> Bytes:
+        random = np.random.default_rng(image.camera.aperture.column)
+        return random.integers(1, 255, (64, 64, 3)).astype(np.uint8)
+
+    found = verified(hogels["right"], noise, encoding="rgb", max_wrong=1.0)
+    assert not found.passed
+    assert found.summary()["as_found"]["displacement_px"] is None
+    assert "displacement unknown (limit 0.5 px)" in found.checks[-1].words
+    assert verified(hogels["right"], noise, encoding="rgb", max_wrong=1.0, max_displacement_px=None).passed
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(-6, 6), st.integers(-6, 6))
+def test_outlines_are_found_where_they_were_moved_to(right: int, down: int) -> None:
+    rows, columns = np.mgrid[:80, :80]
+    disk = ((columns - 38) ** 2 + (rows - 41) ** 2 < 25**2).astype(np.int32)
+    moved = np.roll(disk, (down, right), axis=(0, 1))
+    spread = outline_displacement(steps_of(disk), steps_of(moved))
+    assert spread is not None
+    assert spread.p50 == pytest.approx(np.hypot(right, down), abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_has_no_outlines(seed: int) -> None:
+    rows, columns = np.mgrid[:80, :80]
+    disk = ((columns - 38) ** 2 + (rows - 41) ** 2 < 25**2).astype(np.int32)
+    noise = np.random.default_rng(seed).random((80, 80))
+    assert outline_displacement(steps_of(disk), steps_of(noise)) is None
+
+
+def test_geometry_passes_another_shading_that_colors_fail(
+    world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    by_color = verified(hogels["right"], headlight)
+    geometry = verified(hogels["right"], headlight, compare="geometry")
+    assert not by_color.passed
+    assert geometry.passed
+    assert by_color.summary()["compared"] == "color"
+    assert geometry.summary()["compared"] == "geometry"
+    assert "colors to within 0.00902" in by_color.judged
+    assert "where outlines run" in geometry.judged
+    assert geometry.checks[0].figure == "wrong outlines"
+
+
+WRONG_GEOMETRY: dict[str, tuple[str, Paint]] = {
+    "rolled": ("right", lambda image: np.roll(headlight(image), 5, axis=1)),
+    "rolled by one": ("right", lambda image: np.roll(headlight(image), 1, axis=0)),
+    "mirrored": ("right", lambda image: headlight(image)[:, ::-1]),
+    "near": ("near", headlight),
+    "moved": ("moved", headlight),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_GEOMETRY)
+def test_wrong_geometry_fails_in_any_shading(
+    name: str, world: Scene, hogels: dict[str, list[HogelImage]]
+) -> None:
+    which, paint = WRONG_GEOMETRY[name]
+    found = verified(hogels[which], paint, compare="geometry")
+    assert all(hogel.verdict == "fail" for hogel in found.hogels)
+
+
+def test_the_tolerance_of_colors_is_the_users(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
+    def brighter(image: HogelImage) -> Bytes:
+        return np.where(image.covered[..., None], np.minimum(colors(image).astype(int) + 8, 255), 0).astype(
+            np.uint8
+        )
+
+    assert verified(hogels["right"], colors).passed
+    assert not verified(hogels["right"], brighter).passed
+    assert verified(hogels["right"], brighter, max_color=0.04).passed
+
+
+def test_options_that_cannot_be_meant_are_refused(world: Scene, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match="compare"):
+        xfrustum.verify(world, "{i}{j}", compare="shape")
+    with pytest.raises(InputError, match="max-color"):
+        xfrustum.verify(world, "{i}{j}", max_color=-1.0)
+    assert main(["verify", "scene.toml", "{i}{j}.png", "--max-displacement-px", "some"]) == 2
+    assert "neither a number of pixels nor none" in capsys.readouterr().err
