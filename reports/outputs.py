@@ -49,7 +49,7 @@ class Staging:
 
     def __enter__(self) -> Staging:
         # Beside its place and on the same file system, else the rename would be a copy.
-        host = self._place if self._place.exists() else self._nearest_folder()
+        host = self.out if self.out.exists() else self._nearest_folder()
         if not host.is_dir():
             raise InputError(f"--out {self.out}: {host} is not a folder; choose another place")
         try:
@@ -91,7 +91,7 @@ class Staging:
             ) from error
 
     def _nearest_folder(self) -> Path:
-        place = self._place.parent
+        place = (self._place if self.out.is_symlink() else self.out.absolute()).parent
         while not place.exists():
             place = place.parent
         return place

@@ -87,7 +87,7 @@ class Aside:
         if self.descriptor < 0:
             return
         try:
-            _remove(self.path)
+            clear(self.path)
         finally:
             descriptor, self.descriptor = self.descriptor, -1
             os.close(descriptor)
@@ -258,9 +258,17 @@ def remove_abandoned(host: Path) -> None:
         try:
             ours = os.fstat(descriptor).st_uid == os.geteuid()
             if ours and _locked(descriptor) and _is(path, descriptor):
-                _remove(path)
+                clear(path)
         finally:
             os.close(descriptor)
+
+
+def clear(path: Path) -> None:
+    """Remove whatever has a name: a folder with all that is in it, or anything else."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def scratch_folder() -> Path:
@@ -285,13 +293,6 @@ def _is(path: Path, descriptor: int) -> bool:
         return os.path.samestat(path.lstat(), os.fstat(descriptor))
     except FileNotFoundError:
         return False
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
 
 
 def _descriptor(path: Path) -> int | None:
