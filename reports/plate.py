@@ -25,7 +25,7 @@ from xfrustum.scenes.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.scene import Scene
 
 WRITTEN_BEHIND = 4
-"""Hogels that may wait for the disk while others are drawn."""
+"""Hogels that may wait for the disk while others are drawn: several take it little longer than one."""
 
 Span = tuple[int, int] | None
 """First and last index; None for all."""
@@ -186,7 +186,7 @@ def _written(hogels: Iterable[PlateHogel], store: PlateStore) -> Iterator[Apertu
         store.write(hogel)
         return hogel.aperture
 
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="plate") as writer:
+    with ThreadPoolExecutor(WRITTEN_BEHIND, thread_name_prefix="plate") as writer:
         for hogel in hogels:
             if len(waiting) == WRITTEN_BEHIND:
                 yield waiting.popleft().result()

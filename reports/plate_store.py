@@ -285,11 +285,11 @@ def _differences(found: Any, wanted: Any, where: str = "") -> Iterator[str]:
 
 
 def _clear_way(group: Path, path: Path) -> None:
-    """Remove what keeps a file of a group from being written: a folder of its name, a file for a folder."""
+    """Remove what keeps a file of a group from being replaced: what is no file, and files for folders."""
     for place in reversed(path.relative_to(group).parents[:-1]):
         if _exists(group / place) and not (group / place).is_dir():
             clear(group / place)
-    if path.is_dir():
+    if path.is_symlink() or not path.is_file():
         clear(path)
 
 
