@@ -39,20 +39,23 @@ def is_whole(path: Path, content_bytes: int) -> bool:
 def _frame_end(descriptor: int, content_bytes: int) -> int | None:
     """Return where the frame at the start of a file ends; None where there is none of that content."""
     header = os.pread(descriptor, _HEADER_BYTES, 0)
+    magic: int
+    flags: int
     magic, flags = struct.unpack_from("<IB", header)
     single, checksum = flags >> 5 & 1, flags >> 2 & 1
     place = 5 + (1 - single) + _DICTIONARY_BYTES[flags & 3]
     form = ("<B" if single else "", "<H", "<I", "<Q")[flags >> 6]
     if magic != MAGIC or not form:
         return None
-    (content,) = struct.unpack_from(form, header, place)
+    content: int = struct.unpack_from(form, header, place)[0]
     # Two bytes begin where one ends.
     if content + (256 if form == "<H" else 0) != content_bytes:
         return None
     place += struct.calcsize(form)
     last = False
     while not last:
-        (block,) = struct.unpack("<I", os.pread(descriptor, 3, place).ljust(3, b"\xff") + b"\0")
+        # Nothing more reads as a block of no kind.
+        block = int.from_bytes(os.pread(descriptor, 3, place).ljust(3, b"\xff"), "little")
         last, kind, size = bool(block & 1), block >> 1 & 3, block >> 3
         if kind not in (_RAW, _RUN, _COMPRESSED):
             return None

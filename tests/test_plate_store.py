@@ -7,7 +7,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,11 @@ import zarr
 
 from tests.test_plate_stream import EVERYTHING, SETTINGS, small, tree
 from xfrustum.cli import main
-from xfrustum.raster.plate_renderer import PlateRenderer
 from xfrustum.reports import plate_store
 from xfrustum.reports.plate import PlateFiles, write_plate
 from xfrustum.reports.plate_chunks import is_whole
 from xfrustum.reports.plate_claims import Claims
 from xfrustum.scenes import InputError
-from xfrustum.scenes.plate import Aperture
 
 CHUNK = {"triangle": "triangle/c/2/3/0/0", "color": "color/c/2/3/0/0/0"}
 """Chunks of column 3, row 2."""
@@ -225,13 +224,13 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
 ) -> None:
     """Two processes that start at once on a new plate: neither takes the other's away."""
     out = tmp_path / "x.zarr"
-    make, others = plate_store._make, []
+    others: list[PlateFiles] = []
+    make = plate_store._make
 
     def overtaken(*arguments: Any) -> None:
-        if not others:
-            others.append(None)
-            apertures = [small().plate.aperture(column, 2) for column in range(7)]
-            others[0] = write_plate(small(), SETTINGS, out, apertures, EVERYTHING)
+        monkeypatch.setattr(plate_store, "_make", make)
+        apertures = [small().plate.aperture(column, 2) for column in range(7)]
+        others.append(write_plate(small(), SETTINGS, out, apertures, EVERYTHING))
         make(*arguments)
 
     monkeypatch.setattr(plate_store, "_make", overtaken)
@@ -242,26 +241,29 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 
 
-def test_what_others_draw_is_waited_for_and_not_drawn_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clean: Path
-) -> None:
-    """Each hogel that this process is about to draw makes another one begin, and all of them meet."""
+def test_what_another_is_drawing_is_waited_for_and_not_drawn_twice(tmp_path: Path, clean: Path) -> None:
+    """Another process has claimed a hogel: the others are drawn, and then either its work is used or done."""
     out = tmp_path / "x.zarr"
-    hogels, drawn = PlateRenderer.hogels, []
-
-    def counted(self: PlateRenderer, apertures: Iterator[Aperture]) -> Iterator[object]:
-        for hogel in hogels(self, apertures):
-            drawn.append(hogel.aperture.index)
-            if len(drawn) == 10:
-                # What this one has claimed by then nobody else draws; the rest, the other one draws.
-                apertures = [small().plate.aperture(column, 4) for column in range(7)]
-                write_plate(small(), SETTINGS, out, apertures[-1:], EVERYTHING)
-            yield hogel
-
-    monkeypatch.setattr(PlateRenderer, "hogels", counted)
-    write_plate(small(), SETTINGS, out, content=EVERYTHING)
-    assert len(drawn) == len(set(drawn)) == 35
-    assert tree(out) == tree(clean)
+    write_plate(small(), SETTINGS, out, [small().plate.middle], EVERYTHING)
+    column, row = 5, 4
+    for finishes in (True, False):
+        shutil.rmtree(out / f"color/c/{row}/{column}", ignore_errors=True)
+        with ThreadPoolExecutor(1) as pool, Claims(out / "zarr.json") as other:
+            assert other.take(row * 7 + column)
+            waiting = pool.submit(drawn_again, out)
+            done, _ = wait([waiting], timeout=2)
+            assert not done
+            if finishes:
+                shutil.copytree(clean / f"color/c/{row}/{column}", out / f"color/c/{row}/{column}")
+                shutil.copytree(
+                    clean / f"triangle/c/{row}/{column}",
+                    out / f"triangle/c/{row}/{column}",
+                    dirs_exist_ok=True,
+                )
+            other.release(row * 7 + column)
+            files = waiting.result()
+        assert (files.drawn, files.found) == ((33, 2) if finishes else (1, 34))
+        assert tree(out) == tree(clean)
 
 
 def test_a_failure_leaves_nothing_beside_the_plate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
