@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tests.brute_force import exact_first
 from tests.views import at, lines_by_definition, soup
 from xfrustum.cli import main
+from xfrustum.compare.rational import first_by_brute_force
 from xfrustum.compare.selfcheck_views import default_names
 from xfrustum.reference.certify import first_surfaces
 from xfrustum.reference.cone import Floats
@@ -152,3 +153,17 @@ def test_the_self_check_looks_at_the_smallest() -> None:
 def test_zero_is_no_small_number() -> None:
     scene: Scene = soup(np.eye(3)[None], FRUSTUM)
     assert (scene.vertices == 0).any()
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-72, 1e29])
+def test_two_layers_of_triangles_are_told_apart_at_every_size(size: float) -> None:
+    """Half of these pixels were wrong, and nearly all of them ties, at 1e-106."""
+    layer = np.random.default_rng(1).normal(size=(20, 3, 3)) - (0.0, 0.0, 1.0)
+    scene = soup(size * np.concatenate([layer, layer * (1.0, 1.0, 1.3)]), FRUSTUM)
+    pencil = replace(crossed_frustum(FRUSTUM, at(0.0, 0.0)), resolution=(32, 32))
+    found, exact = (
+        first_surfaces(scene.triangles, pencil),
+        first_by_brute_force(scene.triangles, pencil, range(32)),
+    )
+    np.testing.assert_array_equal(found.triangle, exact.triangle)
+    assert len(exact.ties) == 0 and not (found.certainty == Certainty.TIE).any()
