@@ -14,6 +14,10 @@ from xfrustum.reference.lines import Pencil
 from xfrustum.reference.pairs import Pairs
 from xfrustum.reference.rows import Rows
 
+UNDERFLOW = 2.0**-1022
+"""Smallest double that is held to full precision. Three quotients and products below it, of s and of its
+bound, are off by at most half a step each, 2^-1075, whatever their size."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sifted:
@@ -85,8 +89,9 @@ def plane_meeting(dx: Any, row: RowPlanes, select: Callable[[Any, Any, Any], Any
 
         |s - s_true| <= (plane_bound + |s| slope_bound) / (|slope| - slope_bound),
 
-    and the division itself and this expression round: `ROUNDING` times |s| pays for both. The
-    error is infinite where the slope may be zero.
+    and the division itself and this expression round: `ROUNDING` times |s| pays for both, and
+    `UNDERFLOW` where a quotient is smaller than what doubles hold to full precision. The error is
+    infinite where the slope may be zero, and zero where the plane runs through the center exactly.
 
     Parameters
     ----------
@@ -103,7 +108,8 @@ def plane_meeting(dx: Any, row: RowPlanes, select: Callable[[Any, Any, Any], Any
     certain = margin > slope_bound
     s = select(certain, row.plane / select(certain, slope, 1.0), 0.0)
     error = (row.plane_bound + abs(s) * slope_bound) / select(certain, margin, 1.0)
-    error = select(certain, error * (1 + ROUNDING) + ROUNDING * abs(s), np.inf)
+    error = error * (1 + ROUNDING) + ROUNDING * abs(s) + select(row.plane_bound > 0, UNDERFLOW, 0.0)
+    error = select(certain, error, np.inf)
     return s, error
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from xfrustum.raster.plate_renderer import PlateRenderer
+from xfrustum.reports.plate_claims import Claims
 from xfrustum.reports.plate_store import PlateStore, open_store
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.tables import json_ready
@@ -22,7 +25,7 @@ from xfrustum.scenes.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.scene import Scene
 
 WRITTEN_BEHIND = 4
-"""Hogels that may wait for the disk while others are drawn."""
+"""Hogels that may wait for the disk while others are drawn: several take it little longer than one."""
 
 Span = tuple[int, int] | None
 """First and last index; None for all."""
@@ -37,27 +40,35 @@ class PlateFiles:
     out
         The Zarr group.
     drawn, found
-        How many hogels were drawn, and how many had been finished before.
+        How many hogels were drawn, and how many had been finished before or by others meanwhile.
+    damaged
+        How many of those drawn were there, and not whole.
+    notes
+        What was damaged and has been mended, in sentences.
     """
 
     out: Path
     drawn: int
     found: int
+    damaged: int
+    notes: tuple[str, ...]
 
 
-def write_plate(
+def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     scene: Scene,
     settings: DoubleFrustum,
     out: Path,
     apertures: Iterable[Aperture] | None = None,
     content: PlateContent | None = None,
     *,
+    check: bool = False,
     progress: bool = False,
 ) -> PlateFiles:
     """Draw apertures of a plate that have not been drawn yet, each into a chunk of its own.
 
     Killed at any moment it loses no finished hogel; called again it goes on with the others and ends
-    with the bytes of a run that was not disturbed.
+    with the bytes of a run that was not disturbed. Any number of processes may draw one plate at once:
+    each hogel is drawn by one of them, and each ends when all that it was asked for is finished.
 
     Parameters
     ----------
@@ -69,6 +80,9 @@ def write_plate(
         In which order; None for the whole plate.
     content
         Type of color, whether triangle numbers come along, and what is simulated.
+    check
+        Whether to read through every hogel that is there; without it, only its layout is looked at. What
+        is damaged is drawn again.
     progress
         Whether to draw a bar on standard error.
 
@@ -82,23 +96,101 @@ def write_plate(
     with PlateRenderer(scene, settings, content) as renderer:
         description = described(renderer)
         store = open_store(out, scene, content, description)
-        missing = [aperture for aperture in chosen if not store.finished(aperture)]
-        found = len(chosen) - len(missing)
-        with progress_bar(len(chosen), "plate", "hogel", shown=progress) as bar:
-            bar.update(found)
-            for _ in _written(renderer.hogels(missing), store):
-                bar.update()
-    return PlateFiles(out=out, drawn=len(missing), found=found)
+        with (
+            store.claims() as claims,
+            progress_bar(len(chosen), "plate", "hogel", shown=progress) as bar,
+        ):
+            work = _Work(scene=scene, store=store, claims=claims, check=check, bar=bar)
+            waiting: Sequence[Aperture] = chosen
+            while waiting:
+                for aperture in _written(renderer.hogels(work.taken(waiting)), store):
+                    work.done(aperture)
+                waiting, work.elsewhere = work.elsewhere, []
+                if waiting:
+                    # Nothing of ours is under way: others may be waited for, as they wait for nobody.
+                    claims.wait(work.number(waiting[0]))
+    return PlateFiles(
+        out=out, drawn=work.drawn, found=work.found, damaged=work.damaged, notes=tuple(work.notes())
+    )
 
 
-def _written(hogels: Iterable[PlateHogel], store: PlateStore) -> Iterator[None]:
-    """Write hogels while the next ones are drawn; yield once for each that is finished."""
-    waiting: deque[Future[None]] = deque()
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="plate") as writer:
+@dataclass(kw_only=True)
+class _Work:
+    """Which hogels this process draws, and what became of them.
+
+    Attributes
+    ----------
+    elsewhere
+        Apertures that another process is drawing.
+    drawn, found, damaged
+        As in `PlateFiles`.
+    """
+
+    scene: Scene
+    store: PlateStore
+    claims: Claims
+    check: bool
+    bar: tqdm[Any]
+    elsewhere: list[Aperture] = field(default_factory=list)
+    drawn: int = 0
+    found: int = 0
+    damaged: int = 0
+
+    def taken(self, apertures: Iterable[Aperture]) -> Iterator[Aperture]:
+        """Yield those that are not finished and that nobody else is drawing, each claimed."""
+        for aperture in apertures:
+            number = self.number(aperture)
+            if self._finished(aperture):
+                self._count_found()
+            elif not self.claims.take(number):
+                self.elsewhere.append(aperture)
+            # Whoever claimed it before may have finished it since.
+            elif self._finished(aperture):
+                self.claims.release(number)
+                self._count_found()
+            else:
+                self.damaged += self.store.damaged(aperture) or self.store.finished(aperture)
+                yield aperture
+
+    def done(self, aperture: Aperture) -> None:
+        """Count a hogel that has been written."""
+        self.claims.release(self.number(aperture))
+        self.drawn += 1
+        self.bar.update()
+
+    def number(self, aperture: Aperture) -> int:
+        """Return the number of a hogel on its plate, row by row."""
+        return aperture.row * self.scene.plate.hogels[0] + aperture.column
+
+    def notes(self) -> Iterator[str]:
+        """Yield what was damaged and has been mended."""
+        for name in self.store.mended:
+            yield f"{self.store.out}: the description of {name} was damaged and has been written again"
+        if self.damaged:
+            hogels = "hogel was" if self.damaged == 1 else "hogels were"
+            yield f"{self.store.out}: {self.damaged} {hogels} damaged, and drawn again"
+
+    def _finished(self, aperture: Aperture) -> bool:
+        return self.store.finished(aperture) and (not self.check or self.store.readable(aperture))
+
+    def _count_found(self) -> None:
+        self.found += 1
+        self.bar.update()
+
+
+def _written(hogels: Iterable[PlateHogel], store: PlateStore) -> Iterator[Aperture]:
+    """Write hogels while the next ones are drawn; yield each aperture that is finished."""
+    waiting: deque[Future[Aperture]] = deque()
+
+    def write(hogel: PlateHogel) -> Aperture:
+        store.write(hogel)
+        return hogel.aperture
+
+    with ThreadPoolExecutor(WRITTEN_BEHIND, thread_name_prefix="plate") as writer:
         for hogel in hogels:
             if len(waiting) == WRITTEN_BEHIND:
                 yield waiting.popleft().result()
-            waiting.append(writer.submit(store.write, hogel))
+            waiting.append(writer.submit(write, hogel))
         while waiting:
             yield waiting.popleft().result()
 

@@ -1,35 +1,50 @@
 """A plate on disk: a Zarr group with one chunk for each hogel, which is there whole or not at all.
 
-Zarr writes a chunk aside and renames it, and nothing else is written after the group has been made:
-a chunk that exists is a hogel that is finished, whatever happened to the process that wrote it.
+A chunk is written aside and renamed when it is on the disk, and nothing else is written after the group
+has been made: a chunk that is whole is a hogel that is finished, whatever happened to the process that
+wrote it. What is not whole was damaged from outside, and counts as missing.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
-import shutil
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
+from zarr.abc.store import Store
 from zarr.codecs import ZstdCodec
+from zarr.core.buffer import Buffer, default_buffer_prototype
+from zarr.storage import LocalStore, MemoryStore
 
+from xfrustum.reports.plate_chunks import is_whole
+from xfrustum.reports.plate_claims import Claims
+from xfrustum.scenes.durable import Aside, clear, remove_abandoned, sync_folder, write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.scene import Scene
 
 ATTRIBUTE = "xfrustum"
-"""Of the group: everything that decides its pixels."""
+"""Attribute of the group that holds everything that decides its pixels."""
 
 COLOR, TRIANGLE = "color", "triangle"
 """Arrays of the group. A hogel is finished with its color, which is written last."""
 
+METADATA = "zarr.json"
+"""What Zarr calls the description of a group or an array, in its folder."""
+
+METADATA_BYTES = 1 << 20
+"""Largest description that is read; those of plates take some thousand bytes."""
+
 COMPRESSION_LEVEL = 1
-"""Of Zstandard: the same bytes for the same pixels, at a small part of the time that drawing takes."""
+"""Level of Zstandard: the same bytes for the same pixels, in a small part of the time that drawing takes."""
 
 Description = Mapping[str, Any]
 """What JSON can hold."""
@@ -42,26 +57,45 @@ class PlateStore:
     ----------
     out
         The group's folder.
-    group
-        The group in it.
+    arrays
+        Its arrays by name, in the order in which a hogel's are written.
+    mended
+        Names of arrays whose description was damaged and has been written again.
     """
 
-    def __init__(self, out: Path, group: zarr.Group) -> None:
+    def __init__(
+        self, out: Path, arrays: Mapping[str, zarr.Array[Any]], mended: tuple[str, ...] = ()
+    ) -> None:
         self.out = out
-        # In the order in which they are written. A hogel that shows nothing is written too: Zarr would
-        # leave out a chunk of fill values, and it would count as missing.
+        self.mended = mended
+        # A hogel that shows nothing is written too: Zarr would leave out a chunk of fill values, and it
+        # would count as missing.
         self._arrays = {
-            name: _array_of(group, name).with_config({"write_empty_chunks": True})
-            for name in (TRIANGLE, COLOR)
-            if name in group
+            name: array.with_config({"write_empty_chunks": True}) for name, array in arrays.items()
         }
 
     def finished(self, aperture: Aperture) -> bool:
-        """Return whether the hogel of an aperture has been written."""
-        return self._chunk(COLOR, aperture).exists()
+        """Return whether a hogel has been written and, as far as its layout says, is whole."""
+        return all(self._is_whole(name, aperture) for name in self._arrays)
+
+    def damaged(self, aperture: Aperture) -> bool:
+        """Return whether there is something of a hogel that is not whole."""
+        return any(
+            _exists(self._chunk(name, aperture)) and not self._is_whole(name, aperture)
+            for name in self._arrays
+        )
+
+    def readable(self, aperture: Aperture) -> bool:
+        """Return whether all of a finished hogel can be decompressed and is what was written."""
+        try:
+            for array in self._arrays.values():
+                array[aperture.row, aperture.column]
+        except (RuntimeError, ValueError, OSError):
+            return False
+        return True
 
     def write(self, hogel: PlateHogel) -> None:
-        """Write a hogel; afterwards it is finished.
+        """Write a hogel; afterwards it is finished, and on the disk.
 
         Raises
         ------
@@ -72,10 +106,23 @@ class PlateStore:
         images: dict[str, Any] = {COLOR: hogel.color, TRIANGLE: hogel.triangle}
         with _mendable(self.out):
             for name, array in self._arrays.items():
-                # What a killed process left in the middle of writing.
-                for partial in self._chunk(name, hogel.aperture).parent.glob("*.partial"):
-                    partial.unlink()
+                _clear_way(self.out, self._chunk(name, hogel.aperture))
                 array[row, column] = images[name]
+
+    def claims(self) -> Claims:
+        """Return what tells processes that draw this plate at once who draws which hogel.
+
+        Raises
+        ------
+        InputError
+            The group cannot be read.
+        """
+        with _mendable(self.out):
+            return Claims(self.out / METADATA)
+
+    def _is_whole(self, name: str, aperture: Aperture) -> bool:
+        array = self._arrays[name]
+        return is_whole(self._chunk(name, aperture), prod(array.chunks) * array.dtype.itemsize)
 
     def _chunk(self, name: str, aperture: Aperture) -> Path:
         array = self._arrays[name]
@@ -84,7 +131,10 @@ class PlateStore:
 
 
 def open_store(out: Path, scene: Scene, content: PlateContent, description: Description) -> PlateStore:
-    """Open the plate of a scene, or make it.
+    """Open the plate of a scene, or make it; several processes may do so at once.
+
+    What the arrays are follows from the scene. Where their descriptions say something else they were
+    damaged, and are written again: nothing that they declare is believed.
 
     Parameters
     ----------
@@ -104,23 +154,68 @@ def open_store(out: Path, scene: Scene, content: PlateContent, description: Desc
         settings; or nothing can be written there.
     """
     with _mendable(out):
-        if not out.exists():
-            _make(out, scene, content, description)
-        return PlateStore(out, _opened(out, description))
+        place = out.resolve()
+        documents = _documents(scene, content, description)
+        remove_abandoned(place.parent)
+        if not _exists(place):
+            _make(place, documents)
+        _check_description(out, place, json.loads(json.dumps(description)))
+        remove_abandoned(place)
+        mended = tuple(_mended(place, documents))
+        group = zarr.open_group(_DurableStore(place), mode="r+")
+        names = [name for name in (TRIANGLE, COLOR) if f"{name}/{METADATA}" in documents]
+        return PlateStore(out, {name: _array_of(group, name) for name in names}, mended)
 
 
-def _make(out: Path, scene: Scene, content: PlateContent, description: Description) -> None:
-    """Make an empty group aside and rename it."""
-    aside = out.with_name(f".{out.name}.new")
-    shutil.rmtree(aside, ignore_errors=True)
-    group = zarr.create_group(aside, attributes={ATTRIBUTE: dict(description)})
+class _DurableStore(LocalStore):
+    """A folder of chunks, each on the disk before it has its name; made aside in the folder itself."""
+
+    async def set(self, key: str, value: Buffer) -> None:
+        await asyncio.to_thread(self.set_sync, key, value)
+
+    def set_sync(self, key: str, value: Buffer) -> None:
+        path = self.root / key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, value.to_bytes(), host=self.root)
+
+
+def _documents(scene: Scene, content: PlateContent, description: Description) -> dict[str, bytes]:
+    """Return the descriptions of group and arrays that Zarr writes for a scene, by their place."""
+    store = MemoryStore()
+    group = zarr.create_group(store, attributes={ATTRIBUTE: dict(description)})
     width, height = scene.frustum.resolution
     shape = (*scene.plate.hogels[::-1], height, width)
     names = ("row", "column", "y", "x")
     _array(group, COLOR, (*shape, 3), content.color.dtype, (*names, "rgb"))
     if content.ids:
         _array(group, TRIANGLE, shape, np.dtype(np.int32), names)
-    aside.rename(out)
+    return asyncio.run(_everything(store))
+
+
+async def _everything(store: Store) -> dict[str, bytes]:
+    found = {}
+    async for key in store.list():
+        value = await store.get(key, default_buffer_prototype())
+        assert value is not None
+        found[key] = value.to_bytes()
+    return found
+
+
+def _make(place: Path, documents: Mapping[str, bytes]) -> None:
+    """Make an empty group aside and give it its name, unless another process has been faster."""
+    with Aside(place.parent, folder=True) as aside:
+        group = aside.path / "group"
+        for key, content in documents.items():
+            (group / key).parent.mkdir(parents=True, exist_ok=True)
+            write_file(group / key, content)
+        sync_folder(group)
+        try:
+            # No folder that holds something is replaced by this.
+            group.rename(place)
+        except OSError:
+            if not _exists(place):
+                raise
+        sync_folder(place.parent)
 
 
 def _array(
@@ -131,7 +226,8 @@ def _array(
         shape=shape,
         chunks=(1, 1, *shape[2:]),
         dtype=dtype,
-        compressors=[ZstdCodec(level=COMPRESSION_LEVEL)],
+        # With a checksum, so that reading a chunk tells whether it is what was written.
+        compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
         fill_value=-1 if name == TRIANGLE else 0,
         dimension_names=dimensions,
     )
@@ -143,22 +239,39 @@ def _array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
     return array
 
 
-def _opened(out: Path, description: Description) -> zarr.Group:
-    try:
-        if not out.is_dir():
-            raise NotADirectoryError(out)
-        group = zarr.open_group(out, mode="r+")
-        found = group.attrs[ATTRIBUTE]
-    # Zarr's own errors are ValueErrors, and some of them OSErrors too.
-    except (KeyError, ValueError, NotADirectoryError) as error:
-        raise InputError(f"--out {out}: exists and is no plate of xfrustum; choose another place") from error
-    wanted = json.loads(json.dumps(description))
+def _check_description(out: Path, place: Path, wanted: Description) -> None:
+    """Raise InputError unless a folder is a group that was made from a description."""
+    document = _read_document(place / METADATA)
+    attributes = document.get("attributes") if isinstance(document, dict) else None
+    found = attributes.get(ATTRIBUTE) if isinstance(attributes, dict) else None
+    if found is None:
+        raise InputError(f"--out {out}: exists and is no plate of xfrustum; choose another place")
     if found != wanted:
         where = ", ".join(_differences(found, wanted))
         raise InputError(
             f"--out {out}: was drawn with another {where}; give what it was drawn with, or another place"
         )
-    return group
+
+
+def _mended(place: Path, documents: Mapping[str, bytes]) -> Iterator[str]:
+    """Write descriptions again that say something else than they must; yield whose they are."""
+    for key, content in documents.items():
+        if _read_document(place / key) != json.loads(content):
+            _clear_way(place, place / key)
+            (place / key).parent.mkdir(exist_ok=True)
+            write_file(place / key, content, host=place)
+            yield key.removesuffix(METADATA).rstrip("/") or "group"
+
+
+def _read_document(path: Path) -> Any:
+    """Return what a description says; None where it is none."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            return None
+        with path.open("rb") as file:
+            return json.loads(file.read(METADATA_BYTES + 1)[:METADATA_BYTES])
+    except (OSError, ValueError, RecursionError):
+        return None
 
 
 def _differences(found: Any, wanted: Any, where: str = "") -> Iterator[str]:
@@ -171,6 +284,20 @@ def _differences(found: Any, wanted: Any, where: str = "") -> Iterator[str]:
             yield from _differences(found.get(key), wanted.get(key), f"{where}.{key}" if where else key)
 
 
+def _clear_way(group: Path, path: Path) -> None:
+    """Remove what keeps a file of a group from being replaced: what is no file, and files for folders."""
+    for place in reversed(path.relative_to(group).parents[:-1]):
+        if _exists(group / place) and not (group / place).is_dir():
+            clear(group / place)
+    if path.is_symlink() or not path.is_file():
+        clear(path)
+
+
+def _exists(path: Path) -> bool:
+    """Return whether anything has this name, a link that leads nowhere included."""
+    return path.exists() or path.is_symlink()
+
+
 @contextmanager
 def _mendable(out: Path) -> Iterator[None]:
     """Turn what the file system refuses into an InputError."""
@@ -178,5 +305,6 @@ def _mendable(out: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(
-            f"--out {out}: cannot write there ({error.strerror}); free some space or choose another place"
+            f"--out {out}: cannot write there ({error.strerror or error}); "
+            "free some space or choose another place"
         ) from error

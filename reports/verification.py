@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -24,6 +22,7 @@ from xfrustum.reports.sources import Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verdict import Hogel, Limits, Verification
 from xfrustum.reports.worst_hogels import WorstHogels
 from xfrustum.scenes import open_scene
+from xfrustum.scenes.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.foreign_images import Encoding
 from xfrustum.scenes.hogel_image import HogelImage
@@ -146,12 +145,12 @@ def _source(
         if not timeout_s > 0:
             raise InputError(f"timeout must be positive, not {timeout_s}")
         suffix = ".exr" if encoding is None else ".png"
-        with tempfile.TemporaryDirectory(prefix="xfrustum-") as folder:
+        with Aside(scratch_folder(), folder=True) as aside:
             yield Command(
                 template=command,
                 reference=reference,
                 encoding=meant,
-                folder=Path(folder),
+                folder=aside.path,
                 timeout_s=timeout_s,
                 suffix=suffix,
             )

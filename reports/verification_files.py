@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import tempfile
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 from xfrustum.compare.judged import SURFACES, WRONG_WORDS, MeasuredBy
-from xfrustum.reports.outputs import Staging
+from xfrustum.reports.outputs import Staging, write_output
 from xfrustum.reports.provenance import machine, versions
 from xfrustum.reports.tables import json_ready
 from xfrustum.reports.templates_environment import html_page
@@ -56,7 +54,13 @@ def _worded(figures: dict[str, Any] | None) -> str | None:
 
 
 def write_junit(found: Verification, path: Path) -> None:
-    """Write one test case for each hogel as JUnit XML, aside and then renamed."""
+    """Write one test case for each hogel as JUnit XML, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
     suite = ElementTree.Element(
         "testsuite",
         name=_xml_text(f"xfrustum verify {found.scene.name}"),
@@ -77,18 +81,8 @@ def write_junit(found: Verification, path: Path) -> None:
             failure = ElementTree.SubElement(case, "failure", message=_xml_text(exceeded))
             failure.text = _xml_text(f"{figures_words(hogel.as_found)}\ndiagnosis: {words}")
     ElementTree.SubElement(suite, "system-out").text = _xml_text(table(found))
-    tree = ElementTree.ElementTree(suite)
-    ElementTree.indent(tree)
-    with tempfile.NamedTemporaryFile(dir=path.absolute().parent, delete=False) as file:
-        tree.write(file, encoding="utf-8", xml_declaration=True)
-    Path(file.name).chmod(0o666 & ~_umask())
-    Path(file.name).replace(path)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    ElementTree.indent(suite)
+    write_output(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True), "--junit")
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -12,6 +11,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from xfrustum.scenes.durable import NewFile
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.exr_channels import (
     CAMERA_ATTRIBUTE,
@@ -28,6 +28,7 @@ from xfrustum.scenes.exr_channels import (
     VARIANCE,
     pixel_type,
 )
+from xfrustum.scenes.exr_whole import check_whole
 from xfrustum.scenes.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.rendering import Rendering
 
@@ -88,9 +89,6 @@ class ImageWriter:
                 f"{self._path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
                 f"{MOST_PIXELS:,}; lower frustum.resolution"
             )
-        if self._path.is_dir():
-            raise InputError(f"{self._path}: cannot write the image (it is a folder); name a file")
-        self._aside = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
         header = OpenEXR.Header(*camera.resolution)
         header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
         header["channels"] = {name: Imath.Channel(pixel_type(name)) for name in self._channels}
@@ -98,15 +96,20 @@ class ImageWriter:
         if rendering is not None:
             header[RENDERING_ATTRIBUTE] = RENDERING_JSON.dump_json(rendering)
         try:
-            # Python's own message says why; OpenEXR's does not always.
-            self._aside.touch()
-            # The older interface, because the newer one writes whole images only.
-            self._file = OpenEXR.OutputFile(str(self._aside), header)
+            self._new = NewFile(self._path)
         except OSError as error:
-            self._discard()
-            reason = error.strerror or "OpenEXR cannot open it"
             raise InputError(
-                f"{self._path}: cannot write the image ({reason}); choose another folder"
+                f"{self._path}: cannot write the image ({error.strerror}); choose another folder"
+            ) from error
+        try:
+            # The older interface, because the newer one writes whole images only.
+            self._file = OpenEXR.OutputFile(self._new.open_name, header)
+        except BaseException as error:
+            self._new.discard()
+            if not isinstance(error, OSError):
+                raise
+            raise InputError(
+                f"{self._path}: cannot write the image (OpenEXR cannot open it); choose another folder"
             ) from error
 
     def write_rows(self, first_row: int, band: HogelImage) -> None:
@@ -131,32 +134,36 @@ class ImageWriter:
         try:
             self._file.writePixels(pixels, rows)
         except (OSError, RuntimeError) as error:
-            raise InputError(f"{self._path}: cannot write the image ({error}); check the disk") from error
+            raise self._refused(error) from error
         self._next_row += rows
 
     def close(self) -> None:
-        """Put the complete file under its name."""
+        """Put the complete file under its name, once it is on the disk."""
         if self._next_row != self._camera.resolution[1]:
             self.abort()
             raise ValueError(f"only {self._next_row} of {self._camera.resolution[1]} rows were written")
         try:
             self._file.close()
-            self._aside.replace(self._path)
+            # OpenEXR keeps to itself what goes wrong with the last bytes that it writes.
+            check_whole(self._new.aside, self._camera.resolution[1])
+            self._new.commit()
         except (OSError, RuntimeError) as error:
-            self._discard()
-            raise InputError(f"{self._path}: cannot write the image ({error}); check the disk") from error
+            raise self._refused(error) from error
+        finally:
+            self._new.discard()
 
     def abort(self) -> None:
         """Leave nothing behind."""
         try:
             self._file.close()
         finally:
-            self._discard()
+            self._new.discard()
 
-    def _discard(self) -> None:
-        # A parent that is no folder cannot hold a leftover.
-        if self._path.parent.is_dir():
-            self._aside.unlink(missing_ok=True)
+    def _refused(self, error: OSError | RuntimeError) -> InputError:
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+        # The name of a file that nobody will find is no help.
+        reason = reason.replace(self._new.open_name, "it")
+        return InputError(f"{self._path}: cannot write the image ({reason}); check the disk")
 
     def __enter__(self) -> Self:
         return self

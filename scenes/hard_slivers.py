@@ -1,10 +1,10 @@
-"""Hard cases of triangles that are hardly there: edge-on, needles, without area, twice."""
+"""Hard cases of triangles that are hardly there: edge-on, needles, without area, twice, tiny."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from xfrustum.scenes.hard_case import Floats, HardCase, loose, on_line, wall
+from xfrustum.scenes.hard_case import Floats, HardCase, film_rectangle, loose, on_line, wall
 from xfrustum.scenes.placement import place, placement
 from xfrustum.scenes.scene import SceneObject
 from xfrustum.scenes.shapes import build_shape
@@ -65,6 +65,16 @@ def _duplicates() -> tuple[SceneObject, ...]:
     )
 
 
+SMALLEST = 2.0**-240
+"""Depth of the nearer of two sheets: their smallest coordinates, 1/128 of it, are about 4e-75."""
+
+
+def _smallest() -> tuple[SceneObject, ...]:
+    hidden = film_rectangle((4.0, 40.0), (4.0, 60.0), 2 * SMALLEST)
+    nearer = film_rectangle((20.0, 56.0), (12.0, 52.0), SMALLEST)
+    return loose("hidden", hidden), loose("nearer", nearer), wall()
+
+
 CASES = (
     HardCase(
         name="hard/edge-on",
@@ -89,5 +99,11 @@ CASES = (
         why="the same faces twice, wound either way, and again with vertices of their own",
         expected="every covered pixel is a tie of all three and shows the first",
         objects=_duplicates,
+    ),
+    HardCase(
+        name="hard/smallest",
+        why="two sheets 1e-72 behind the aperture, near the smallest coordinates that may be, and a wall",
+        expected="the nearer sheet before the other, and the wall around them: 1517, 1248, 1331 pixels",
+        objects=_smallest,
     ),
 )

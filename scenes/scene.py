@@ -26,6 +26,11 @@ SHORTEST, LONGEST = 1e-30, 1e30
 """Lengths of plate, reach and screen, and largest coordinate: products of two stay within float32's
 range in pictures, and products of three far within that of doubles, where bounds on rounding hold."""
 
+SMALLEST_COORDINATE = 1e-75
+"""Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at least
+2^-53 of it, and products of three differences stay within the range of doubles even where all but the last
+digit of a sum cancels: the bounds on rounding, which are relative, hold (docs/truth.md)."""
+
 STEEPEST = 1e12
 """Largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart."""
 
@@ -157,7 +162,8 @@ class Scene:
     name, units
         For people; `units` names the scene's own length unit.
     objects
-        May be empty: the true image of nothing is nothing.
+        May be empty: the true image of nothing is nothing. Coordinates are zero, or between
+        `SMALLEST_COORDINATE` and `LONGEST`.
     source
         What the command line calls this scene: the path of a file, or a built-in name. Images
         carry it, so that a comparison can trace the scene again.
@@ -180,10 +186,10 @@ class Scene:
     def __post_init__(self) -> None:
         self._check_kinds()
         lengths = [*self.plate.size, *self.frustum.reach]
-        corners = [float(np.abs(part.vertices).max()) for part in self.objects]
+        corners = [self._largest_coordinate(part) for part in self.objects]
         screen = self.frustum.screen
         if screen is not None:
-            lengths += [abs(screen.height), *screen.size]
+            lengths += [abs(screen.height), *screen.size, *(abs(c) for c in screen.center if c)]
             # How far the lines of some aperture run aside on their way to the screen.
             extents = zip(screen.center, screen.size, self.plate.size, strict=True)
             aside = max(abs(center) + size + plate for center, size, plate in extents)
@@ -197,6 +203,24 @@ class Scene:
                 f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} {self.units}, "
                 "which is what 32-bit images can hold; choose another unit of length"
             )
+
+    def _largest_coordinate(self, part: SceneObject) -> float:
+        """Return the largest absolute coordinate of an object.
+
+        Raises
+        ------
+        InputError
+            One is not zero and smaller than `SMALLEST_COORDINATE`.
+        """
+        coordinates = np.abs(part.vertices)
+        smallest = float(coordinates.min(where=coordinates > 0, initial=np.inf))
+        if smallest < SMALLEST_COORDINATE:
+            raise InputError(
+                f"{self.name}: {part.name} has a coordinate of {smallest:.3g} {self.units}, which is not "
+                f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding holds; round it to "
+                "zero, or scale the mesh"
+            )
+        return float(coordinates.max())
 
     def _check_kinds(self) -> None:
         """Raise InputError where something is not of the class that it must be of."""

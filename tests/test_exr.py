@@ -187,7 +187,7 @@ def test_unwritable_places_are_one_line_and_leave_nothing(tmp_path: Path) -> Non
     (tmp_path / "file").touch()
     (tmp_path / "folder.exr").mkdir()
     for place in ("missing/x.exr", "file/x.exr", "folder.exr"):
-        with pytest.raises(InputError, match="cannot write the image") as caught:
+        with pytest.raises(InputError, match=r"cannot write the image|is a folder") as caught:
             write_image(tmp_path / place, an_image())
         assert "\n" not in str(caught.value)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.exr"]

@@ -23,7 +23,7 @@ from xfrustum.scenes.hard_frusta import (
     asymmetric_on_a_grid,
 )
 from xfrustum.scenes.hard_sheets import AT_REACH, SEPARATIONS, SHEET_ROWS, sheet_columns
-from xfrustum.scenes.hard_slivers import TURNED_COLUMN, TURNED_HALF_HEIGHT, TURNED_MIDDLE
+from xfrustum.scenes.hard_slivers import SMALLEST, TURNED_COLUMN, TURNED_HALF_HEIGHT, TURNED_MIDDLE
 
 ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 
@@ -222,6 +222,14 @@ def test_duplicates_tie_threefold() -> None:
     for (row, column), triangles in companions_of(image).items():
         first = image.triangle[row, column]
         assert triangles == [first, first + once, first + 2 * once]
+
+
+def test_the_smallest_sheets_hide_each_other_and_the_wall() -> None:
+    image = truth_of("hard/smallest")
+    expected = np.full(image.triangle.shape, 2)
+    expected[4:61, 4:41], expected[12:53, 20:57] = 0, 1
+    np.testing.assert_array_equal(image.object, expected)
+    np.testing.assert_array_equal(image.height, np.choose(expected, [-2 * SMALLEST, -SMALLEST, -100.0]))
 
 
 def asymmetric_at_the_plate() -> Scene:

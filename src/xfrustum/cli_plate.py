@@ -64,6 +64,7 @@ def _span(text: str) -> Span:
     help="Type of linear RGB.",
 )
 @click.option("--ids", is_flag=True, help="Triangle numbers too.")
+@click.option("--check", is_flag=True, help="Read through all that is there, and draw again what is damaged.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of a Zarr group.")
 @options.quiet_option
 @options.json_option
@@ -75,13 +76,15 @@ def plate(
     light: Light,
     color: str,
     ids: bool,
+    check: bool,
     out: Path,
     quiet: bool,
     as_json: bool,
 ) -> None:
     """Draw a plate, or blocks of it, into a Zarr group with one chunk for each hogel.
 
-    What is there already is kept: stopped at any moment and called again, it goes on where it was.
+    What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
+    processes may draw one plate at once.
     Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1.
     """
     from xfrustum.reports.plate import blocks_of_apertures, write_plate
@@ -92,8 +95,12 @@ def plate(
     chosen = list(blocks_of_apertures(opened.plate, spans))
     options.look_at(opened, chosen, black_is_right=True)
     content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings.camera))
-    files = write_plate(opened, settings, out, chosen, content, progress=not quiet)
+    files = write_plate(opened, settings, out, chosen, content, check=check, progress=not quiet)
+    for note in files.notes:
+        click.echo(f"xfrustum: note: {note}", err=True)
     if as_json:
-        options.print_json({"out": files.out, "drawn": files.drawn, "found": files.found})
+        options.print_json(
+            {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged}
+        )
     else:
         click.echo(f"{files.drawn} hogels drawn, {files.found} found\n{files.out}")

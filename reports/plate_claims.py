@@ -1,0 +1,76 @@
+"""Who draws which hogel, where several processes draw one plate at once."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import struct
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+_FLOCK = "hhqqi4x"
+"""struct flock of Linux with 64 bits: type, whence, start, length, process."""
+
+_NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+"""What a system says that cannot lock; EBADF of a file that is open for reading only."""
+
+
+class Claims:
+    """Locks on single bytes of one file, byte n for hogel n; the system drops those of a dead process.
+
+    A context manager: leaving it lets go of all. Locks belong to this object and not to the process, so
+    that nothing else that opens and closes the file disturbs them. Where a file system or a file that may
+    not be written knows no locks, every claim is granted: hogels may be drawn twice, and are the same.
+
+    Parameters
+    ----------
+    path
+        A file that all who draw the plate have in common, and that is never replaced.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except OSError as error:
+            if error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS):
+                raise
+            self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+
+    def take(self, number: int) -> bool:
+        """Claim a hogel and return whether nobody else has."""
+        try:
+            self._lock(fcntl.F_OFD_SETLK, fcntl.F_WRLCK, number)
+        except BlockingIOError:
+            return False
+        return True
+
+    def wait(self, number: int) -> None:
+        """Wait until nobody else claims a hogel any more."""
+        self._lock(fcntl.F_OFD_SETLKW, fcntl.F_WRLCK, number)
+        self.release(number)
+
+    def release(self, number: int) -> None:
+        """Let go of a hogel."""
+        self._lock(fcntl.F_OFD_SETLK, fcntl.F_UNLCK, number)
+
+    def _lock(self, command: int, kind: int, number: int) -> None:
+        try:
+            fcntl.fcntl(self._descriptor, command, struct.pack(_FLOCK, kind, os.SEEK_SET, number, 1, 0))
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._descriptor)

@@ -1,0 +1,273 @@
+"""What a file is put in the place of, and what killed processes leave behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from xfrustum.cli import main
+from xfrustum.reports.outputs import Staging, check_writable_file, write_output
+from xfrustum.scenes.durable import Aside, NewFile, remove_abandoned, write_file
+from xfrustum.scenes.errors import InputError
+
+SCENE = """
+name = "small"
+[plate]
+size = [80.0, 60.0]
+hogels = [1, 1]
+[frustum]
+resolution = [16, 12]
+fov_deg = [60.0, 60.0]
+reach = [150.0, 150.0]
+[[object]]
+shape = "square"
+scale = 60.0
+translate = [0.0, 0.0, -60.0]
+"""
+
+VERIFY = "verify scene.toml {i}x{j}.exr --quiet --junit"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A scene and what a renderer drew of it."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE)
+    assert main(["raster", "scene.toml", "--near", "0.001", "--out", "0x0.exr"]) == 0
+    return tmp_path
+
+
+def made_by_us(folder: Path) -> list[Path]:
+    return sorted(folder.glob(".xfrustum-*"))
+
+
+def left_behind(folder: Path, what: str) -> subprocess.Popen[str]:
+    """Start a process that makes something aside in a folder and waits to be killed."""
+    program = f"""
+import sys, time
+from pathlib import Path
+from xfrustum.scenes.durable import Aside, NewFile
+made = {what}
+print("made", flush=True)
+time.sleep(600)
+"""
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=folder)
+    assert process.stdout is not None and process.stdout.readline() == "made\n"
+    return process
+
+
+def test_a_link_stays_and_what_it_points_to_is_replaced(folder: Path) -> None:
+    (folder / "far").mkdir()
+    target = folder / "far" / "target.xml"
+    target.write_text("old")
+    target.chmod(0o640)
+    (folder / "middle.xml").symlink_to(target)
+    (folder / "link.xml").symlink_to("middle.xml")
+    before = target.stat().st_ino
+    assert main([*VERIFY.split(), "link.xml"]) == 0
+    assert (folder / "link.xml").is_symlink() and (folder / "middle.xml").is_symlink()
+    assert target.read_text().startswith("<?xml") and target.stat().st_ino != before
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+
+
+def test_a_link_that_leads_nowhere_is_where_the_file_is_made(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("target")
+    write_file(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "target").read_bytes() == b"new"
+
+
+def test_links_in_a_folder_of_outputs_stay_too(folder: Path) -> None:
+    (folder / "out").mkdir()
+    (folder / "page.html").write_text("old")
+    (folder / "out" / "index.html").symlink_to("../page.html")
+    assert main([*VERIFY.split(), "x.xml", "--out", "out"]) == 0
+    assert (folder / "out" / "index.html").is_symlink()
+    assert (folder / "page.html").read_text().rstrip().endswith("</html>")
+
+
+def test_a_device_is_written_into_and_stays(folder: Path) -> None:
+    device = folder / "null"
+    try:
+        os.mknod(device, 0o666 | stat.S_IFCHR, os.makedev(1, 3))
+        device.write_bytes(b"")
+    except PermissionError:
+        pytest.skip("needs the right to make and open devices")
+    before = device.stat()
+    assert main([*VERIFY.split(), "null"]) == 0
+    assert main([*VERIFY.split(), str(folder / "x.xml"), "--out", "out"]) == 0
+    assert (device.stat().st_ino, device.stat().st_rdev) == (before.st_ino, before.st_rdev)
+    assert made_by_us(folder) == []
+
+
+def test_a_pipe_is_written_into(folder: Path) -> None:
+    os.mkfifo(folder / "pipe.exr")
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append((folder / "pipe.exr").read_bytes()))
+    reader.start()
+    assert main(["raster", "scene.toml", "--near", "0.001", "--out", "pipe.exr"]) == 0
+    reader.join()
+    assert read == [(folder / "0x0.exr").read_bytes()]
+    assert stat.S_ISFIFO((folder / "pipe.exr").stat().st_mode)
+
+
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link"])
+def test_standard_output_is_written_into_whatever_it_is(name: str, folder: Path) -> None:
+    """A file that it is sent to keeps what was printed before and gets what is printed after."""
+    (folder / "link").symlink_to("/dev/stdout")
+    with (folder / "log").open("w") as log:
+        log.write("before\n")
+        log.flush()
+        line = [sys.executable, "-m", "xfrustum", *VERIFY.split(), name]
+        assert subprocess.run(line, stdout=log, check=False, cwd=folder).returncode == 0
+    text = (folder / "log").read_text()
+    assert text.startswith("before\n<?xml") and "</testsuite>Right: all 1 hogels" in text
+
+
+def test_what_no_file_can_be_written_into_is_refused_in_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "folder").mkdir()
+    (folder / "loop").symlink_to("loop")
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind("socket")
+    for name in ("folder", "socket", "loop", "missing/x.xml", "scene.toml/x.xml"):
+        capsys.readouterr()
+        assert main([*VERIFY.split(), name]) == 2, name
+        error = capsys.readouterr().err
+        assert error.startswith(f"xfrustum: error: --junit {name}: ") and error.count("\n") == 1
+    listening.close()
+    assert stat.S_ISSOCK((folder / "socket").stat().st_mode) and (folder / "loop").is_symlink()
+    (folder / "out").mkdir()
+    (folder / "socket").rename(folder / "out" / "index.html")
+    with (
+        pytest.raises(InputError, match=r"index\.html in it is a socket"),
+        Staging(Path("out"), ["index.html"]),
+    ):
+        pytest.fail("was begun")
+
+
+def test_a_block_device_is_refused(tmp_path: Path) -> None:
+    try:
+        os.mknod(tmp_path / "disk", 0o600 | stat.S_IFBLK, os.makedev(7, 250))
+    except PermissionError:
+        pytest.skip("needs the right to make devices")
+    with pytest.raises(InputError, match=r"--junit .*: is a block device"):
+        check_writable_file(tmp_path / "disk", "--junit")
+    with pytest.raises(InputError, match="is a block device"):
+        write_output(tmp_path / "disk", b"new", "--junit")
+
+
+def test_a_name_that_is_no_utf8_is_a_name_like_others(folder: Path) -> None:
+    place = os.fsdecode(os.fsencode(folder) + b"/\xff.exr")
+    assert main(["raster", "scene.toml", "--near", "0.001", "--out", place]) == 0
+    assert Path(place).read_bytes() == (folder / "0x0.exr").read_bytes()
+    assert made_by_us(folder) == []
+
+
+@pytest.mark.parametrize("what", ["Aside(Path())", "Aside(Path(), folder=True)", "NewFile(Path('x'))"])
+def test_what_a_killed_process_left_goes_and_what_a_living_one_makes_stays(what: str, tmp_path: Path) -> None:
+    processes = [left_behind(tmp_path, what) for _ in range(2)]
+    try:
+        assert len(made_by_us(tmp_path)) == 2
+        remove_abandoned(tmp_path)
+        assert len(made_by_us(tmp_path)) == 2
+        processes[0].send_signal(signal.SIGKILL)
+        processes[0].wait()
+        remove_abandoned(tmp_path)
+        assert len(made_by_us(tmp_path)) == 1
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+    write_file(tmp_path / "other", b"anything")
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+def test_only_what_bears_our_name_is_removed(tmp_path: Path) -> None:
+    for name in (
+        ".xfrustum",
+        ".xfrustum-",
+        ".xfrustum-notes.txt",
+        ".xfrustum-0123456789",
+        "xfrustum-01234567",
+    ):
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "mine").write_text("mine")
+    (tmp_path / ".xfrustum-abcdefgh").symlink_to("folder")
+    before = sorted(tmp_path.rglob("*"))
+    remove_abandoned(tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("made", [True, False])
+def test_a_folder_of_outputs_removes_what_was_left_there_and_beside_it(made: bool, tmp_path: Path) -> None:
+    for place in (tmp_path, tmp_path / "out") if made else (tmp_path,):
+        place.mkdir(exist_ok=True)
+        (place / ".xfrustum-0a1b2c3d").mkdir()
+        (place / ".xfrustum-0a1b2c3d" / "index.html").write_text("half")
+    with Staging(tmp_path / "out", ["x"]) as staging:
+        (staging.folder / "x").write_text("whole")
+        staging.commit()
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["out", "x"]
+
+
+def test_nothing_has_its_name_before_it_is_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both its content and, once it is renamed, the folder that holds its name."""
+    path, seen = tmp_path / "x", []
+    fsync = os.fsync
+
+    def watched(descriptor: int) -> None:
+        seen.append((stat.S_ISDIR(os.fstat(descriptor).st_mode), path.exists()))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", watched)
+    write_file(path, b"content")
+    assert seen == [(False, False), (True, True)]
+    seen.clear()
+    path.unlink()
+    with Staging(tmp_path, ["x"]) as staging:
+        (staging.folder / "x").write_text("content")
+        staging.commit()
+    assert seen == [(False, False), (True, True)]
+
+
+def test_an_error_of_the_disk_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "x").write_text("old")
+
+    def failing(descriptor: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(InputError, match=r"--junit .*Input/output error"):
+        write_output(tmp_path / "x", b"new", "--junit")
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("x", "old")]
+
+
+def test_permissions_are_those_that_files_get(tmp_path: Path) -> None:
+    mask = os.umask(0o027)
+    try:
+        with NewFile(tmp_path / "x"):
+            pass
+        with Aside(tmp_path) as aside:
+            assert aside.path.exists()
+    finally:
+        os.umask(mask)
+    assert stat.S_IMODE((tmp_path / "x").stat().st_mode) == 0o640
+
+
+def test_json_on_a_pipe_is_one_object_though_a_file_goes_there_too(folder: Path) -> None:
+    line = [sys.executable, "-m", "xfrustum", *VERIFY.split(), "/dev/stderr", "--json"]
+    done = subprocess.run(line, capture_output=True, check=True, text=True, cwd=folder)
+    assert json.loads(done.stdout)["hogels"] and done.stderr.startswith("<?xml")
