@@ -21,6 +21,8 @@ from types import TracebackType
 from typing import Self
 
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.quiet import STDERR
+from xfrustum.terminal import messages
 
 _PREFIX = ".xfrustum-"
 _MADE_BY_US = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}")
@@ -302,12 +304,20 @@ def _descriptor(path: Path) -> int | None:
     for _ in range(_LINKS_FOLLOWED):
         found = _DESCRIPTOR.fullmatch(name)
         if found:
-            return int(found.group(1))
+            return _own(int(found.group(1)))
         link = Path(name)
         if not link.is_symlink():
             return None
         name = os.path.normpath(link.parent / link.readlink())
     return None
+
+
+def _own(number: int) -> int:
+    """Return the descriptor that users mean: the command line gives number 2 to libraries, for their words."""
+    if number == STDERR:
+        with suppress(OSError, ValueError):  # a stream that is no file
+            return messages().fileno()
+    return number
 
 
 def _copy(source: int, path: Path) -> None:

@@ -18,6 +18,7 @@ from xfrustum.cli import main
 from xfrustum.reports.outputs import Staging, check_writable_file, write_output
 from xfrustum.scenes.durable import Aside, NewFile, remove_abandoned, write_file
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.exr import read_image, write_image
 
 SCENE = """
 name = "small"
@@ -167,9 +168,16 @@ def test_a_block_device_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_name_that_is_no_utf8_is_a_name_like_others(folder: Path) -> None:
+    place = Path(os.fsdecode(os.fsencode(folder) + b"/\xff.exr"))
+    write_image(place, read_image(folder / "0x0.exr"))
+    assert place.read_bytes() == (folder / "0x0.exr").read_bytes()
+    assert made_by_us(folder) == []
+
+
+def test_the_command_line_refuses_a_name_that_is_no_utf8(folder: Path) -> None:
+    # Libraries in C++ end the process at such names, so that no command takes one.
     place = os.fsdecode(os.fsencode(folder) + b"/\xff.exr")
-    assert main(["raster", "scene.toml", "--near", "0.001", "--out", place]) == 0
-    assert Path(place).read_bytes() == (folder / "0x0.exr").read_bytes()
+    assert main(["raster", "scene.toml", "--near", "0.001", "--out", place]) == 2
     assert made_by_us(folder) == []
 
 
