@@ -313,7 +313,7 @@ def _descriptor(path: Path) -> int | None:
 
 
 def _own(number: int) -> int:
-    """Return the descriptor that users mean: the command line gives number 2 to libraries, for their words."""
+    """Return the descriptor that users mean; the command line gives number 2 to what libraries say."""
     if number == STDERR:
         with suppress(OSError, ValueError):  # a stream that is no file
             return messages().fileno()
