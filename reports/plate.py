@@ -17,6 +17,7 @@ from xfrustum.reports.plate_claims import Claims
 from xfrustum.reports.plate_store import PlateStore, open_store
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.tables import json_ready
+from xfrustum.scenes.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.double_frustum import DoubleFrustum
 from xfrustum.scenes.effects import needed
 from xfrustum.scenes.look import look_hash
@@ -92,7 +93,9 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
         See `PlateRenderer` and `open_store`.
     """
     content = content or PlateContent()
-    chosen = list(dict.fromkeys(all_apertures(scene.plate) if apertures is None else apertures))
+    chosen = scene.plate.apertures() if apertures is None else apertures
+    if not isinstance(chosen, ApertureBlocks):
+        chosen = list(dict.fromkeys(chosen))
     with PlateRenderer(scene, settings, content) as renderer:
         description = described(renderer)
         store = open_store(out, scene, content, description)
@@ -220,13 +223,8 @@ def described(renderer: PlateRenderer) -> dict[str, Any]:
     return ready
 
 
-def all_apertures(plate: Plate) -> Iterator[Aperture]:
-    """Yield every aperture, row by row from the top left."""
-    return blocks_of_apertures(plate, [(None, None)])
-
-
-def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> Iterator[Aperture]:
-    """Yield the apertures of some blocks, each row by row.
+def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> ApertureBlocks:
+    """Return the apertures of some blocks.
 
     Parameters
     ----------
@@ -240,12 +238,12 @@ def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> It
     InputError
         A block reaches beyond the plate.
     """
+    found = []
     for block in blocks:
         (left, right), (top, bottom) = (
             (0, count - 1) if span is None else span for span, count in zip(block, plate.hogels, strict=True)
         )
         # Both corners first: a mistake is not found in the middle of the work.
         plate.aperture(left, top), plate.aperture(right, bottom)
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                yield plate.aperture(column, row)
+        found.append((range(left, right + 1), range(top, bottom + 1)))
+    return ApertureBlocks(plate, tuple(found))

@@ -9,6 +9,7 @@ import re
 import string
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from glob import escape, iglob
 from pathlib import Path
 from typing import Protocol
 
@@ -18,6 +19,9 @@ from xfrustum.scenes.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.hogel_image import HogelImage
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
+
+MAX_NAMES_TRIED = 10_000
+"""Files whose names are looked up one by one before the work, to tell a wrong pattern at once."""
 
 Renderer = Callable[[Scene, Aperture], HogelImage]
 """What a renderer in Python looks like from here."""
@@ -120,11 +124,20 @@ class Files:
 
     def check(self, apertures: Sequence[Aperture]) -> None:
         """Raise InputError where none of the files exists."""
-        if not any(self.path(aperture).exists() for aperture in apertures):
+        # On a plate of millions it is enough that some file has such a name.
+        some = next(iglob(self._any_name()), None) is not None  # noqa: PTH207 - names are no paths of ours
+        if some and len(apertures) <= MAX_NAMES_TRIED:
+            some = any(self.path(aperture).exists() for aperture in apertures)
+        if not some:
             first = self.path(apertures[0])
             raise InputError(
                 f"SOURCE {self.pattern!r}: none of its files exists, such as {first}; check the pattern"
             )
+
+    def _any_name(self) -> str:
+        """Return the pattern for the shell that all names of the template match."""
+        parsed = string.Formatter().parse(self.pattern)
+        return "".join(escape(literal) + ("" if name is None else "*") for literal, name, _, _ in parsed)
 
     def image(self, aperture: Aperture) -> HogelImage:
         """Read the file of an aperture."""

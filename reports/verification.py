@@ -22,6 +22,7 @@ from xfrustum.reports.sources import Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verdict import Hogel, Limits, Verification
 from xfrustum.reports.worst_hogels import WorstHogels
 from xfrustum.scenes import open_scene
+from xfrustum.scenes.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.foreign_images import Encoding
@@ -122,11 +123,11 @@ def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnMo
     return DrawnModel(near=near or 0.0)
 
 
-def _apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> list[Aperture]:
-    """Return the apertures of some indices, each once; all of the plate, row by row, where None."""
-    columns, rows = scene.plate.hogels
-    chosen = indices or [(i, j) for j in range(rows) for i in range(columns)]
-    return [scene.plate.aperture(*index) for index in dict.fromkeys(chosen)]
+def _apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> Sequence[Aperture]:
+    """Return the apertures of some indices, each once; all of the plate, row by row, where there are none."""
+    if not indices:
+        return scene.plate.apertures()
+    return [scene.plate.aperture(*index) for index in dict.fromkeys(indices)]
 
 
 @contextmanager
@@ -189,7 +190,7 @@ class _Run:
 
     reference: Reference
     source: Source
-    asked: list[Aperture]
+    asked: Sequence[Aperture]
     limits: Limits
     kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
 
@@ -260,6 +261,9 @@ def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
     width, height = scene.frustum.resolution
     count = int(np.clip(SAMPLE_PIXELS // (width * height), FEWEST, SAMPLE_SIDE**2))
     side = max(2, int(np.sqrt(count)))
+    if isinstance(apertures, ApertureBlocks):
+        columns, rows = (_spread(range(count), side) for count in scene.plate.hogels)
+        return [scene.plate.aperture(column, row) for row in rows for column in columns]
     columns = _spread(sorted({aperture.column for aperture in apertures}), side)
     rows = _spread(sorted({aperture.row for aperture in apertures}), side)
     chosen = [a for a in apertures if a.column in columns and a.row in rows]

@@ -29,11 +29,14 @@ Python objects, then arrays); twice that lets every honest file through, however
 than this and `DEFAULT_MEMORY` is compressed, or declares what is not there.
 """
 
+MAX_HOGELS = 20_000_000
+"""Hogels of the largest plate that is taken: 60 x 80 cm at 0.25 mm has 7.7 million."""
+
 SCENE_FILE_SIZE = 1 << 24
 """Bytes of the largest scene file: sixteen million, where people write some hundreds."""
 
-RAISING_OPTION = "--max-input-memory"
-"""Option of the command line that raises the bound."""
+RAISING_OPTION, HOGELS_OPTION = "--max-input-memory", "--max-hogels"
+"""Options of the command line that raise the bounds on memory and on hogels."""
 
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
@@ -47,6 +50,7 @@ class _Bound:
     """The bound of this process, which is what has the memory."""
 
     memory = DEFAULT_MEMORY
+    hogels = MAX_HOGELS
 
 
 _BOUNDING = threading.RLock()
@@ -69,6 +73,31 @@ def input_memory(size: int) -> Iterator[None]:
         yield
     finally:
         _Bound.memory = before
+
+
+@contextmanager
+def largest_plate(hogels: int) -> Iterator[None]:
+    """Take plates of up to this many hogels within a block."""
+    before, _Bound.hogels = _Bound.hogels, hogels
+    try:
+        yield
+    finally:
+        _Bound.hogels = before
+
+
+def check_hogels(columns: int, rows: int) -> None:
+    """Refuse a plate whose hogels nobody could go through.
+
+    Raises
+    ------
+    InputError
+        It has more than the bound.
+    """
+    if columns * rows > _Bound.hogels:
+        raise InputError(
+            f"plate.hogels are {columns * rows:,}, more than {_Bound.hogels:,}; choose fewer, or raise the "
+            f"bound with {HOGELS_OPTION}"
+        )
 
 
 def regular_size(path: Path, what: str, advice: str = "") -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from xfrustum.scenes.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.arguments import real, reals, settle, whole, wholes
 from xfrustum.scenes.errors import InputError
 
@@ -93,10 +94,10 @@ class Plate:
             y=height / 2 - (row + 0.5) * height / rows,
         )
 
-    def apertures(self) -> list[Aperture]:
-        """Return all apertures, row by row from the top left."""
+    def apertures(self) -> ApertureBlocks:
+        """Return all apertures, row by row from the top left, as a sequence that is no list."""
         columns, rows = self.hogels
-        return [self.aperture(column, row) for row in range(rows) for column in range(columns)]
+        return ApertureBlocks(self, ((range(columns), range(rows)),))
 
     @property
     def middle(self) -> Aperture:

@@ -15,7 +15,7 @@ from xfrustum.scenes.appearance import Appearance
 from xfrustum.scenes.environment_file import read_environment
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.frustum import Frustum, Screen
-from xfrustum.scenes.input_files import SCENE_FILE_SIZE, read_small
+from xfrustum.scenes.input_files import SCENE_FILE_SIZE, check_hogels, read_small
 from xfrustum.scenes.light import DEFAULT_LIGHT, DirectionalLight, Environment
 from xfrustum.scenes.material import Material
 from xfrustum.scenes.meshes import load_mesh
@@ -41,6 +41,7 @@ def read_scene(path: Path) -> Scene:
     file = _parse(path)
     try:
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
+        check_hogels(*plate.hogels)
         frustum = _frustum(file)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error

@@ -22,7 +22,7 @@ from tests.views import view
 from xfrustum.cli import main
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate_renderer import PlateRenderer
-from xfrustum.reports.plate import WRITTEN_BEHIND, all_apertures, blocks_of_apertures, write_plate
+from xfrustum.reports.plate import WRITTEN_BEHIND, blocks_of_apertures, write_plate
 from xfrustum.reports.plate_store import PlateStore
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.appearance import Appearance
@@ -65,7 +65,7 @@ def test_the_plate_holds_the_rasterizers_images_by_row_and_column(tmp_path: Path
     assert color.shape == (5, 7, 12, 20, 3) and color.chunks == (1, 1, 12, 20, 3)
     assert triangle.shape == (5, 7, 12, 20) and triangle.dtype == np.int32
     with Rasterizer(scene) as rasterizer:
-        for aperture in all_apertures(scene.plate):
+        for aperture in scene.plate.apertures():
             image = rasterizer.render(aperture, SETTINGS, normals=False)
             np.testing.assert_array_equal(color[aperture.row, aperture.column], image.color)
             np.testing.assert_array_equal(triangle[aperture.row, aperture.column], image.triangle)
@@ -105,7 +105,7 @@ def test_hogels_that_show_nothing_are_finished_too(tmp_path: Path) -> None:
 
 def test_rows_come_first_and_blocks_in_the_order_given() -> None:
     plate = Plate(size=(1.0, 1.0), hogels=(3, 2))
-    assert [a.index for a in all_apertures(plate)] == [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
+    assert [a.index for a in plate.apertures()] == [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
     found = blocks_of_apertures(plate, [((1, 1), None), ((0, 1), (0, 0))])
     assert [a.index for a in found] == [(1, 0), (1, 1), (0, 0), (1, 0)]
 

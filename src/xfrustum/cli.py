@@ -47,12 +47,19 @@ BAD_INPUT = 2
     help="Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
 )
 @click.option(
+    "--max-hogels",
+    type=click.IntRange(min=1),
+    help="Hogels that a scene file's plate may have.  [default: 20000000]",
+)
+@click.option(
     "--traceback",
     is_flag=True,
     help="Show the traceback of an unexpected error, and what libraries say; given first.",
 )
 @click.pass_context
-def cli(context: click.Context, *, max_input_memory: int | None, traceback: bool) -> None:
+def cli(
+    context: click.Context, *, max_input_memory: int | None, max_hogels: int | None, traceback: bool
+) -> None:
     """Measure how far renderers of full-parallax spatial displays are from the truth.
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
@@ -60,10 +67,13 @@ def cli(context: click.Context, *, max_input_memory: int | None, traceback: bool
     del traceback  # `main` looks for it before anything else can fail
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
-    elif max_input_memory is not None:
-        from xfrustum.scenes.input_files import input_memory
+    elif max_input_memory is not None or max_hogels is not None:
+        from xfrustum.scenes import input_files
 
-        context.with_resource(input_memory(max_input_memory))
+        if max_input_memory is not None:
+            context.with_resource(input_files.input_memory(max_input_memory))
+        if max_hogels is not None:
+            context.with_resource(input_files.largest_plate(max_hogels))
 
 
 @cli.command()

@@ -12,6 +12,7 @@ import click
 
 from xfrustum import cli_light
 from xfrustum import cli_options as options
+from xfrustum.cli_streams import say
 
 if TYPE_CHECKING:
     from xfrustum.cli_light import Light
@@ -92,12 +93,12 @@ def plate(
 
     opened = light.applied(options.open_scene(scene))
     spans = [(None, None)] if blocks is None else blocks
-    chosen = list(blocks_of_apertures(opened.plate, spans))
+    chosen = blocks_of_apertures(opened.plate, spans)
     options.look_at(opened, chosen, black_is_right=True)
     content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings.camera))
     files = write_plate(opened, settings, out, chosen, content, check=check, progress=not quiet)
     for note in files.notes:
-        click.echo(f"xfrustum: note: {note}", err=True)
+        say(f"note: {note}")
     if as_json:
         options.print_json(
             {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged}
