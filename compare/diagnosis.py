@@ -10,6 +10,7 @@ import numpy as np
 from xfrustum.compare.claims import claims_of
 from xfrustum.compare.composition import exchanged_light, find_composition
 from xfrustum.compare.drawn_model import DrawnModel
+from xfrustum.compare.explained import LEAST_EXPLAINED, ExplanationTest
 from xfrustum.compare.faults import CONVENTIONS, Fault, faults_of, lights_fault
 from xfrustum.compare.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.registration import register
@@ -27,15 +28,18 @@ class Diagnosis:
     Attributes
     ----------
     model
-        How it draws.
+        How it draws; what was asked for, where no guess explains what it shows.
     faults
         What of that is otherwise than asked.
+    does_not_explain
+        What would be otherwise by the best guess, where that explains too little to be a finding.
     means
         What it was found by, in words.
     """
 
     model: DrawnModel
     faults: tuple[Fault, ...]
+    does_not_explain: tuple[Fault, ...]
     means: str
 
 
@@ -58,10 +62,7 @@ def diagnose(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     if claims is not None and len(claims) >= ENOUGH:
         fit = fit_geometry(claims, scene, nominal)
         means = f"{len(claims):,} claims of {len(claiming)} hogels"
-        if not fit.holds:
-            none = nominal.parameters
-            fit = replace(fit, model=nominal, low=none, high=none, free=())
-            means += ", which no convention explains"
+        means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
     elif pictures:
         fit = register(reference, pictures, nominal)
         means = f"registration of {len(pictures)} pictures"
@@ -69,13 +70,28 @@ def diagnose(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         none = nominal.parameters
         fit = GeometryFit(model=nominal, low=none, high=none, free=(), noise_px=0.0)
         means = "nothing: no hogel shows enough to tell"
+    images = [image for image in images if image.camera.aperture.index not in fit.spoiled]
     model = fit.model
     named = [image for image in images if (image.triangle != NOTHING).any() or _names_objects(image)]
     if named:
         model = find_composition(reference, model, named)
-    faults = faults_of(scene, nominal, model, fit.low, fit.high)
+    test = ExplanationTest(reference=reference, images=images, nominal=nominal)
+    model = test.reduced(model) if model != nominal else nominal
+    faults = faults_of(scene, nominal, model, fit)
+    share = test.share(model) if faults else None
+    faults = tuple(replace(fault, explains=share) for fault in faults)
+    doubted: tuple[Fault, ...] = ()
+    if share is not None and share < LEAST_EXPLAINED:
+        faults, doubted, model = (), tuple(map(_doubted, faults)), nominal
     lights = lights_fault(*exchanged_light(reference, model, images))
-    return Diagnosis(model=model, faults=(*faults, lights) if lights else faults, means=means)
+    faults = (*faults, lights) if lights else faults
+    return Diagnosis(model=model, faults=faults, does_not_explain=doubted, means=means)
+
+
+def _doubted(fault: Fault) -> Fault:
+    """Return a fault as what it is when it explains too little."""
+    assert fault.explains is not None
+    return replace(fault, words=f"{fault.words}: would explain only {100 * fault.explains:.0f} % of what is wrong")
 
 
 def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) -> DrawnModel:

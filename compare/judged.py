@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.causes import causes
+from xfrustum.compare.causes import cause_masks
 from xfrustum.compare.displacement import Spread, lengths
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.drawn_trace import trace_drawn
@@ -50,6 +50,8 @@ class Figures:
         The image as the question turns it.
     error
         (H, W) pixels that are wrong: of the surface, or whatever can be told.
+    differs, unexplained
+        (H, W) pixels that `wrong` counts, upright; and these without those that have a cause.
     """
 
     shown: int
@@ -62,6 +64,8 @@ class Figures:
     answer: HogelImage
     image: HogelImage
     error: Mask
+    differs: Mask
+    unexplained: Mask
 
     @property
     def fraction(self) -> float:
@@ -134,7 +138,9 @@ def judge(
         colored = reference_colors(reference, question, answer)
         radiance = colors_differ(colored, upright) & shown & ~(differs if surface is None else surface)
         radiance &= answer.triangle == upright.triangle
-    found = causes(scene, question, answer, upright, differs) if explained and by == "triangle" else None
+    masks = None
+    if explained and by == "triangle":
+        masks = cause_masks(scene, question, answer, upright, differs)
     return Figures(
         shown=int(shown.sum()),
         by=by,
@@ -142,10 +148,12 @@ def judge(
         surface=None if surface is None else int(surface.sum()),
         displacement_px=Spread.of(length[np.isfinite(length)]),
         radiance=None if radiance is None else int(radiance.sum()),
-        causes=found,
+        causes=None if masks is None else {name: int(mask.sum()) for name, mask in masks.items()},
         answer=answer,
         image=upright,
         error=(differs if surface is None else surface) | (False if radiance is None else radiance),
+        differs=differs,
+        unexplained=differs if masks is None else masks["unexplained"],
     )
 
 
@@ -197,9 +205,10 @@ def wrong_surfaces(reference: Reference, question: DrawnModel, answer: HogelImag
     if not question.plain:
         return wrong
     scene, aperture = reference.scene, answer.camera.aperture
-    sides = [(0, known & (image.height != 0))]
+    plate = question.plate_height
+    sides = [(0, known & (image.height != plate))]
     if question.near:
-        sides = [(1, known & (image.height < 0)), (-1, known & (image.height > 0))]
+        sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
     for side, asked in sides:
         position, number = image.position[asked].astype(np.float64), image.triangle[asked]
         number = np.where(number < len(scene.faces), number, NOTHING).astype(np.int32)
@@ -219,4 +228,4 @@ def _covered_by_front(question: DrawnModel, reference: Reference, answer: HogelI
     on_film: Mask = np.all((place > -0.5) & (place < (width - 0.5, height - 0.5)), axis=1)
     column, row = np.rint(np.where(on_film[:, None], place, 0.0)).astype(np.int64).T
     with np.errstate(invalid="ignore"):
-        return np.asarray(on_film & (answer.height[row, column] > 0))
+        return np.asarray(on_film & (answer.height[row, column] > question.plate_height))
