@@ -50,7 +50,7 @@ class ExplanationTest:
     reference: Reference
     images: Sequence[HogelImage]
     nominal: DrawnModel
-    known: dict[DrawnModel, list[Mask]] = field(default_factory=dict, repr=False)
+    known: dict[tuple[DrawnModel, bool], list[Mask]] = field(default_factory=dict, repr=False)
 
     @property
     def tested(self) -> list[HogelImage]:
@@ -66,14 +66,10 @@ class ExplanationTest:
         reason that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count
         against it.
         """
-        before = sum(int(mask.sum()) for mask in self._wrong(self.nominal))
+        before = self._count(self.nominal, explained=False)
         if not before:
             return None
-        return max(0.0, 1.0 - self.left(model) / before)
-
-    def left(self, model: DrawnModel) -> int:
-        """Return the number of pixels that a guess leaves unexplained."""
-        return sum(int(mask.sum()) for mask in self._unexplained(model))
+        return max(0.0, 1.0 - self._count(model, explained=True) / before)
 
     def reduced(self, model: DrawnModel) -> DrawnModel:
         """Return a guess without the faults that add nothing to what the others explain."""
@@ -82,7 +78,7 @@ class ExplanationTest:
             # The last fault is left to the test of the share.
             if not rest or len(list(_simpler(model, self.nominal))) == 1:
                 return model
-            model = min(rest, key=self.left)
+            model = min(rest, key=lambda simpler: self._count(simpler, explained=False))
 
     def _pays(self, model: DrawnModel, simpler: DrawnModel) -> bool:
         gained = lost = 0
@@ -91,23 +87,20 @@ class ExplanationTest:
             lost += int((mine & ~other).sum())
         return bool(gained - lost > DOUBT * np.sqrt(gained + lost))
 
-    def _wrong(self, model: DrawnModel) -> list[Mask]:
-        return self._masks(model)[0::2]
+    def _count(self, model: DrawnModel, *, explained: bool) -> int:
+        return sum(int(mask.sum()) for mask in self._wrong(model, explained=explained))
 
-    def _unexplained(self, model: DrawnModel) -> list[Mask]:
-        return self._masks(model)[1::2]
-
-    def _masks(self, model: DrawnModel) -> list[Mask]:
-        """Return of each image the pixels that are wrong under a guess, then those without a cause."""
-        if model not in self.known:
-            found = self.known[model] = []
+    def _wrong(self, model: DrawnModel, *, explained: bool = False) -> list[Mask]:
+        """Return the pixels of each image that are wrong under a guess; if `explained`, for no known cause."""
+        key = (model, explained)
+        if key not in self.known:
+            found = self.known[key] = []
             for image in self.tested:
                 # Which surface a pixel shows is asked, not how far its point has moved.
                 nowhere = np.full((*image.triangle.shape, 3), np.nan)
-                figures = judge(self.reference, model, image, nowhere, explained=True)
-                applied = model.orientation.applied
-                found += [applied(figures.differs), applied(figures.unexplained)]
-        return self.known[model]
+                figures = judge(self.reference, model, image, nowhere, explained=explained)
+                found.append(model.orientation.applied(figures.unexplained))
+        return self.known[key]
 
 
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:

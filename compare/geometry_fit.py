@@ -51,12 +51,18 @@ START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
 """Starting points for the size of the scene. Places on the film go with its inverse, so that beyond the last
 one nothing new is seen."""
 
+USUAL_GROUPS = ("shift", "fov", "pitch", "near")
+"""Groups that are tried first."""
+
 MAX_GROUPS = 4
 """Groups that may be off nominal together: with more of them free, noise is fitted too."""
 
 SCREENED, SCREENING = 600, 2.0
 """Claims that a guess is tried on first, and how far above the limit it may stay there: two fits of fewer
 claims differ by noise of the limit's own size."""
+
+ATTRACTION_PX = 1.0
+"""Failures of claims up to which the first fit counts their squares, so that it finds the second one's start."""
 
 CORNER = 0.01
 """Part of a pitch within which apertures are taken to be at the corners of their hogels."""
@@ -126,10 +132,12 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
             freest = _freest(few, scene, nominal, starts)
             claims, spoiled = _without_spoiled(claims, scene, freest)
             some = claims.thinned(FITTED)
-            starts = [_fitted(some, scene, nominal, freest, _freest_groups(claims)), *starts]
-            noise = _noise(some, scene, starts[0])
-            most = MAX_GROUPS if noise <= FAR_OFF_PX else 1
-            one = _simplest(some, scene, nominal, starts, range(most + 1), ALIKE * max(noise, SNAP_PX))
+            freest = _fitted(some, scene, nominal, freest, _freest_groups(claims))
+            noise = _noise(some, scene, freest)
+            if noise <= FAR_OFF_PX:
+                limit, counts = ALIKE * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
+                one = _simplest(some, scene, nominal, [freest], counts, limit)
+            starts = [freest, *starts]
         found = one or _least_wrong(some, scene, nominal, starts)
     best = found.model
     noise = _noise(some, scene, best)
@@ -223,10 +231,14 @@ def _freest_groups(claims: Claims) -> tuple[str, ...]:
 
 def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> DrawnModel:
     """Return the best guess with everything free."""
-    freest = min(
-        (_fitted(claims, scene, nominal, start, _freest_groups(claims)) for start in starts),
-        key=lambda model: _misfit(claims, scene, model),
-    )
+    usual = tuple(name for name in _freest_groups(claims) if name in USUAL_GROUPS)
+    fits = []
+    # The usual groups first: where they suffice, less has to be fitted, and to better-conditioned ends.
+    for free, start in itertools.product((usual, _freest_groups(claims)), starts):
+        fits.append(_fitted(claims, scene, nominal, start, free))
+        if _noise(claims, scene, fits[-1]) <= ALIKE * SNAP_PX:
+            return fits[-1]
+    freest = min(fits, key=lambda model: _misfit(claims, scene, model))
     best = freest
     if scene.frustum.recentered:
         best = min(
@@ -258,7 +270,11 @@ def _simplest(
         passing: dict[tuple[str, ...], tuple[tuple[float, ...], DrawnModel]] = {}
         for free in itertools.combinations(_groups(claims), count):
             for start in _variants(scene, nominal, starts, free):
-                model = _fitted(few, scene, nominal, start, free)
+                # Most sets are far off, which little work on few claims shows.
+                model = _fitted(few, scene, nominal, start, free, roughly=True)
+                if _noise(few, scene, model) > max(FAR_OFF_PX, limit_px):
+                    continue
+                model = _fitted(few, scene, nominal, model, free)
                 if _noise(few, scene, model) > SCREENING * limit_px:
                     continue
                 model = _fitted(claims, scene, nominal, model, free)
@@ -267,6 +283,8 @@ def _simplest(
                 rank = _rank(claims, scene, model, nominal, free)
                 if free not in passing or rank < passing[free][0]:
                     passing[free] = rank, model
+                if not scene.frustum.recentered:
+                    break
         if passing:
             (free, (_, model)), *others = sorted(passing.items(), key=lambda item: item[1][0])
             alternatives = tuple(other for _, (_, other) in others)
@@ -352,10 +370,16 @@ def _misfit(claims: Claims, scene: Scene, model: DrawnModel) -> float:
     return float(outside_px(claims, scene, model, 1.0).mean())
 
 
-def _fitted(
-    claims: Claims, scene: Scene, nominal: DrawnModel, start: DrawnModel, free: tuple[str, ...]
+def _fitted(  # noqa: PLR0913 - what is fitted to what, and how well
+    claims: Claims,
+    scene: Scene,
+    nominal: DrawnModel,
+    start: DrawnModel,
+    free: tuple[str, ...],
+    *,
+    roughly: bool = False,
 ) -> DrawnModel:
-    """Return a guess with some groups of parameters fitted, the others nominal."""
+    """Return a guess with some groups of parameters fitted, the others nominal; roughly, to about a pixel."""
     values = nominal.parameters
     index = np.array([place for name in free for place in parameters.places(name)], dtype=np.int64)
     if not len(index):
@@ -369,16 +393,20 @@ def _fitted(
         values[index] = scaled * scales
         return outside_px(claims, scene, start.with_parameters(values), cap)
 
-    begin = np.clip(values[index], low, high) / scales
-    found = least_squares(
-        failures,
-        begin,
-        bounds=(low / scales, high / scales),
-        loss="soft_l1",
-        f_scale=SNAP_PX,
-        ftol=1e-6,
-        xtol=1e-7,
-        max_nfev=25,
-    )
-    values[index] = found.x * scales
+    # Outlines that lie pixels apart attract each other first; then they are told apart finely.
+    scaled = np.clip(values[index], low, high) / scales
+    for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
+        found = least_squares(
+            failures,
+            scaled,
+            bounds=(low / scales, high / scales),
+            x_scale="jac",
+            loss="soft_l1",
+            f_scale=attraction_px,
+            ftol=1e-6,
+            xtol=1e-7,
+            max_nfev=trials,
+        )
+        scaled = found.x
+    values[index] = scaled * scales
     return start.with_parameters(values)

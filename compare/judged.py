@@ -50,8 +50,8 @@ class Figures:
         The image as the question turns it.
     error
         (H, W) pixels that are wrong: of the surface, or whatever can be told.
-    differs, unexplained
-        (H, W) pixels that `wrong` counts, upright; and these without those that have a cause.
+    unexplained
+        (H, W) pixels that `wrong` counts, upright, without those whose cause was asked for and found.
     """
 
     shown: int
@@ -64,7 +64,6 @@ class Figures:
     answer: HogelImage
     image: HogelImage
     error: Mask
-    differs: Mask
     unexplained: Mask
 
     @property
@@ -152,7 +151,6 @@ def judge(
         answer=answer,
         image=upright,
         error=(differs if surface is None else surface) | (False if radiance is None else radiance),
-        differs=differs,
         unexplained=differs if masks is None else masks["unexplained"],
     )
 
