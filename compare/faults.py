@@ -182,16 +182,25 @@ def _alternatives(
 ) -> tuple[str, ...]:
     """Return the faults that other guesses have instead of one; those along its own axis where there are."""
     smallest = parameters.smallest_named(scene)
+    kind = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
+    ratios = (Kind.FACTOR, Kind.SIZE)
     found: dict[str, None] = {}
     for model in models:
         off = np.abs(model.parameters - nominal.parameters) > smallest
         other = [fault for fault, odd in zip(parameters.FAULT_NAMES, off, strict=True) if odd]
         # A guess that has this fault too is no alternative to it.
-        if name not in other:
-            found |= dict.fromkeys(fault for fault in other if fault not in named)
-    axis = name[-2:] if name[-2:] in ("-x", "-y", "-z") else ""
-    along = [fault for fault in found if not axis or fault.endswith(axis) or fault[-2] != "-"]
-    return tuple(along or found)
+        if name in other:
+            continue
+        other = [fault for fault in other if fault not in named]
+        # Of several, a ratio stands for a ratio, and a length for a length along the same axis.
+        alike = [fault for fault in other if (kind[fault] in ratios) == (kind[name] in ratios)] or other
+        along = [fault for fault in alike if _axis(fault) in ("", _axis(name)) or not _axis(name)]
+        found |= dict.fromkeys(along or alike)
+    return tuple(found)
+
+
+def _axis(fault: str) -> str:
+    return fault[-1] if fault[-2:] in ("-x", "-y", "-z") else ""
 
 
 def _number_words(name: str, scene: Scene, value: float, should: float) -> str:

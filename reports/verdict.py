@@ -103,6 +103,7 @@ class Verification:
             "source": self.source,
             "limits": {"wrong": self.limits.wrong, "displacement_px": self.limits.displacement_px},
             "diagnosis": [fault.summary() for fault in self.diagnosis.faults],
+            "does_not_explain": [fault.summary() for fault in self.diagnosis.does_not_explain],
             "found_by": self.diagnosis.means,
             "as_found": totals([hogel.as_found for hogel in self.hogels]),
             "corrected": totals([hogel.corrected for hogel in self.hogels]),

@@ -53,6 +53,7 @@ def render_page(found: Verification) -> str:
         found=found,
         summary=found.summary(),
         sentence=sentence(found),
+        explained=explained(found),
         versions={**versions(), **machine()},
     )
 
@@ -116,7 +117,12 @@ def table(found: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
     lines = [sentence(found), f"diagnosis, by {found.diagnosis.means}:"]
     lines += [f"  {fault.words}{_interval(fault.low, fault.high)}" for fault in found.diagnosis.faults]
-    if not found.diagnosis.faults:
+    if found.diagnosis.faults:
+        lines += [f"  explained: {told}" for told in explained(found)]
+    elif found.diagnosis.does_not_explain:
+        lines.append("  no known fault explains what is wrong:")
+        lines += [f"    {fault.words}" for fault in found.diagnosis.does_not_explain]
+    else:
         lines.append("  nothing found")
     for name, figures in (
         ("as found", totals([hogel.as_found for hogel in found.hogels])),
@@ -129,6 +135,12 @@ def table(found: Verification) -> str:
     if len(problems) > LISTED:
         lines.append(f"and {len(problems) - LISTED} more like these")
     return "\n".join(lines)
+
+
+def explained(found: Verification) -> list[str]:
+    """Return how much of what is wrong the diagnosis explains, as one sentence; none where nothing is wrong."""
+    shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
+    return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
 
 
 def _interval(low: float | None, high: float | None) -> str:
