@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare import parameters
 from xfrustum.compare.drawn_model import DrawnModel
-from xfrustum.compare.judged import judge
+from xfrustum.compare.judged import covered_by, judge
 from xfrustum.reference import Reference
 from xfrustum.scenes.hogel_image import HogelImage
 
@@ -58,6 +58,14 @@ class ExplanationTest:
         count = len(self.images)
         chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_TESTED_HOGELS)).astype(int))
         return [self.images[index] for index in chosen] if count else []
+
+    @property
+    def shows_something(self) -> bool:
+        """Whether any image has a surface at all."""
+        return any(
+            covered_by(image).any() or (image.color is not None and (image.color > 0).any())
+            for image in self.tested
+        )
 
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.

@@ -161,7 +161,7 @@ def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometry
         others = _alternatives(name, scene, nominal, fit.alternatives, frozenset(named))
         words = _number_words(name, scene, value, should)
         if name == SCENE_SCALE:
-            words += _unit_words(least, most)
+            words += _unit_words(value, least, most)
         yield Fault(
             fault=name,
             value=value,
@@ -251,8 +251,10 @@ def _aperture_words(axis: int, scene: Scene, value: float) -> str:
     return words
 
 
-def _unit_words(low: float, high: float) -> str:
+def _unit_words(value: float, low: float, high: float) -> str:
     """Return which mistake of units has a factor inside an interval, as words to append."""
+    if not math.isfinite(low + high):
+        low = high = value
     for factor, mistake in MISTAKEN_UNITS.items():
         if low <= factor <= high:
             return f": {mistake}"

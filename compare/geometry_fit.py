@@ -234,10 +234,13 @@ def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[
     usual = tuple(name for name in _freest_groups(claims) if name in USUAL_GROUPS)
     fits = []
     # The usual groups first: where they suffice, less has to be fitted, and to better-conditioned ends.
-    for free, start in itertools.product((usual, _freest_groups(claims)), starts):
-        fits.append(_fitted(claims, scene, nominal, start, free))
-        if _noise(claims, scene, fits[-1]) <= ALIKE * SNAP_PX:
-            return fits[-1]
+    for free in (usual, _freest_groups(claims)):
+        for start in starts:
+            fits.append(_fitted(claims, scene, nominal, start, free))
+            if _noise(claims, scene, fits[-1]) <= ALIKE * SNAP_PX:
+                return fits[-1]
+        fits.sort(key=lambda model: _misfit(claims, scene, model))
+        starts = [*fits[:1], *starts[:1]]
     freest = min(fits, key=lambda model: _misfit(claims, scene, model))
     best = freest
     if scene.frustum.recentered:
