@@ -85,11 +85,10 @@ def cause_masks(
     seam = np.flatnonzero(rest)
     seam = seam[_on_seams(scene, model, (traced, image), columns[seam], rows[seam])]
     edge[seam], rest[seam] = True, False
-    found = {}
+    masks = {name: np.zeros_like(wrong) for name in CAUSES}
     for name, mask in zip(CAUSES, (edge, order, lost, rest), strict=True):
-        found[name] = np.zeros_like(wrong)
-        found[name][rows[mask], columns[mask]] = True
-    return found
+        masks[name][rows[mask], columns[mask]] = True
+    return masks
 
 
 def causes(

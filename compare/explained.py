@@ -113,7 +113,7 @@ class ExplanationTest:
 
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     """Yield a guess with one fault less, for each of its faults."""
-    groups = [(group.field,) for group in parameters.GROUPS if group.name != "near"]
+    groups: list[tuple[str, ...]] = [(group.field,) for group in parameters.GROUPS if group.name != "near"]
     groups += [("orientation",), ("order",), ("pivot",), ("fit",), ("front", "overlaid")]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
     for fields in groups:
