@@ -100,9 +100,7 @@ def _differ(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray((np.abs(one - other) > COLOR_TOLERANCE).any(axis=-1))
 
 
-def unconjugated_share(
-    reference: Reference, model: DrawnModel, images: Sequence[HogelImage]
-) -> float | None:
+def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> float | None:
     """Return the share of the viewer's half in another color that lights which are not conjugated explain.
 
     None where no color is wrong there.

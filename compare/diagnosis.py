@@ -109,12 +109,14 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
     model = _composed(test, fit.model)
     if _enough(test.share(model)):
         return model, replace(fit, alternatives=(*fit.alternatives, *_by_depth(test, model, fit)))
-    plain = _composed(test, fit.model.with_parameters(nominal.parameters))
+    plain = fit.model.with_parameters(nominal.parameters)
+    if plain != fit.model:
+        plain = _composed(test, plain)
     tried = [model, plain]
-    if not _enough(test.share(plain)) and test.shows_something:
+    if test.hopeless and not _enough(test.share(plain)):
         whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid)
         tried += [replace(whole, scene_scale=factor) for factor in MISTAKEN_UNITS]
-    best = test.reduced(max(tried, key=lambda one: test.share(one) or 0.0))
+    best = test.reduced(min(tried, key=test.wrong))
     if best.scene_scale == model.scene_scale:
         return best, fit
     # A common mistake, by which the images are right: within which bounds it is, they do not say.
@@ -175,7 +177,9 @@ def _lights(reference: Reference, model: DrawnModel, images: Sequence[HogelImage
 def _doubted(fault: Fault) -> Fault:
     """Return a fault as what it is when it explains too little."""
     assert fault.explains is not None
-    return replace(fault, words=f"{fault.words}: would explain only {100 * fault.explains:.0f} % of what is wrong")
+    return replace(
+        fault, words=f"{fault.words}: would explain only {100 * fault.explains:.0f} % of what is wrong"
+    )
 
 
 def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) -> DrawnModel:

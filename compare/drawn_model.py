@@ -137,8 +137,7 @@ class DrawnModel:
         first, last = ranges[side]
         center = (there.x - aside * shear[0], there.y - aside * shear[1], step)
         x, y, z = (
-            (place - moved) / self.scene_scale
-            for place, moved in zip(center, self.scene_offset, strict=True)
+            (place - moved) / self.scene_scale for place, moved in zip(center, self.scene_offset, strict=True)
         )
         return Pencil(
             center=(x, y, z),

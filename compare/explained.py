@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from xfrustum.compare import parameters
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.judged import covered_by, judge
+from xfrustum.compare.pictures import shows_something
 from xfrustum.reference import Reference
-from xfrustum.scenes.hogel_image import HogelImage
+from xfrustum.scenes.hogel_image import NOTHING, HogelImage
 
 Mask = NDArray[np.bool_]
 
@@ -31,6 +32,11 @@ and tells within a few percent what the others would."""
 DOUBT = 2.0
 """A fault pays for itself when it makes more pixels right than wrong by this many standard deviations of the
 difference, had each of these pixels been decided by a coin."""
+
+
+MOSTLY_WRONG = 0.5
+"""Wrong pixels, as a part of those that images show, from which on gross mistakes are tried: a scene of ten times
+the size is wrong nearly everywhere."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,12 +66,15 @@ class ExplanationTest:
         return [self.images[index] for index in chosen] if count else []
 
     @property
-    def shows_something(self) -> bool:
-        """Whether any image has a surface at all."""
-        return any(
-            covered_by(image).any() or (image.color is not None and (image.color > 0).any())
-            for image in self.tested
-        )
+    def hopeless(self) -> bool:
+        """Whether images that name surfaces or colors show some, most of which are wrong."""
+        telling = [image for image in self.tested if _tells(image)]
+        shown = sum(int(_covered(image).sum()) for image in telling)
+        return bool(shown) and self.wrong(self.nominal) > MOSTLY_WRONG * shown
+
+    def wrong(self, model: DrawnModel) -> int:
+        """Return how many pixels are wrong by a guess, whatever the cause."""
+        return self._count(model, explained=False)
 
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
@@ -74,7 +83,7 @@ class ExplanationTest:
         reason that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count
         against it.
         """
-        before = self._count(self.nominal, explained=False)
+        before = self.wrong(self.nominal)
         if not before:
             return None
         return max(0.0, 1.0 - self._count(model, explained=True) / before)
@@ -86,7 +95,7 @@ class ExplanationTest:
             # The last fault is left to the test of the share.
             if not rest or len(list(_simpler(model, self.nominal))) == 1:
                 return model
-            model = min(rest, key=lambda simpler: self._count(simpler, explained=False))
+            model = min(rest, key=self.wrong)
 
     def _pays(self, model: DrawnModel, simpler: DrawnModel) -> bool:
         gained = lost = 0
@@ -109,6 +118,16 @@ class ExplanationTest:
                 figures = judge(self.reference, model, image, nowhere, explained=explained)
                 found.append(model.orientation.applied(figures.unexplained))
         return self.known[key]
+
+
+def _tells(image: HogelImage) -> bool:
+    return bool(
+        (image.triangle != NOTHING).any() or (image.object != NOTHING).any() or image.color is not None
+    )
+
+
+def _covered(image: HogelImage) -> Mask:
+    return covered_by(image) if image.color is None else covered_by(image) | shows_something(image)
 
 
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:

@@ -29,6 +29,7 @@ is what graphics hardware has."""
 NEIGHBORHOOD_PX = 0.5
 """Only edges this near to a pixel's center can bound a fit that is right to a fraction of a pixel."""
 
+
 def feasible_interval(
     claims: Claims, scene: Scene, model: DrawnModel, free: Sequence[int], noise_px: float
 ) -> tuple[Floats, Floats, Floats]:

@@ -237,7 +237,8 @@ def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[
     for free in (usual, _freest_groups(claims)):
         for start in starts:
             fits.append(_fitted(claims, scene, nominal, start, free))
-            if _noise(claims, scene, fits[-1]) <= ALIKE * SNAP_PX:
+            kept, _ = _without_spoiled(claims, scene, fits[-1])
+            if _noise(kept, scene, fits[-1]) <= ALIKE * SNAP_PX:
                 return fits[-1]
         fits.sort(key=lambda model: _misfit(claims, scene, model))
         starts = [*fits[:1], *starts[:1]]
@@ -295,9 +296,7 @@ def _simplest(
     return None
 
 
-def _least_wrong(
-    claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]
-) -> _Found:
+def _least_wrong(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> _Found:
     """Return the best guess with one group off nominal, where no guess is good."""
     fits = [
         (free, _fitted(claims, scene, nominal, start, free))
@@ -352,7 +351,9 @@ def _variants(
         if "scene-offset" not in free and start.aperture_offset == nominal.aperture_offset:
             spoken = replace(spoken, aperture_offset=(-x, -y))
         if "pitch" not in free:
-            spoken = replace(spoken, scene_scale=start.scene_scale / float(np.clip(start.pitch[0], 0.01, 1e3)))
+            spoken = replace(
+                spoken, scene_scale=start.scene_scale / float(np.clip(start.pitch[0], 0.01, 1e3))
+            )
         values = nominal.parameters
         for name in free:
             index = list(parameters.places(name))

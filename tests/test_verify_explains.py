@@ -176,7 +176,7 @@ def test_a_fault_that_adds_nothing_is_dropped() -> None:
     assert test.reduced(harmful) == shifted
     assert test.share(shifted) == 1.0
     assert (test.share(harmful) or 0.0) < LEAST_EXPLAINED
-    assert test.share(DrawnModel()) == 0.0
+    assert (test.share(DrawnModel()) or 0.0) < 0.5
 
 
 @pytest.mark.parametrize("hogels", [(5, 1), (1, 1)])
