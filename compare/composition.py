@@ -16,7 +16,6 @@ from xfrustum.compare.drawn_trace import Layer, as_image, layer, overlaid, trace
 from xfrustum.compare.pictures import COLOR_TOLERANCE
 from xfrustum.reference import Reference
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.scene import Scene
 
 TELLING = 20
 """Pixels in which two ways of putting the halves together must differ, before images can tell them

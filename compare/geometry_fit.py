@@ -374,7 +374,7 @@ def _misfit(claims: Claims, scene: Scene, model: DrawnModel) -> float:
     return float(outside_px(claims, scene, model, 1.0).mean())
 
 
-def _fitted(  # noqa: PLR0913 - what is fitted to what, and how well
+def _fitted(
     claims: Claims,
     scene: Scene,
     nominal: DrawnModel,

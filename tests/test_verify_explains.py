@@ -218,7 +218,8 @@ def test_whatever_the_offset_its_interval_contains_it(x: float, z: float, scale:
     off = np.flatnonzero((fit.low > nominal) | (fit.high < nominal))
     expected = fit.model.with_parameters(nominal)
     field = which.replace("-", "_")
-    expected = replace(expected, **{field: truth if len(truth) > 1 else truth[0]})
+    numbers: dict[str, Any] = {field: truth if len(truth) > 1 else truth[0]}
+    expected = replace(expected, **numbers)
     assert np.all(fit.low <= expected.parameters + 1e-12)
     assert np.all(fit.high >= expected.parameters - 1e-12)
     assert set(off) <= set(np.flatnonzero(expected.parameters != nominal))
