@@ -26,8 +26,8 @@ are not excused, and for a second fault that is small; a guess that is wrong lea
 """
 
 MAX_TESTED_HOGELS = 9
-"""Largest number of hogels that a diagnosis is tested on, spread over the sample: each has thousands of pixels,
-and tells within a few percent what the others would."""
+"""Largest number of hogels that a diagnosis is tested on, spread over the sample: each has thousands of
+pixels, and tells within a few percent what the others would."""
 
 DOUBT = 2.0
 """A fault pays for itself when it makes more pixels right than wrong by this many standard deviations of the
@@ -35,8 +35,8 @@ difference, had each of these pixels been decided by a coin."""
 
 
 MOSTLY_WRONG = 0.5
-"""Wrong pixels, as a part of those that images show, from which on gross mistakes are tried: a scene of ten times
-the size is wrong nearly everywhere."""
+"""Wrong pixels, as a part of those that images show, from which on gross mistakes are tried: a scene of ten
+times the size is wrong nearly everywhere."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +108,7 @@ class ExplanationTest:
         return sum(int(mask.sum()) for mask in self._wrong(model, explained=explained))
 
     def _wrong(self, model: DrawnModel, *, explained: bool = False) -> list[Mask]:
-        """Return the pixels of each image that are wrong under a guess; if `explained`, for no known cause."""
+        """Return the pixels of each image that are wrong by a guess; if `explained`, for no known cause."""
         key = (model, explained)
         if key not in self.known:
             found = self.known[key] = []

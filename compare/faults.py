@@ -219,14 +219,18 @@ def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
         )
     if name in APERTURE_OFFSET:
         return _aperture_words(APERTURE_OFFSET.index(name), scene, value)
+    if name in SCENE_OFFSET or name == SCENE_SCALE:
+        return _scene_words(name, scene, value)
+    stated = f", not by {should:.5g}" if should else ", which nobody mentioned"
+    return f"both cameras step back by a near offset of {value:.5g} {scene.units}{stated}"
+
+
+def _scene_words(name: str, scene: Scene, value: float) -> str:
     if name in SCENE_OFFSET:
         toward = (("the left", "the right"), ("below", "above"), ("the back", "the viewer"))
         side = toward[SCENE_OFFSET.index(name)][value > 0]
         return f"the scene is moved by {abs(value):.5g} {scene.units} {_to(side)}"
-    if name == SCENE_SCALE:
-        return f"the scene is {value:.5g} times as large as asked, about the origin"
-    stated = f", not by {should:.5g}" if should else ", which nobody mentioned"
-    return f"both cameras step back by a near offset of {value:.5g} {scene.units}{stated}"
+    return f"the scene is {value:.5g} times as large as asked, about the origin"
 
 
 def _to(side: str) -> str:

@@ -62,7 +62,7 @@ SCREENED, SCREENING = 600, 2.0
 claims differ by noise of the limit's own size."""
 
 ATTRACTION_PX = 1.0
-"""Failures of claims up to which the first fit counts their squares, so that it finds the second one's start."""
+"""Failures of claims up to which the first fit counts their squares, to find the second one's start."""
 
 CORNER = 0.01
 """Part of a pitch within which apertures are taken to be at the corners of their hogels."""

@@ -138,7 +138,7 @@ def table(found: Verification) -> str:
 
 
 def explained(found: Verification) -> list[str]:
-    """Return how much of what is wrong the diagnosis explains, as one sentence; none where nothing is wrong."""
+    """Return in words how much of what is wrong the diagnosis explains; none where nothing is wrong."""
     shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
     return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -47,7 +48,7 @@ def by_name(found: Verification) -> dict[str, Fault]:
     return {fault.fault: fault for fault in found.diagnosis.faults}
 
 
-def check(found: Verification, expected: dict[str, tuple[float, tuple[str, ...]]]) -> None:
+def check(found: Verification, expected: Mapping[str, tuple[float, tuple[str, ...]]]) -> None:
     """Check names, values within their intervals, alternatives, and that the rest of the images is right."""
     named = by_name(found)
     assert set(named) == set(expected)
