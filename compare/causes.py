@@ -36,10 +36,10 @@ NO_NEAR = 1e-6
 """Stands for near 0, as a part of the reach, where depth is taken to be stored in 32 bits."""
 
 
-def causes(
+def cause_masks(
     scene: Scene, model: DrawnModel, traced: HogelImage, image: HogelImage, wrong: NDArray[np.bool_]
-) -> dict[str, int]:
-    """Return how many wrong pixels have which cause.
+) -> dict[str, NDArray[np.bool_]]:
+    """Return which wrong pixels have which cause, (H, W) each.
 
     Parameters
     ----------
@@ -85,7 +85,18 @@ def causes(
     seam = np.flatnonzero(rest)
     seam = seam[_on_seams(scene, model, (traced, image), columns[seam], rows[seam])]
     edge[seam], rest[seam] = True, False
-    return {name: int(mask.sum()) for name, mask in zip(CAUSES, (edge, order, lost, rest), strict=True)}
+    masks = {name: np.zeros_like(wrong) for name in CAUSES}
+    for name, mask in zip(CAUSES, (edge, order, lost, rest), strict=True):
+        masks[name][rows[mask], columns[mask]] = True
+    return masks
+
+
+def causes(
+    scene: Scene, model: DrawnModel, traced: HogelImage, image: HogelImage, wrong: NDArray[np.bool_]
+) -> dict[str, int]:
+    """Return how many wrong pixels have which cause; see `cause_masks`."""
+    masks = cause_masks(scene, model, traced, image, wrong)
+    return {name: int(mask.sum()) for name, mask in masks.items()}
 
 
 def _on_border(
@@ -136,5 +147,5 @@ def _seen_by(scene: Scene, model: DrawnModel, aperture: Aperture, side: int) -> 
     if model.near:
         return pencil
     end = max(abs(s) for s in pencil.s_range)
-    begin = NO_NEAR * scene.frustum.longest_reach
+    begin = NO_NEAR * scene.frustum.longest_reach / model.scene_scale
     return replace(pencil, s_range=(begin, end) if side > 0 else (-end, -begin))

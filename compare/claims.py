@@ -37,6 +37,8 @@ class Claims:
         (N, 3, 3) of the triangles.
     size, hogels
         Columns and rows of the files, and of the plate.
+    of_points
+        Whether the triangles stand for claimed points, which say themselves where the scene is.
     """
 
     hogel: NDArray[np.int64]
@@ -44,6 +46,7 @@ class Claims:
     corners: Floats
     size: tuple[int, int]
     hogels: tuple[int, int]
+    of_points: bool = False
 
     def __len__(self) -> int:
         """Return the number of claims."""
@@ -57,6 +60,7 @@ class Claims:
             corners=self.corners[index],
             size=self.size,
             hogels=self.hogels,
+            of_points=self.of_points,
         )
 
     def thinned(self, count: int, seed: int = 0) -> Claims:
@@ -90,9 +94,11 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
     An image that names no triangles, but surface points, claims these.
     """
     hogel, pixel, corners = [], [], []
+    of_points = True
     for image in images:
         named = (image.triangle >= 0) & (image.triangle < len(scene.faces))
         if named.any():
+            of_points = False
             rows, columns = np.nonzero(named & outlines(image.triangle))
             some = _some(len(rows))
             rows, columns = rows[some], columns[some]
@@ -111,6 +117,7 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
         corners=np.concatenate(corners),
         size=scene.frustum.resolution,
         hogels=scene.plate.hogels,
+        of_points=of_points,
     )
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.drawn_color import colored, unconjugated
 from xfrustum.compare.drawn_model import DrawnModel, Front
-from xfrustum.compare.drawn_trace import Layer, layer, overlaid
+from xfrustum.compare.drawn_trace import Layer, as_image, layer, overlaid, trace_drawn
+from xfrustum.compare.pictures import COLOR_TOLERANCE
 from xfrustum.reference import Reference
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.scene import Scene
 
 TELLING = 20
 """Pixels in which two ways of putting the halves together must differ, before images can tell them
@@ -42,16 +44,13 @@ def find_composition(reference: Reference, model: DrawnModel, images: Sequence[H
     model
         Whose conventions and geometry are right.
     images
-        As found, naming triangles or objects.
+        As found, naming triangles or objects, or with colors.
     """
-    scene = reference.scene
     wrong, differing = np.zeros(len(WAYS)), np.zeros(len(WAYS))
     for image in images:
-        shown = model.orientation.upright(_labels(image, scene))
-        by_triangle = bool((image.triangle != NOTHING).any())
-        pictures = [_named(way, scene, by_triangle) for way in _ways(reference, model, image)]
-        wrong += [np.count_nonzero(picture != shown) for picture in pictures]
-        differing += [np.count_nonzero(picture != pictures[0]) for picture in pictures]
+        shown, ways = _compared(reference, model, image)
+        wrong += [np.count_nonzero(_differ(picture, shown)) for picture in ways]
+        differing += [np.count_nonzero(_differ(picture, ways[0])) for picture in ways]
     best = int(np.argmin(wrong))
     # Where the other way holds, each pixel that differs is wrong by the right one; half of them suffice.
     if differing[best] < TELLING or wrong[0] - wrong[best] <= differing[best] / 2:
@@ -78,15 +77,48 @@ def _ways(reference: Reference, model: DrawnModel, image: HogelImage) -> list[La
     return pictures
 
 
-def _labels(image: HogelImage, scene: Scene) -> NDArray[np.int32]:
-    return image.triangle if (image.triangle != NOTHING).any() else image.object
+def _compared(
+    reference: Reference, model: DrawnModel, image: HogelImage
+) -> tuple[NDArray[Any], list[NDArray[Any]]]:
+    """Return what an image shows, upright, and what each of the ways would: numbers (H, W), or colors."""
+    scene, upright = reference.scene, model.orientation.upright
+    ways = _ways(reference, model, image)
+    if (image.triangle != NOTHING).any():
+        return upright(image.triangle), [way.triangle for way in ways]
+    if (image.object != NOTHING).any() or image.color is None:
+        named = np.append(scene.object_of_triangle, np.int32(NOTHING))
+        return upright(image.object), [named[way.triangle] for way in ways]
+    aperture = model.answers(scene, image.camera.aperture)
+    pictures = [colored(scene, model, as_image(reference, aperture, way)).color for way in ways]
+    return upright(image.color), [np.asarray(picture) for picture in pictures]
 
 
-def _named(shown: Layer, scene: Scene, by_triangle: bool) -> NDArray[np.int32]:
-    if by_triangle:
-        return shown.triangle
-    named: NDArray[np.int32] = np.append(scene.object_of_triangle, np.int32(NOTHING))[shown.triangle]
-    return named
+def _differ(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
+    if one.ndim == 2:
+        return np.asarray(one != other)
+    return np.asarray((np.abs(one - other) > COLOR_TOLERANCE).any(axis=-1))
+
+
+def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> float | None:
+    """Return the share of the viewer's half in another color that lights which are not conjugated explain.
+
+    None where no color is wrong there.
+    """
+    scene, wrong, explained = reference.scene, 0, 0
+    for image in images:
+        if image.color is None:
+            continue
+        aperture = model.answers(scene, image.camera.aperture)
+        answer = trace_drawn(reference, model, aperture)
+        mine, number = model.orientation.upright(image.color), model.orientation.upright(image.triangle)
+        asked = answer.height > model.plate_height
+        # Another surface has another color for other reasons.
+        asked &= (number == answer.triangle) | (number == NOTHING)
+        colors = [np.asarray(f(scene, model, answer).color) for f in (colored, unconjugated)]
+        differs, differs_still = (_differ(color, mine) & asked for color in colors)
+        wrong += int(differs.sum())
+        explained += int((differs & ~differs_still).sum())
+    return explained / wrong if wrong else None
 
 
 def exchanged_light(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> list[float]:

@@ -47,6 +47,7 @@ def inside_px(claims: Claims, scene: Scene, model: DrawnModel) -> tuple[Floats, 
     """
     film = claims.film(model.orientation)
     places = claims.apertures(model.order, scene.plate.size) * np.asarray(model.pitch)
+    places = places + np.asarray(model.aperture_offset)
     shear, half = _windows(scene, places, model)
     per_px = 2 / np.asarray(claims.size, dtype=np.float64)
     sampled = film + np.asarray(model.shift) * per_px * (1, -1)
@@ -57,7 +58,8 @@ def inside_px(claims: Claims, scene: Scene, model: DrawnModel) -> tuple[Floats, 
         half=half,
         per_px=per_px,
     )
-    both = [_one_camera(claims.corners, films, model, side) for side in (1, -1)]
+    corners = claims.corners * model.scene_scale + np.asarray(model.scene_offset)
+    both = [_one_camera(corners, films, model, side) for side in (1, -1)]
     return np.stack([one[0] for one in both]), np.stack([one[1] for one in both])
 
 

@@ -8,16 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from xfrustum.compare.claims import claims_of
-from xfrustum.compare.composition import exchanged_light, find_composition
+from xfrustum.compare.composition import exchanged_light, find_composition, unconjugated_share
 from xfrustum.compare.drawn_model import DrawnModel
-from xfrustum.compare.faults import CONVENTIONS, Fault, faults_of, lights_fault
+from xfrustum.compare.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.faults import CONVENTIONS, MISTAKEN_UNITS, Fault, faults_of, lights_fault
 from xfrustum.compare.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.registration import register
 from xfrustum.reference import Reference
+from xfrustum.reference.lines import film_window
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
 
 ENOUGH = 100
 """Claims that it takes to fit seven numbers and two symmetries, with some to spare."""
+
+
+TRIED_DEPTHS = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Shares of the scene's vertices below the heights at which pictures are tried to be explained otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,15 +33,18 @@ class Diagnosis:
     Attributes
     ----------
     model
-        How it draws.
+        How it draws; what was asked for, where no guess explains what it shows.
     faults
         What of that is otherwise than asked.
+    does_not_explain
+        What would be otherwise by the best guess, where that explains too little to be a finding.
     means
         What it was found by, in words.
     """
 
     model: DrawnModel
     faults: tuple[Fault, ...]
+    does_not_explain: tuple[Fault, ...]
     means: str
 
 
@@ -52,30 +61,125 @@ def diagnose(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         What its author says of it.
     """
     scene = reference.scene
+    fit, means = _fitted(reference, images, nominal)
+    images = [image for image in images if image.camera.aperture.index not in fit.spoiled]
+    test = ExplanationTest(reference=reference, images=images, nominal=nominal)
+    model, fit = _best(test, fit)
+    faults = faults_of(scene, nominal, model, fit)
+    share = test.share(model) if faults else None
+    faults = tuple(replace(fault, explains=share) for fault in faults)
+    doubted: tuple[Fault, ...] = ()
+    if share is not None and share < LEAST_EXPLAINED:
+        faults, doubted, model = (), tuple(map(_doubted, faults)), nominal
+    lights = _lights(reference, model, images)
+    if lights is not None and lights.explains is not None and lights.explains >= LEAST_EXPLAINED:
+        faults = (*faults, lights)
+    elif lights is not None:
+        doubted = (*doubted, _doubted(lights))
+    return Diagnosis(model=model, faults=faults, does_not_explain=doubted, means=means)
+
+
+def _fitted(
+    reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel
+) -> tuple[GeometryFit, str]:
+    """Return conventions and geometry by the best means that the images allow, and these in words."""
     claiming = [image for image in images if _claims(image)]
-    claims = claims_of(scene, claiming) if claiming else None
+    claims = claims_of(reference.scene, claiming) if claiming else None
     pictures = [image for image in images if image.color is not None or _names_objects(image)]
     if claims is not None and len(claims) >= ENOUGH:
-        fit = fit_geometry(claims, scene, nominal)
+        fit = fit_geometry(claims, reference.scene, nominal)
         means = f"{len(claims):,} claims of {len(claiming)} hogels"
-        if not fit.holds:
-            none = nominal.parameters
-            fit = replace(fit, model=nominal, low=none, high=none, free=())
-            means += ", which no convention explains"
-    elif pictures:
-        fit = register(reference, pictures, nominal)
-        means = f"registration of {len(pictures)} pictures"
-    else:
-        none = nominal.parameters
-        fit = GeometryFit(model=nominal, low=none, high=none, free=(), noise_px=0.0)
-        means = "nothing: no hogel shows enough to tell"
-    model = fit.model
-    named = [image for image in images if (image.triangle != NOTHING).any() or _names_objects(image)]
-    if named:
-        model = find_composition(reference, model, named)
-    faults = faults_of(scene, nominal, model, fit.low, fit.high)
+        means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
+        return fit, means if fit.holds else f"{means}, which no convention explains"
+    if pictures:
+        fit = replace(register(reference, pictures, nominal), by_color=True)
+        return fit, f"registration of {len(pictures)} pictures"
+    none = nominal.parameters
+    fit = GeometryFit(model=nominal, low=none, high=none, free=(), noise_px=0.0)
+    return fit, "nothing: no hogel shows enough to tell"
+
+
+def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, GeometryFit]:
+    """Return the guess that explains most of what is wrong, without faults that add nothing.
+
+    First what was fitted; where that explains too little, the nominal numbers, which other faults may
+    have misled the fit about; and then scenes in wrong units, which may leave too little to fit.
+    """
+    nominal = test.nominal
+    model = _composed(test, fit.model)
+    if _enough(test.share(model)):
+        return model, replace(fit, alternatives=(*fit.alternatives, *_by_depth(test, model, fit)))
+    plain = fit.model.with_parameters(nominal.parameters)
+    if plain != fit.model:
+        plain = _composed(test, plain)
+    tried = [model, plain]
+    if test.hopeless and not _enough(test.share(plain)):
+        whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid)
+        tried += [replace(whole, scene_scale=factor) for factor in MISTAKEN_UNITS]
+    best = test.reduced(min(tried, key=test.wrong))
+    if best.scene_scale == model.scene_scale:
+        return best, fit
+    # A common mistake, by which the images are right: within which bounds it is, they do not say.
+    unknown = np.where(best.parameters == nominal.parameters, nominal.parameters, np.nan)
+    return best, replace(fit, low=unknown, high=unknown, alternatives=())
+
+
+def _composed(test: ExplanationTest, model: DrawnModel) -> DrawnModel:
+    """Return a guess with the halves put together as the images have them, without idle faults."""
+    telling = [image for image in test.images if _shows(image)]
+    if telling:
+        model = find_composition(test.reference, model, telling)
+    return test.reduced(model) if model != test.nominal else model
+
+
+def _enough(share: float | None) -> bool:
+    return share is None or share >= LEAST_EXPLAINED
+
+
+def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[DrawnModel, ...]:
+    """Return guesses that explain pictures as well as a field of view or a shift does, which they may be.
+
+    At one depth, a near offset n is a field of view 1 + n / |z|, and a moved scene or plate is a shift. So
+    where colors are all there is, each is tried with the depths that the scene has.
+    """
+    nominal, scene = test.nominal, test.reference.scene
+    if not fit.by_color or model.parameters.tolist() == nominal.parameters.tolist():
+        return ()
+    heights = np.quantile(scene.vertices[:, 2], TRIED_DEPTHS)
+    plain = model.with_parameters(nominal.parameters)
+    factor = float(np.mean(model.fov))
+    _, half = film_window(scene.frustum, scene.plate.middle)
+    tilt = 2 * np.asarray(model.shift) / scene.frustum.resolution * half * (1, -1)
+    tried = []
+    for z in heights:
+        if factor != 1.0:
+            near = float(np.clip((factor - 1) * abs(z), 0.0, 0.5 * scene.frustum.longest_reach))
+            tried.append([replace(model, fov=nominal.fov, near=near)])
+        if tilt.any():
+            x, y = (float(part) for part in tilt * z)
+            moved = replace(plain, fov=model.fov, scene_offset=(x, y, 0.0))
+            tried.append([moved, replace(plain, fov=model.fov, aperture_offset=(-x, -y))])
+    return tuple(one for group in tried for one in group if _enough(test.share(one)))
+
+
+def _lights(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> Fault | None:
+    """Return the fault of lights that are not conjugated, and how much of the viewer's half it explains."""
+    if not model.plain:
+        # Another surface wins there, in its own color.
+        return None
     lights = lights_fault(*exchanged_light(reference, model, images))
-    return Diagnosis(model=model, faults=(*faults, lights) if lights else faults, means=means)
+    if lights is None:
+        return None
+    share = unconjugated_share(reference, model, images)
+    return None if share is None else replace(lights, explains=share)
+
+
+def _doubted(fault: Fault) -> Fault:
+    """Return a fault as what it is when it explains too little."""
+    assert fault.explains is not None
+    return replace(
+        fault, words=f"{fault.words}: would explain only {100 * fault.explains:.0f} % of what is wrong"
+    )
 
 
 def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) -> DrawnModel:
@@ -89,6 +193,10 @@ def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) ->
 
 def _claims(image: HogelImage) -> bool:
     return bool((image.triangle != NOTHING).any() or np.isfinite(image.position[..., :2]).any())
+
+
+def _shows(image: HogelImage) -> bool:
+    return bool((image.triangle != NOTHING).any() or _names_objects(image) or image.color is not None)
 
 
 def _names_objects(image: HogelImage) -> bool:

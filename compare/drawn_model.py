@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare import parameters
 from xfrustum.compare.orientations import UPRIGHT, Orientation
 from xfrustum.reference.lines import Pencil, film_window
 from xfrustum.scenes.double_frustum import Fit, Pivot
@@ -47,6 +48,11 @@ class DrawnModel:
         Distances between its apertures over those of the scene, in x and y.
     near
         Offset of both cameras in scene units; 0 for cameras in the aperture itself.
+    aperture_offset
+        By how much all apertures are moved, x and y, scene units.
+    scene_offset, scene_scale
+        How the scene lies to plate and cameras: a point p of it is drawn where scene_scale p + scene_offset
+        belongs.
     pivot, fit
         As in the design; they mean nothing at near 0.
     front, overlaid
@@ -59,6 +65,9 @@ class DrawnModel:
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: tuple[float, float] = (1.0, 1.0)
     near: float = 0.0
+    aperture_offset: tuple[float, float] = (0.0, 0.0)
+    scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scene_scale: float = 1.0
     pivot: Pivot = Pivot.APERTURE
     fit: Fit = Fit.ANGLE
     front: Front = Front.FARTHEST
@@ -71,13 +80,21 @@ class DrawnModel:
 
     @property
     def parameters(self) -> Floats:
-        """Shift, fov, pitch and near as one vector (7,)."""
-        return np.array([*self.shift, *self.fov, *self.pitch, self.near])
+        """All numbers as one vector (P,), in the order of `parameters.FAULT_NAMES`."""
+        return np.concatenate([np.ravel(getattr(self, group.field)) for group in parameters.GROUPS])
+
+    @property
+    def plate_height(self) -> float:
+        """Where along z the plate lies in the scene's own coordinates, before it is moved."""
+        return -self.scene_offset[2] / self.scene_scale
 
     def with_parameters(self, values: Floats) -> DrawnModel:
         """Return the same guess with other numbers, in the order of `parameters`."""
-        x, y, fov_x, fov_y, pitch_x, pitch_y, near = (float(value) for value in values)
-        return replace(self, shift=(x, y), fov=(fov_x, fov_y), pitch=(pitch_x, pitch_y), near=near)
+        fields: dict[str, float | tuple[float, ...]] = {}
+        for group in parameters.GROUPS:
+            numbers = tuple(float(values[place]) for place in parameters.places(group.name))
+            fields[group.field] = numbers if len(numbers) > 1 else numbers[0]
+        return replace(self, **fields)  # type: ignore[arg-type]
 
     def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
         """Return the aperture of the scene that a file named after one aperture shows."""
@@ -85,10 +102,18 @@ class DrawnModel:
 
     def placed(self, aperture: Aperture) -> Aperture:
         """Return an aperture where the guess has it."""
-        return replace(aperture, x=aperture.x * self.pitch[0], y=aperture.y * self.pitch[1])
+        return replace(
+            aperture,
+            x=aperture.x * self.pitch[0] + self.aperture_offset[0],
+            y=aperture.y * self.pitch[1] + self.aperture_offset[1],
+        )
 
     def pencil(self, scene: Scene, aperture: Aperture, side: int) -> Pencil:
-        """Return the lines of C (side 1), of C* (side -1), or of both where near is 0 (side 0)."""
+        """Return the lines of C (side 1), of C* (side -1), or of both where near is 0 (side 0).
+
+        They are lines of the scene as it was asked for: where a renderer has moved it or made it larger,
+        the cameras are moved and made smaller instead.
+        """
         frustum, there = scene.frustum, self.placed(aperture)
         shear, half = film_window(frustum, there)
         step = 0.0 if side == 0 else side * self.near
@@ -109,18 +134,24 @@ class DrawnModel:
             -1: (-self.near - viewer, -self.near),
             0: (-viewer, back),
         }
+        first, last = ranges[side]
+        center = (there.x - aside * shear[0], there.y - aside * shear[1], step)
+        x, y, z = (
+            (place - moved) / self.scene_scale for place, moved in zip(center, self.scene_offset, strict=True)
+        )
         return Pencil(
-            center=(there.x - aside * shear[0], there.y - aside * shear[1], step),
+            center=(x, y, z),
             shear=sampled,
             half_extent=half,
             resolution=frustum.resolution,
-            s_range=ranges[side],
+            s_range=(first / self.scene_scale, last / self.scene_scale),
         )
 
     def project(self, scene: Scene, aperture: Aperture, points: Floats) -> Floats:
         """Return column and row (.., 2) where surface points are drawn; NaN in the plane of the plate."""
         found = np.full((*points.shape[:-1], 2), np.nan)
-        for side, here in ((1, points[..., 2] < 0), (-1, points[..., 2] > 0)):
+        plate = self.plate_height
+        for side, here in ((1, points[..., 2] < plate), (-1, points[..., 2] > plate)):
             pencil = self.pencil(scene, aperture, side)
             relative = points[here] - np.asarray(pencil.center)
             film = (relative[:, :2] / -relative[:, 2:] - np.asarray(pencil.shear)) / pencil.half_extent

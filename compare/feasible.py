@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from xfrustum.compare import parameters
 from xfrustum.compare.claims import Claims
 from xfrustum.compare.containment import inside_px
 from xfrustum.compare.drawn_model import DrawnModel
@@ -28,17 +29,11 @@ is what graphics hardware has."""
 NEIGHBORHOOD_PX = 0.5
 """Only edges this near to a pixel's center can bound a fit that is right to a fraction of a pixel."""
 
-STEPS = np.array([1e-4, 1e-4, 1e-6, 1e-6, 1e-6, 1e-6])
-"""Steps of the derivatives by shift (px), fov and pitch, small against what is to be told apart."""
-
-NEAR_STEP = 1e-4
-"""Step of the derivative by near, as a part of near."""
-
 
 def feasible_interval(
     claims: Claims, scene: Scene, model: DrawnModel, free: Sequence[int], noise_px: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return middle, lowest and highest values (7,) under which no claim fails by more than noise.
+    """Return middle, lowest and highest values (P,) under which no claim fails by more than noise.
 
     Parameters
     ----------
@@ -59,7 +54,7 @@ def feasible_interval(
         return values, low, high
     allowed = SNAP_PX + noise_px
     here, rows = _bounding(claims, scene, model, allowed)
-    steps = np.append(STEPS, max(NEAR_STEP * model.near, 1e-9 * scene.frustum.longest_reach))[list(free)]
+    steps = parameters.derivative_steps(scene, values)[list(free)]
     slopes = np.empty((len(here), len(free)))
     for column, (place, step) in enumerate(zip(free, steps, strict=True)):
         moved = values.copy()
@@ -67,7 +62,8 @@ def feasible_interval(
         slopes[:, column] = _distances(claims, scene, model.with_parameters(moved), rows) - here
     finite = np.isfinite(slopes).all(axis=1)
     # here + slopes . x >= -allowed, with x in steps; near must not become negative.
-    box = [(-values[6] / step if place == 6 else None, None) for place, step in zip(free, steps, strict=True)]
+    least, most = (limit[list(free)] - values[list(free)] for limit in parameters.bounds(scene))
+    box = np.stack((least / steps, most / steps), axis=1)
     middle = values.copy()
     for column, (place, step) in enumerate(zip(free, steps, strict=True)):
         ends = []

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.causes import causes
+from xfrustum.compare.causes import cause_masks
 from xfrustum.compare.displacement import Spread, lengths
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.drawn_trace import trace_drawn
@@ -115,6 +115,8 @@ class Figures:
         The image as the question turns it.
     error
         (H, W) pixels that are wrong: of the surface, or whatever can be told.
+    unexplained
+        (H, W) pixels that `wrong` counts, upright, without those whose cause was asked for and found.
     """
 
     shown: int
@@ -130,6 +132,7 @@ class Figures:
     answer: HogelImage
     image: HogelImage
     error: Mask
+    unexplained: Mask
 
     @property
     def fraction(self) -> float:
@@ -218,6 +221,9 @@ def judge(
     if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
         radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
     spread, measured_by = _displacement(reference, question, answer, upright, by)
+    masks = None
+    if explained and by == "triangle":
+        masks = cause_masks(reference.scene, question, answer, upright, differs)
     return Figures(
         shown=int(shown.sum()),
         by=by,
@@ -228,12 +234,11 @@ def judge(
         displacement_px=spread,
         measured_by=measured_by,
         radiance=None if radiance is None else int(radiance.sum()),
-        causes=causes(reference.scene, question, answer, upright, differs)
-        if explained and by == "triangle"
-        else None,
+        causes=None if masks is None else {name: int(mask.sum()) for name, mask in masks.items()},
         answer=answer,
         image=upright,
         error=(differs if surface is None else surface) | (False if radiance is None else radiance),
+        unexplained=differs if masks is None else masks["unexplained"],
     )
 
 
@@ -362,9 +367,10 @@ def wrong_surfaces(reference: Reference, question: DrawnModel, answer: HogelImag
     if not question.plain:
         return wrong
     scene, aperture = reference.scene, answer.camera.aperture
-    sides = [(0, known & (image.height != 0))]
+    plate = question.plate_height
+    sides = [(0, known & (image.height != plate))]
     if question.near:
-        sides = [(1, known & (image.height < 0)), (-1, known & (image.height > 0))]
+        sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
     for side, asked in sides:
         position, number = image.position[asked].astype(np.float64), image.triangle[asked]
         known_number = (number >= 0) & (number < len(scene.faces))
@@ -385,4 +391,4 @@ def _covered_by_front(question: DrawnModel, reference: Reference, answer: HogelI
     on_film: Mask = np.all((place > -0.5) & (place < (width - 0.5, height - 0.5)), axis=1)
     column, row = np.rint(np.where(on_film[:, None], place, 0.0)).astype(np.int64).T
     with np.errstate(invalid="ignore"):
-        return np.asarray(on_film & (answer.height[row, column] > 0))
+        return np.asarray(on_film & (answer.height[row, column] > question.plate_height))

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.compare.drawn_color import colored
 from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.reference import Reference
+from xfrustum.reference.averages import averages
 from xfrustum.scenes.frustum import Frustum, Screen
 from xfrustum.scenes.hogel_image import HogelImage
 from xfrustum.scenes.plate import Aperture
@@ -27,10 +29,15 @@ AHEAD = -1.0
 
 
 def reference_colors(reference: Reference, question: DrawnModel, answer: HogelImage) -> HogelImage:
-    """Return the answer to a question with the reference's color; near offsets bend nothing here."""
+    """Return the answer to a question with the reference's color.
+
+    Where color is an average, near offsets bend nothing, and the viewer's half wins as it must.
+    """
     aperture = answer.camera.aperture
-    if question.parameters.tolist() == DrawnModel().parameters.tolist():
+    if question.plain and question.parameters.tolist() == DrawnModel().parameters.tolist():
         return replace(answer, color=reference.trace(aperture).color)
+    if not averages(reference.scene.sampling):
+        return colored(reference.scene, question, answer)
     return replace(answer, color=picture_of(reference, question, aperture).color)
 
 
@@ -44,7 +51,7 @@ def picture_of(
     reference
         Of the scene.
     model
-        Its shift, field of view and pitch are used.
+        All of its numbers but the near offset are used.
     aperture
         Of the scene.
     finer
@@ -57,7 +64,7 @@ def picture_of(
     width, height = scene.frustum.resolution
     frustum = Frustum(
         resolution=(round(width * finer * wider), round(height * finer * wider)),
-        reach=scene.frustum.reach,
+        reach=(-pencil.s_range[0], pencil.s_range[1]),
         screen=Screen(
             height=AHEAD,
             center=(pencil.center[0] + pencil.shear[0], pencil.center[1] + pencil.shear[1]),
@@ -65,7 +72,11 @@ def picture_of(
         ),
     )
     there = replace(aperture, x=pencil.center[0], y=pencil.center[1])
-    return Reference(replace(scene, frustum=frustum)).trace(there)
+    # The plate of the picture is z = 0: where the scene lies higher or lower, it is its objects that move.
+    below = np.array([0.0, 0.0, pencil.center[2]])
+    moved = tuple(replace(part, vertices=part.vertices - below) for part in scene.objects)
+    objects = moved if below.any() else scene.objects
+    return Reference(replace(scene, frustum=frustum, objects=objects)).trace(there)
 
 
 def shows_something(image: HogelImage) -> NDArray[np.bool_]:

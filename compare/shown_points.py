@@ -43,7 +43,7 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     for side in (1, -1):
         pencil = model.pencil(scene, aperture, side)
         met = _met(corners, np.asarray(pencil.center), pencil.directions()[rows, columns])
-        ahead = np.isfinite(met).all(axis=1) & (side * met[:, 2] <= 0)
+        ahead = np.isfinite(met).all(axis=1) & (side * (met[:, 2] - model.plate_height) <= 0)
         distance = np.full(len(rows), np.inf)
         distance[ahead] = distance_to_triangles(met[ahead], corners[ahead])
         nearer = distance < off

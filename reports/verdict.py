@@ -239,6 +239,7 @@ class Verification:
             "judged": self.judged,
             "checks": [check.summary() for check in self.checks],
             "diagnosis": [fault.summary() for fault in self.diagnosis.faults],
+            "does_not_explain": [fault.summary() for fault in self.diagnosis.does_not_explain],
             "found_by": self.diagnosis.means,
             "as_found": totals([hogel.as_found for hogel in self.hogels]),
             "corrected": totals([hogel.corrected for hogel in self.hogels]),

@@ -42,6 +42,7 @@ def render_page(found: Verification) -> str:
         "found": found,
         "summary": found.summary(),
         "sentence": sentence(found),
+        "explained": explained(found),
         "as_found": _worded(totals([hogel.as_found for hogel in found.hogels])),
         "corrected": _worded(totals([hogel.corrected for hogel in found.hogels])),
         "versions": {**versions(), **machine()},
@@ -111,7 +112,12 @@ def table(found: Verification) -> str:
     """Return verdict, diagnosis and figures as lines."""
     lines = [sentence(found), f"judged: {found.judged}", f"diagnosis, by {found.diagnosis.means}:"]
     lines += [f"  {fault.words}{_interval(fault.low, fault.high)}" for fault in found.diagnosis.faults]
-    if not found.diagnosis.faults:
+    if found.diagnosis.faults:
+        lines += [f"  explained: {told}" for told in explained(found)]
+    elif found.diagnosis.does_not_explain:
+        lines.append("  no known fault explains what is wrong:")
+        lines += [f"    {fault.words}" for fault in found.diagnosis.does_not_explain]
+    else:
         judged = any(hogel.as_found for hogel in found.hogels)
         lines.append("  nothing found" if judged else "  nothing: no hogel could be judged")
     for name, figures in (
@@ -125,6 +131,12 @@ def table(found: Verification) -> str:
     if len(problems) > LISTED:
         lines.append(f"and {len(problems) - LISTED} more like these")
     return "\n".join(lines)
+
+
+def explained(found: Verification) -> list[str]:
+    """Return in words how much of what is wrong the diagnosis explains; none where nothing is wrong."""
+    shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
+    return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
 
 
 def _interval(low: float | None, high: float | None) -> str:

@@ -49,6 +49,7 @@ class Faulty:
     shift: tuple[float, float] = (0.0, 0.0)
     fov: tuple[float, float] = (1.0, 1.0)
     pitch: float = 1.0
+    aperture_offset: tuple[float, float] = (0.0, 0.0)
     near: float | None = None
     pivot: str = "aperture"
     fit: str = "angle"
@@ -72,7 +73,8 @@ class Faulty:
         columns, rows = scene.plate.hogels
         index = self.order.index(aperture.index, (columns, rows))
         asked = scene.plate.aperture(*index)
-        there = replace(asked, x=asked.x * self.pitch, y=asked.y * self.pitch)
+        x, y = self.aperture_offset
+        there = replace(asked, x=asked.x * self.pitch + x, y=asked.y * self.pitch + y)
         image = self._drawn(there)
         arrays = {
             name: self.orientation.applied(getattr(image, name)) for name in ("triangle", "object", "color")
