@@ -12,7 +12,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import xfrustum
 from xfrustum.reports.study_rows import Origin
 from xfrustum.scenes.errors import InputError
 
@@ -41,7 +40,7 @@ def origin_hash(origin: Origin) -> str:
     """
     opengl = {name: text for name, text in origin.devices.items() if name.startswith("OpenGL")}
     digest = hashlib.sha256(json.dumps([dict(origin.versions), opengl], sort_keys=True).encode())
-    root = files(xfrustum)
+    root = files("xfrustum")
     sources = [root / "reports" / name for name in MEASURING_MODULES]
     for package in MEASURING:
         folder = Path(str(root / package))
