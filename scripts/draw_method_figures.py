@@ -1,0 +1,204 @@
+"""Draw the figures of docs/method.md as SVG: python scripts/draw_method_figures.py [FOLDER]."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+WIDTH, HEIGHT = 720, 300
+INK, FAINT, BACK, FRONT, PLATE = "#333", "#999", "#0072b2", "#d55e00", "#000"
+"""Okabe and Ito's blue for C, behind the plate, and vermilion for C*, before it."""
+
+Point = tuple[float, float]
+
+
+class Drawing:
+    """An SVG document that is put together element by element.
+
+    Parameters
+    ----------
+    scale
+        Pixels for each unit of length.
+    origin
+        Where (0, 0) lies, pixels from the top left.
+    """
+
+    def __init__(self, scale: Point, origin: Point = (WIDTH / 2, HEIGHT / 2)) -> None:
+        self._scale, self._origin = scale, origin
+        self._elements: list[str] = []
+
+    def _at(self, point: Point) -> Point:
+        return (
+            self._origin[0] + self._scale[0] * point[0],
+            self._origin[1] - self._scale[1] * point[1],
+        )
+
+    def line(self, points: Iterable[Point], color: str = INK, width: float = 1.5, dash: str = "") -> None:
+        """Draw a line through some points."""
+        path = " ".join(f"{x:.2f},{y:.2f}" for x, y in map(self._at, points))
+        dashed = f' stroke-dasharray="{dash}"' if dash else ""
+        self._elements.append(
+            f'<polyline points="{path}" fill="none" stroke="{color}" stroke-width="{width}"{dashed}/>'
+        )
+
+    def area(self, points: Iterable[Point], color: str) -> None:
+        """Fill a polygon faintly."""
+        path = " ".join(f"{x:.2f},{y:.2f}" for x, y in map(self._at, points))
+        self._elements.append(f'<polygon points="{path}" fill="{color}" fill-opacity="0.15"/>')
+
+    def dot(self, point: Point, color: str = INK) -> None:
+        """Mark a point."""
+        x, y = self._at(point)
+        self._elements.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="4" fill="{color}"/>')
+
+    def text(
+        self, point: Point, words: str, color: str = INK, anchor: str = "middle", shift: Point = (0, 0)
+    ) -> None:
+        """Write words at a point, shifted by some pixels."""
+        x, y = self._at(point)
+        self._elements.append(
+            f'<text x="{x + shift[0]:.2f}" y="{y + shift[1]:.2f}" fill="{color}" '
+            f'text-anchor="{anchor}">{words}</text>'
+        )
+
+    def document(self) -> str:
+        """Return the whole document."""
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+            'font-family="sans-serif" font-size="14">\n'
+            f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#fff"/>\n'
+            + "\n".join(self._elements)
+            + "\n</svg>\n"
+        )
+
+
+REACH, SLOPE, TOP = 4.0, 0.5, 2.4
+"""Reach to either side, half-extent of the frustum, half the height of the plate; units of the figures."""
+
+
+def _plate(drawing: Drawing) -> None:
+    """Draw the plate edge-on, with the viewer on the right: +z points there."""
+    drawing.line([(0, -TOP), (0, TOP)], PLATE, 3)
+    drawing.text((0, TOP), "plate, z = 0", PLATE, shift=(0, -8))
+    drawing.text((REACH, -TOP), "viewer, z &gt; 0", FAINT, "end", (0, 14))
+    drawing.text((-REACH, -TOP), "behind the plate, z &lt; 0", FAINT, "start", (0, 14))
+
+
+def crossed_frustum() -> Drawing:
+    """Return the lines of one aperture on both sides of the plate."""
+    drawing = Drawing((75, 50))
+    _plate(drawing)
+    edge = REACH * SLOPE
+    drawing.area([(0, 0), (-REACH, -edge), (-REACH, edge)], BACK)
+    drawing.area([(0, 0), (REACH, -edge), (REACH, edge)], FRONT)
+    for step in range(-4, 5):
+        slope = SLOPE * step / 4
+        drawing.line([(-REACH, -slope * REACH), (REACH, slope * REACH)], FAINT, 1)
+    drawing.dot((0, 0))
+    drawing.line([(0.05, -0.1), (0.3, -1.5)], INK, 1)
+    drawing.text((0.3, -1.5), "aperture", shift=(2, 14), anchor="start")
+    drawing.text((-REACH, 2.0), "nearest surface wins", BACK, "start", (4, -6))
+    drawing.text((REACH, 2.0), "farthest surface wins", FRONT, "end", (-4, -6))
+    return drawing
+
+
+def two_cameras() -> Drawing:
+    """Return C and C* with their common near plane."""
+    drawing = Drawing((75, 50))
+    near = 0.8
+    _plate(drawing)
+    for side, color, name in ((-1, BACK, "C"), (1, FRONT, "C*")):
+        center = -side * near
+        window, far = near * SLOPE, (REACH + near) * SLOPE
+        drawing.area([(0, window), (side * REACH, far), (side * REACH, -far), (0, -window)], color)
+        for sign in (-1, 1):
+            drawing.line([(center, 0), (side * REACH, sign * far)], color, 1.5)
+        drawing.dot((center, 0), color)
+        drawing.text((center, 0), f"{name}", color, shift=(-side * 14, -10))
+        drawing.line([(0, -0.55), (center, -0.55)], color, 1)
+        drawing.text((center / 2, -0.55), "n", color, shift=(0, 16))
+    return drawing
+
+
+def near_offset() -> Drawing:
+    """Return drawn over true film coordinate, |z|/(|z| + n), for some near offsets."""
+    drawing = Drawing((140, 190), (80, 250))
+    drawing.line([(0, 0), (4.2, 0)])
+    drawing.line([(0, 0), (0, 1.1)])
+    drawing.line([(0, 1), (4.2, 1)], FAINT, 1, "4 4")
+    drawing.text((0, 1), "1", anchor="end", shift=(-8, 5))
+    drawing.text((0, 0), "0", anchor="end", shift=(-8, 5))
+    drawing.text((2.1, 0), "|z|, distance of the surface from the plate", shift=(0, 32))
+    drawing.text((0, 1.1), "drawn u / true u", anchor="start", shift=(0, -10))
+    for near, color in ((0.03, BACK), (0.3, "#009e73"), (1.0, FRONT)):
+        depths = [4.0 * (step / 200) ** 2 for step in range(1, 201)]
+        drawing.line([(z, z / (z + near)) for z in depths], color, 2)
+        drawing.text((4.0, 4.0 / (4.0 + near)), f"n = {near:g}", color, "start", (6, 5 if near > 0.1 else -6))
+    return drawing
+
+
+def shear() -> Drawing:
+    """Return the near windows of both cameras for both pivots."""
+    drawing = Drawing((38, 50))
+    near, slope = 1.4, 0.45
+    for offset, pivot in ((-5.0, "aperture"), (5.0, "camera")):
+        drawing.line([(offset, -TOP), (offset, TOP)], PLATE, 3)
+        drawing.text((offset, TOP), f"pivot {pivot}", shift=(0, -8))
+        for side, color in ((-1, BACK), (1, FRONT)):
+            # C and C* see the same shear; about the aperture their centers move apart by 2 n k.
+            start = side * near * slope if pivot == "aperture" else 0.0
+            center = (offset - side * near, -start)
+            middle = -start + side * slope * near
+            half = near * 0.35
+            drawing.line([center, (offset, middle + half)], color, 1)
+            drawing.line([center, (offset, middle - half)], color, 1)
+            drawing.line(
+                [(offset + side * 0.12, middle - half), (offset + side * 0.12, middle + half)], color, 5
+            )
+            drawing.dot(center, color)
+            drawing.text(center, "C" if side < 0 else "C*", color, shift=(-side * 16, 5))
+    drawing.text((-5, -TOP), "the near windows coincide", FAINT, shift=(0, 16))
+    drawing.text((5, -TOP), "they miss each other by 2 n k", FAINT, shift=(0, 16))
+    return drawing
+
+
+def slabs() -> Drawing:
+    """Return two cuts on either side, and where the cameras of each slab stand."""
+    drawing = Drawing((75, 50))
+    cuts = (0.8, 1.8, REACH)
+    _plate(drawing)
+    for side, color in ((-1, BACK), (1, FRONT)):
+        for near, far in ((0.8, 1.8), (1.8, REACH)):
+            corners = ((near, near), (far, far), (far, -far), (near, -near))
+            drawing.area([(side * depth, SLOPE * aside) for depth, aside in corners], color)
+        for cut in cuts[:-1]:
+            drawing.line([(side * cut, -1.6), (side * cut, 1.6)], color, 1, "4 4")
+        for sign in (-1, 1):
+            drawing.line([(0, 0), (side * REACH, sign * REACH * SLOPE)], color, 1.5)
+        drawing.dot((-side * 0.3, 0), color)
+    drawing.dot((0, 0))
+    drawing.text((0.8, 1.6), "z1", FRONT, shift=(10, 10))
+    drawing.text((1.8, 1.6), "z2", FRONT, shift=(10, 10))
+    drawing.text((REACH, -2.1), "all others: from the aperture", INK, "end", (-4, 6))
+    drawing.text((-REACH, 2.1), "first slab, |z| &lt; z1: from the offset cameras", INK, "start", (0, -6))
+    return drawing
+
+
+FIGURES: dict[str, Callable[[], Drawing]] = {
+    "method-crossed-frustum.svg": crossed_frustum,
+    "method-two-cameras.svg": two_cameras,
+    "method-near-offset.svg": near_offset,
+    "method-shear.svg": shear,
+    "method-slabs.svg": slabs,
+}
+
+
+def main(folder: Path) -> None:
+    """Write all figures into a folder."""
+    for name, draw in FIGURES.items():
+        (folder / name).write_text(draw().document(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[1] / "docs" / "images")
