@@ -1,4 +1,7 @@
-"""Every wrong pixel charged to one link of the chain, and every rounding explained (design, section 4)."""
+"""Every wrong pixel charged to one link of the chain, and every rounding explained.
+
+See docs/method.md, "The error budget".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chain from the truth to the raster, one thing changed per link (design, section 4)."""
+"""The chain from the truth to the raster, one thing changed per link (docs/method.md, "The error budget")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Displacement: how far the picture moved, pixel by pixel (design, section 4)."""
+"""Displacement: how far the picture moved, pixel by pixel (docs/method.md, "What is compared")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each error as an image, pixel by pixel (design, section 4)."""
+"""Each error as an image, pixel by pixel (docs/method.md, "What is compared")."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Rasterizing adds three things to the exact lines of C and C*: vertices are rounded (to float32,
 then to the subpixel grid), depth is rounded (to float32, then to the format), and the depth
-buffer starts at a clear value that a surface must beat. Each leaves its mark (design, section 4):
+buffer starts at a clear value that a surface must beat. Each leaves its mark (docs/method.md):
 
 * edge: the pixel's center lies within those roundings of an edge of one of the two triangles,
   or of a cut by the near plane or the reach;

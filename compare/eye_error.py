@@ -1,4 +1,7 @@
-"""What the bent eye vector costs at an image's surface points: predicted and measured (design, section 6)."""
+"""What the bent eye vector costs at an image's surface points: predicted and measured.
+
+See docs/method.md, "Light".
+"""
 
 from __future__ import annotations
 

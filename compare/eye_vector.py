@@ -1,4 +1,4 @@
-"""Which way a surface point is looked at: truly, and by the camera that draws it (design, section 6).
+"""Which way a surface point is looked at: truly, and by the camera that draws it (docs/method.md, "Light").
 
 At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another
 surface point is met. At one *surface point* the two lines differ: the eye vector bends.

@@ -86,7 +86,7 @@ def _drawn(views: Views, view: View, rasterizer: Rasterizer, settings: DoubleFru
     """Return the 99th percentile of displacement, and the share of wrong surfaces charged to depth.
 
     That is what is wrong with the depth buffer and right with a linear one in 32 bits, all else equal: the
-    last link of the chain (design, section 4).
+    last link of the chain (docs/method.md, "The error budget").
     """
     exact_depth = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     image, without = (

@@ -1,4 +1,4 @@
-"""Closed forms of every error, from the scene's geometry alone (design, sections 3 and 4)."""
+"""Closed forms of every error, from the scene's geometry alone (docs/method.md)."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 Two errors limit it, and they are independent, so their squares add.
 
  * The step: distinct depths are stored as equal ones up to one step of the format, and strict tests
-   then keep the wrong surface where that was drawn first (design, section 3).
+   then keep the wrong surface where that was drawn first (docs/method.md).
  * Float32: whatever the format, depth is computed in float32 before it is stored. Each of its
    roundings is uniform within half a unit in the last place of the number that is rounded, a variance
    of a twelfth of a unit squared. Two surfaces have twice that; their sum is close to normal.
@@ -65,7 +65,7 @@ def smallest_separation(
 
     Notes
     -----
-    Steps alone, by depth b bits deep (design, section 3): w^2 (f - n) / (f n 2^b) for the hyperbolic
+    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic
     mappings, w ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32 at
     the stored value, which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
     """

@@ -1,4 +1,7 @@
-"""Closed form of displacement: where each point is drawn, from the truth alone (design, section 3)."""
+"""Closed form of displacement: where each point is drawn, from the truth alone.
+
+See docs/method.md, "The two cameras".
+"""
 
 from __future__ import annotations
 

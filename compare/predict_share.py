@@ -1,6 +1,6 @@
 """Closed form of the share of pixels that a depth buffer shows wrongly, from the truth's geometry alone.
 
-A pixel's surface is at stake in two ways (design, section 4):
+A pixel's surface is at stake in two ways (docs/method.md, "The error budget"):
 
 * order: the next surface that the same camera sees in the same slab is stored in front of it, or as equal
   and was drawn first. Surfaces in different slabs have depth buffers of their own;
@@ -44,7 +44,7 @@ SMALLEST_STEP = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Slab:
-    """One camera's slab and its depth buffer (design, sections 3 and 5).
+    """One camera's slab and its depth buffer (docs/method.md, "Splitting").
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def depth_wrong_share(
 ) -> float:
     """Return the expected share of judged pixels that the depth buffer alone shows wrongly.
 
-    That is wrongly with these settings, and rightly with linear D32F depth (design, section 4).
+    That is wrongly with these settings, and rightly with linear D32F depth (docs/method.md).
 
     Parameters
     ----------

@@ -1,4 +1,6 @@
-"""Closed form of the surface error that displacement causes along silhouettes (design, section 4).
+"""Closed form of the surface error that displacement causes along silhouettes.
+
+See docs/method.md, "What is compared".
 
 A picture merely displaced shows no wrong surface, but where one surface ends before another the two
 are displaced differently, and the contour is drawn elsewhere. Across a contour, with x in pixels

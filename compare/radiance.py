@@ -1,4 +1,7 @@
-"""Radiance error: how far colors are off, in linear RGB, raster minus truth (design, section 4)."""
+"""Radiance error: how far colors are off, in linear RGB, raster minus truth.
+
+See docs/method.md, "What is compared".
+"""
 
 from __future__ import annotations
 

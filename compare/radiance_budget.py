@@ -1,4 +1,6 @@
-"""The radiance error of an image, link by link: signed differences that add up (design, section 4).
+"""The radiance error of an image, link by link: signed differences that add up.
+
+See docs/method.md, "The error budget".
 
 Through the chain's own links (near offset to depth) every image is shaded truly: as the true frustum
 shows the surface points that the image has. So each of these links tells what *showing another point*

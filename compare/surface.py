@@ -1,4 +1,4 @@
-"""Surface: which pixels show the wrong one? (design, section 4)
+"""Surface: which pixels show the wrong one? (docs/method.md, "What is compared")
 
 Independent of how finely a mesh is tessellated, hence the headline. A picture merely displaced
 is not a wrong surface.

@@ -1,4 +1,4 @@
-"""What a depth format and a mapping mean for the two cameras (design, section 3).
+"""What a depth format and a mapping mean for the two cameras (docs/method.md, "The two cameras").
 
 C keeps the nearest surface and starts from its far value; C* keeps the farthest and starts
 from its near value (paper, section 3). Tests are strict: equal depths keep what was drawn first.

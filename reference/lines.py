@@ -1,4 +1,4 @@
-"""Pixel to line: the definition of truth (design: frames; paper, sections 3 and 5)."""
+"""Pixel to line: the definition of truth (CONVENTIONS.md, "Frames"; paper, sections 3 and 5)."""
 
 from __future__ import annotations
 

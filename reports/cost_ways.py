@@ -28,7 +28,10 @@ DEPTHS = (
     (DepthFormat.D24, DepthMapping.LINEAR),
 )
 CUTS_PER_REACH = ((0.1,), (0.03, 0.2), (0.01, 0.05, 0.25))
-"""One, two and three cuts in about geometric progression, as planners place them (design, section 5)."""
+"""One, two and three cuts in about geometric progression, as planners place them.
+
+See docs/method.md, "Splitting".
+"""
 NEARS_PER_CUT = (1e-1, 1e-2)
 USUAL_NEAR_PER_REACH = 1e-3
 """Where samples and effects are measured, whose cost does not depend on near."""

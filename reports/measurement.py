@@ -33,7 +33,7 @@ class Measurement:
     aperture, settings
         What was drawn, and how.
     comparison
-        The numbers of `compare --json` (design, section 7).
+        The numbers of `compare --json` (CONVENTIONS.md, "Errors and their signs").
     certainty
         Number of pixels per class of certainty of the truth.
     predicted

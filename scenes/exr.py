@@ -1,4 +1,4 @@
-"""Hogel images as OpenEXR files (design, section 7): one door for reading and writing."""
+"""Hogel images as OpenEXR files (CONVENTIONS.md, "Image files"): one door for reading and writing."""
 
 from __future__ import annotations
 

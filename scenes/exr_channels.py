@@ -1,4 +1,7 @@
-"""Names and types of an image's OpenEXR channels; its camera and rendering as text (design, section 7)."""
+"""Names and types of an image's OpenEXR channels; its camera and rendering as text.
+
+See CONVENTIONS.md, "Image files".
+"""
 
 from __future__ import annotations
 

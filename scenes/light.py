@@ -1,4 +1,6 @@
-"""Lights: directional, and an environment around everything (design, section 6; paper, sections 3 and 6).
+"""Lights: directional, and an environment around everything.
+
+See docs/method.md, "Light"; paper, sections 3 and 6.
 
 Parameters only; the two answers shade with formulas of their own. CONVENTIONS.md, "Light", has the model.
 """

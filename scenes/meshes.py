@@ -1,4 +1,4 @@
-"""Mesh files through trimesh, numbered as the contract says (design, section 7)."""
+"""Mesh files through trimesh, numbered as the contract says (CONVENTIONS.md, "Triangles and objects")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scene file (TOML; design, section 7): read, checked key by key, turned into a scene."""
+"""The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key, turned into a scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Displacement, measured from drawn surface points, is the closed form of design, section 3."""
+"""Displacement, measured from drawn surface points, is the closed form of docs/method.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plate's apertures, by the formula of the design, section 2."""
+"""The plate's apertures, by the formula of CONVENTIONS.md, "Frames"."""
 
 from __future__ import annotations
 

@@ -300,7 +300,7 @@ def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) 
 
 
 def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[NDArray[np.float64], ...]:
-    """k and t by their definitions (design, section 2)."""
+    """k and t by their definitions (CONVENTIONS.md, "Frames")."""
     if frustum.screen is None:
         assert frustum.fov is not None
         return np.zeros(2), np.tan(np.array(frustum.fov) / 2)

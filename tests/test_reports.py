@@ -208,7 +208,10 @@ def test_the_price_of_the_measurement_leaves_out_the_pictures_of_the_page(files:
 
 
 def test_displacement_falls_with_near_as_predicted(files: ReportFiles) -> None:
-    """Away from float32's own limit the closed form and the pixels agree (design, section 3)."""
+    """Away from float32's own limit the closed form and the pixels agree.
+
+    See docs/method.md, "The two cameras".
+    """
     for row in files.content["rows"]:
         if row["settings"]["near"] == 0.015:
             measured = row["comparison"]["displacement_px"]["rms"]

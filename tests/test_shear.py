@@ -1,4 +1,6 @@
-"""Shear: the ordinary off-axis projection against the paper's (design, section 3; paper, section 5).
+"""Shear: the ordinary off-axis projection against the paper's.
+
+See docs/method.md, "The two cameras"; paper, section 5.
 
 With pivot `camera` each camera shears about its own center, and every surface point is drawn
 -k n / ((|z| + n) t) film units beside where pivot `aperture` draws it.

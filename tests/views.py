@@ -60,7 +60,7 @@ def at(x: float, y: float) -> Aperture:
 
 
 def lines_by_definition(scene: Scene, aperture: Aperture) -> NDArray[np.float64]:
-    """Return d of every pixel, (H, W, 3), straight from design, section 2."""
+    """Return d of every pixel, (H, W, 3), straight from CONVENTIONS.md, "Frames"."""
     width, height = scene.frustum.resolution
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height
