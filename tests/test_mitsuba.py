@@ -32,7 +32,7 @@ from xfrustum.reference.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.sensor import mitsuba_scene, register_sensor, sensor_parameters
 from xfrustum.reference.tracer import Tracer
 from xfrustum.reference.visibility import distance_to_triangles
-from xfrustum.scenes import open_scene
+from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene, SceneObject
@@ -226,7 +226,7 @@ class TestTruth:
         assert versions["mitsuba variant"] == backend().mitsuba.variant()
 
     def test_an_unknown_tracer_is_refused(self) -> None:
-        with pytest.raises(ValueError, match="embree"):
+        with pytest.raises(InputError, match="embree"):
             Reference(open_scene("empty"), "optix")
 
 
