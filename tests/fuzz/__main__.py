@@ -15,6 +15,8 @@ import random
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from PIL import Image
@@ -28,7 +30,7 @@ BATCH = 50
 """Inputs that a worker takes at once."""
 
 PREPARED = (
-    *("charset_normalizer", "drjit", "lxml.etree", "networkx", "skimage.measure"),
+    *("tests.fuzz.entries", "charset_normalizer", "drjit", "lxml.etree", "networkx", "skimage.measure"),
     *("xfrustum.cli", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
     *("xfrustum.reports.comparison", "xfrustum.reports.plate", "xfrustum.reports.scene_check.checking"),
     *("xfrustum.reports.tracing", "xfrustum.reports.transported", "xfrustum.reports.verification"),
@@ -122,10 +124,24 @@ def import_everything() -> None:
     from xfrustum.reference.dr_jit import LLVM_VARIABLE
 
     os.environ[LLVM_VARIABLE] = os.devnull
-    for name in PREPARED:
-        importlib.import_module(name)
+    with _silent():
+        for name in PREPARED:
+            importlib.import_module(name)
     # Else every child looks for them anew.
     Image.init()
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Drop what libraries in C say on standard error within a block, such as that there is no LLVM."""
+    shown = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(shown, 2)
+            os.close(shown)
 
 
 if __name__ == "__main__":

@@ -94,12 +94,12 @@ def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         sys.argv = ["xfrustum", *command]
         # Not before the fork: importing it holds signals back until it runs.
-        from tests.fuzz.entries import go_on_with_plate, read_picture
+        from tests.fuzz.entries import ENTRIES
         from xfrustum.__main__ import run
         from xfrustum.cli import cli
 
-        cli.add_command(read_picture)
-        cli.add_command(go_on_with_plate)
+        for entry in ENTRIES:
+            cli.add_command(entry)
         status = CRASHED
         status = run()
     except SystemExit as ended:

@@ -11,6 +11,21 @@ from pathlib import Path
 
 import click
 
+from xfrustum import cli_options as options
+
+
+@click.command("read-scene")
+@click.argument("scene")
+def read_scene(scene: str) -> None:
+    """Read a scene, with its meshes, textures and maps."""
+    from xfrustum.scenes import open_scene
+    from xfrustum.scenes.look import look_hash
+
+    opened = open_scene(scene)
+    for warning in opened.warnings:
+        options.warn(warning)
+    click.echo(f"{len(opened.faces)} {opened.content_hash} {look_hash(opened)}")
+
 
 @click.command("read-picture")
 @click.argument("scene")
@@ -57,3 +72,6 @@ def go_on_with_plate(scene: str, description: Path, out: Path) -> None:
                 claims.release(number)
             if not (store.finished(aperture) and store.readable(aperture)):
                 raise AssertionError(f"the hogel {aperture.index} is not whole after it was written")
+
+
+ENTRIES = (read_scene, read_picture, go_on_with_plate)

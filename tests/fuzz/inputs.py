@@ -3,13 +3,13 @@
 Most inputs are only read, because a verdict takes a hundred times as long as reading what it is about; one in
 so many goes all the way:
 
-scene, mesh, patches, environment   `xfrustum check`; one in ten `trace`
+scene, mesh, patches, environment   `read-scene`; one in ten `check`, one in ten `trace`
 exr                                 `compare`
 picture                             `read-picture`, which reads as `verify` does; one in a hundred `verify`
 zarr                                `go-on-with-plate`, `plate --check` without OpenGL; one in twenty `plate`
 command                             the command itself
 
-The two commands with other names are the fuzzer's own: see `entries`.
+The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
 """
 
 from __future__ import annotations
@@ -86,9 +86,6 @@ samples = 4
 """
 
 
-CHECK = ("check", "scene.toml")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Seed:
     """A valid input: files, the one that is mutated, and the command that reads them.
@@ -119,14 +116,20 @@ class Seed:
 
 def _mostly(share: int, word: str, command: tuple[str, ...], seeds: list[Seed]) -> list[Seed]:
     """Return seeds, and each once more with a command that takes less time and gets `share` times as many."""
-    return [
-        one
+    quick = [
+        replace(seed, name=f"{seed.name}-{word}", command=command, outputs=frozenset(), share=share)
         for seed in seeds
-        for one in (
-            seed,
-            replace(seed, name=f"{seed.name}-{word}", command=command, share=share),
-        )
     ]
+    return [*seeds, *quick]
+
+
+def _of_scene(seeds: list[Seed]) -> list[Seed]:
+    """Return seeds whose scene is traced, checked, and mostly only read."""
+    checked = [
+        replace(seed, name=f"{seed.name}-check", command=("check", "scene.toml"), outputs=frozenset())
+        for seed in seeds
+    ]
+    return [*_mostly(8, "read", ("read-scene", "scene.toml"), seeds), *checked]
 
 
 def _with_mesh(name: str, scene: str = SCENE) -> bytes:
@@ -149,10 +152,7 @@ def scenes() -> list[Seed]:
     """Return scene files with every table."""
     trace = ("trace", "scene.toml", "--out", "out.exr", "--quiet")
     texts = {"shape": SCENE + SHAPE, "lit": SCENE + LIT, "sheared": SHEARED + SHAPE + SHAPE}
-    return _mostly(
-        9,
-        "check",
-        CHECK,
+    return _of_scene(
         [
             Seed(
                 name=f"scene-{name}",
@@ -192,7 +192,7 @@ def meshes() -> list[Seed]:
         replace(material, name="mesh-mtl", mutated="a.mtl"),
         replace(skin, name="mesh-texture", mutated="skin.png"),
     ]
-    return _mostly(9, "check", CHECK, found)
+    return _of_scene(found)
 
 
 def patches() -> list[Seed]:
@@ -200,7 +200,7 @@ def patches() -> list[Seed]:
     corners = "\n".join(f"{x / 3:.3f} {y / 3:.3f} {0.2 * x * y / 9:.3f}" for x in range(4) for y in range(4))
     low = "\n".join(f"{x:.1f} {y:.1f} 1.0" for x in range(2) for y in range(3))
     text = f"2\n3 3\n{corners}\n1 2\n{low}\n".encode()
-    return _mostly(9, "check", CHECK, [replace(_of_mesh("a.bpt", text), name="patches-two")])
+    return _of_scene([replace(_of_mesh("a.bpt", text), name="patches-two")])
 
 
 def images() -> list[Seed]:
@@ -233,7 +233,7 @@ def environments() -> list[Seed]:
                 outputs=frozenset({"out.exr"}),
             )
         )
-    return _mostly(9, "check", CHECK, found)
+    return _of_scene(found)
 
 
 def pictures() -> list[Seed]:
