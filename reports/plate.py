@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from xfrustum.raster.plate_renderer import PlateRenderer
 from xfrustum.reports.plate_claims import Claims
-from xfrustum.reports.plate_store import PlateStore, open_store
+from xfrustum.reports.plate_store import SOURCE, PlateStore, open_store
 from xfrustum.reports.progress import progress_bar
 from xfrustum.reports.tables import json_ready
 from xfrustum.scenes.aperture_blocks import ApertureBlocks
@@ -199,7 +199,10 @@ def _written(hogels: Iterable[PlateHogel], store: PlateStore) -> Iterator[Apertu
 
 
 def described(renderer: PlateRenderer) -> dict[str, Any]:
-    """Return everything that decides a plate's pixels, as JSON: what must agree to go on with it."""
+    """Return everything that decides a plate's pixels, as JSON: what must agree to go on with it.
+
+    Where the scene came from is told as well; it decides nothing, and need not agree.
+    """
     scene = renderer.scene
     # More than the scene calls for changes no pixel.
     simulated = renderer.effects & needed(scene, renderer.settings.camera)
@@ -207,7 +210,7 @@ def described(renderer: PlateRenderer) -> dict[str, Any]:
         {
             "scene": {
                 "name": scene.name,
-                "source": scene.source,
+                SOURCE: scene.source,
                 "units": scene.units,
                 "hash": scene.content_hash,
                 "look": look_hash(scene),

@@ -34,6 +34,9 @@ from xfrustum.scenes.scene import Scene
 ATTRIBUTE = "xfrustum"
 """Attribute of the group that holds everything that decides its pixels."""
 
+SOURCE = "source"
+"""What tells where the scene came from, in the part about the scene: for people, it need not agree."""
+
 COLOR, TRIANGLE = "color", "triangle"
 """Arrays of the group. A hogel is finished with its color, which is written last."""
 
@@ -155,11 +158,11 @@ def open_store(out: Path, scene: Scene, content: PlateContent, description: Desc
     """
     with _mendable(out):
         place = out.resolve()
-        documents = _documents(scene, content, description)
         remove_abandoned(place.parent)
         if not _exists(place):
-            _make(place, documents)
-        _check_description(out, place, json.loads(json.dumps(description)))
+            _make(place, _documents(scene, content, description))
+        made_with = _made_with(out, place, json.loads(json.dumps(description)))
+        documents = _documents(scene, content, made_with)
         remove_abandoned(place)
         mended = tuple(_mended(place, documents))
         group = zarr.open_group(_DurableStore(place), mode="r+")
@@ -239,18 +242,33 @@ def _array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
     return array
 
 
-def _check_description(out: Path, place: Path, wanted: Description) -> None:
-    """Raise InputError unless a folder is a group that was made from a description."""
+def _made_with(out: Path, place: Path, wanted: Description) -> Description:
+    """Return the description that a folder was made with; InputError where it is of something else."""
     document = _read_document(place / METADATA)
     attributes = document.get("attributes") if isinstance(document, dict) else None
     found = attributes.get(ATTRIBUTE) if isinstance(attributes, dict) else None
     if found is None:
         raise InputError(f"--out {out}: exists and is no plate of xfrustum; choose another place")
+    wanted = _from_where(wanted, found)
     if found != wanted:
         where = ", ".join(_differences(found, wanted))
         raise InputError(
             f"--out {out}: was drawn with another {where}; give what it was drawn with, or another place"
         )
+    return wanted
+
+
+def _from_where(wanted: Description, found: Any) -> Description:
+    """Return a description with the scene's place taken from another one, for it decides no pixel.
+
+    The place stays as it was when the plate was made, so that folders can be moved and the bytes are those
+    of a run that was not disturbed.
+    """
+    scene = found.get("scene") if isinstance(found, dict) else None
+    source = scene.get(SOURCE) if isinstance(scene, dict) else None
+    if not isinstance(source, str) or "scene" not in wanted:
+        return wanted
+    return {**wanted, "scene": {**wanted["scene"], SOURCE: source}}
 
 
 def _mended(place: Path, documents: Mapping[str, bytes]) -> Iterator[str]:

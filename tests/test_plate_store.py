@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -159,6 +160,17 @@ def test_what_is_no_file_is_no_description(damage: str, plate: Path, clean: Path
     CHUNK_DAMAGE[damage](plate / "color" / "zarr.json")
     assert drawn_again(plate).drawn == 0
     assert tree(plate) == tree(clean)
+
+
+def test_a_scene_that_was_moved_with_its_plate_is_gone_on_with(plate: Path, clean: Path) -> None:
+    chunk = plate / CHUNK["color"]
+    whole = chunk.read_bytes()
+    chunk.unlink()
+    moved = replace(small(), source="/somewhere/else/scene.toml")
+    files = write_plate(moved, SETTINGS, plate, content=EVERYTHING)
+    assert (files.drawn, files.notes) == (1, ())
+    assert chunk.read_bytes() == whole
+    assert tree(plate) == tree(clean)  # it goes on saying where the scene was when the plate was made
 
 
 def test_the_command_says_what_it_mended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib
 import json
 import multiprocessing
 import os
@@ -14,7 +15,11 @@ import random
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from PIL import Image
 
 from tests.fuzz.child import outcome_of
 from tests.fuzz.findings import findings
@@ -23,6 +28,14 @@ from tests.fuzz.mutations import mutated, mutated_arguments
 
 BATCH = 50
 """Inputs that a worker takes at once."""
+
+PREPARED = (
+    *("tests.fuzz.entries", "charset_normalizer", "drjit", "lxml.etree", "networkx", "skimage.measure"),
+    *("xfrustum.cli", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
+    *("xfrustum.reports.comparison", "xfrustum.reports.plate", "xfrustum.reports.scene_check.checking"),
+    *("xfrustum.reports.tracing", "xfrustum.reports.transported", "xfrustum.reports.verification"),
+)
+"""Modules that children use, those of other libraries that are imported late among them."""
 
 
 def attacked(seed: Seed, number: int) -> tuple[tuple[str, ...], dict[str, bytes], bytes]:
@@ -74,8 +87,8 @@ def main(arguments: list[str] | None = None) -> int:
             start = time.monotonic()
             work = [
                 (seed, range(first, min(first + BATCH, end)), chosen.keep)
-                for seed in of_kind
-                for first, end in _batches(chosen.count // len(of_kind), chosen.seed)
+                for seed, count in _shares(of_kind, chosen.count)
+                for first, end in _batches(count, chosen.seed)
             ]
             counts: Counter[str] = Counter()
             for more, lines in workers.imap_unordered(batch_of, work):
@@ -89,21 +102,46 @@ def main(arguments: list[str] | None = None) -> int:
     return int(found)
 
 
+def _shares(seeds: list[Seed], count: int) -> list[tuple[Seed, int]]:
+    """Divide a number of inputs among seeds, by their shares and without a rest."""
+    total, until, found = sum(seed.share for seed in seeds), 0, []
+    for seed in seeds:
+        first, until = until, until + seed.share
+        found.append((seed, count * until // total - count * first // total))
+    return found
+
+
 def _batches(count: int, first: int) -> list[tuple[int, int]]:
     return [(at, first + count) for at in range(first, first + count, BATCH)]
 
 
 def import_everything() -> None:
-    """Import once what every child would import: forking it costs a hundredth of that."""
-    import xfrustum.cli
-    import xfrustum.compare
-    import xfrustum.raster
-    import xfrustum.reference
-    import xfrustum.reports.comparison
-    import xfrustum.reports.plate
-    import xfrustum.reports.tracing
-    import xfrustum.reports.transported
-    import xfrustum.reports.verification  # noqa: F401
+    """Import once what every child would import: forking it costs a hundredth of that.
+
+    Dr.Jit is told that there is no LLVM: its threads do not outlive a fork, and what it compiles is the same
+    whatever the input. The truth is computed with NumPy instead, as on machines without LLVM.
+    """
+    from xfrustum.reference.dr_jit import LLVM_VARIABLE
+
+    os.environ[LLVM_VARIABLE] = os.devnull
+    with _silent():
+        for name in PREPARED:
+            importlib.import_module(name)
+    # Else every child looks for them anew.
+    Image.init()
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Drop what libraries in C say on standard error within a block, such as that there is no LLVM."""
+    shown = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(shown, 2)
+            os.close(shown)
 
 
 if __name__ == "__main__":

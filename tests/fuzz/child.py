@@ -1,4 +1,8 @@
-"""One input in a process of its own: forked from one that has everything imported, and watched."""
+"""One input in a process of its own: forked from one that has everything imported, and watched.
+
+The child runs what users run, `xfrustum.__main__.run`, on a command line of its own: the standard streams are
+taken in hand, what libraries say is kept away, and the exit status is that of the program.
+"""
 
 from __future__ import annotations
 
@@ -88,10 +92,16 @@ def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (WRITTEN_BYTES, WRITTEN_BYTES))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        from xfrustum.cli import main
+        sys.argv = ["xfrustum", *command]
+        # Not before the fork: importing it holds signals back until it runs.
+        from tests.fuzz.entries import ENTRIES
+        from xfrustum.__main__ import run
+        from xfrustum.cli import cli
 
+        for entry in ENTRIES:
+            cli.add_command(entry)
         status = CRASHED
-        status = main(list(command))
+        status = run()
     except SystemExit as ended:
         status = ended.code if isinstance(ended.code, int) else 1
     except BaseException:

@@ -1,4 +1,16 @@
-"""What is mutated: files that are valid, of every kind that is read, and the commands that read them."""
+"""What is mutated: files that are valid, of every kind that is read, and the commands that read them.
+
+Most inputs are only read, because a verdict takes a hundred times as long as reading what it is about; one in
+so many goes all the way:
+
+scene, mesh, patches, environment   `read-scene`; one in ten `check`, one in ten `trace`
+exr                                 `compare`
+picture                             `read-picture`, which reads as `verify` does; one in a hundred `verify`
+zarr                                `go-on-with-plate`, `plate --check` without OpenGL; one in twenty `plate`
+command                             the command itself
+
+The commands that `xfrustum` does not have are the fuzzer's own: see `entries`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +21,7 @@ import struct
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +102,8 @@ class Seed:
         Arguments of `xfrustum`.
     outputs
         Files and folders that the command may leave when it ends with 0 or 1.
+    share
+        Number of inputs that it gets where a seed of share 1 gets one.
     """
 
     name: str
@@ -97,6 +111,25 @@ class Seed:
     mutated: str
     command: tuple[str, ...]
     outputs: frozenset[str] = field(default_factory=frozenset)
+    share: int = 1
+
+
+def _mostly(share: int, word: str, command: tuple[str, ...], seeds: list[Seed]) -> list[Seed]:
+    """Return seeds, and each once more with a command that takes less time and gets `share` times as many."""
+    quick = [
+        replace(seed, name=f"{seed.name}-{word}", command=command, outputs=frozenset(), share=share)
+        for seed in seeds
+    ]
+    return [*seeds, *quick]
+
+
+def _of_scene(seeds: list[Seed]) -> list[Seed]:
+    """Return seeds whose scene is traced, checked, and mostly only read."""
+    checked = [
+        replace(seed, name=f"{seed.name}-check", command=("check", "scene.toml"), outputs=frozenset())
+        for seed in seeds
+    ]
+    return [*_mostly(8, "read", ("read-scene", "scene.toml"), seeds), *checked]
 
 
 def _with_mesh(name: str, scene: str = SCENE) -> bytes:
@@ -119,16 +152,18 @@ def scenes() -> list[Seed]:
     """Return scene files with every table."""
     trace = ("trace", "scene.toml", "--out", "out.exr", "--quiet")
     texts = {"shape": SCENE + SHAPE, "lit": SCENE + LIT, "sheared": SHEARED + SHAPE + SHAPE}
-    return [
-        Seed(
-            name=f"scene-{name}",
-            files={"scene.toml": text.encode(), "map.exr": _exr_map()},
-            mutated="scene.toml",
-            command=trace,
-            outputs=frozenset({"out.exr"}),
-        )
-        for name, text in texts.items()
-    ]
+    return _of_scene(
+        [
+            Seed(
+                name=f"scene-{name}",
+                files={"scene.toml": text.encode(), "map.exr": _exr_map()},
+                mutated="scene.toml",
+                command=trace,
+                outputs=frozenset({"out.exr"}),
+            )
+            for name, text in texts.items()
+        ],
+    )
 
 
 def meshes() -> list[Seed]:
@@ -151,23 +186,13 @@ def meshes() -> list[Seed]:
     binary = _of_mesh("a.ply", bytes(box.export(file_type="ply")))
     text = _of_mesh("a.stl", box.export(file_type="stl_ascii").encode())
     material, skin = found[0], found[0]
-    return [
-        *found,
-        _renamed(binary, "mesh-ply-binary"),
-        _renamed(text, "mesh-stl-ascii"),
-        _renamed(material, "mesh-mtl", "a.mtl"),
-        _renamed(skin, "mesh-texture", "skin.png"),
+    found += [
+        replace(binary, name="mesh-ply-binary"),
+        replace(text, name="mesh-stl-ascii"),
+        replace(material, name="mesh-mtl", mutated="a.mtl"),
+        replace(skin, name="mesh-texture", mutated="skin.png"),
     ]
-
-
-def _renamed(seed: Seed, name: str, mutated: str = "") -> Seed:
-    return Seed(
-        name=name,
-        files=seed.files,
-        mutated=mutated or seed.mutated,
-        command=seed.command,
-        outputs=seed.outputs,
-    )
+    return _of_scene(found)
 
 
 def patches() -> list[Seed]:
@@ -175,7 +200,7 @@ def patches() -> list[Seed]:
     corners = "\n".join(f"{x / 3:.3f} {y / 3:.3f} {0.2 * x * y / 9:.3f}" for x in range(4) for y in range(4))
     low = "\n".join(f"{x:.1f} {y:.1f} 1.0" for x in range(2) for y in range(3))
     text = f"2\n3 3\n{corners}\n1 2\n{low}\n".encode()
-    return [_renamed(_of_mesh("a.bpt", text), "patches-two")]
+    return _of_scene([replace(_of_mesh("a.bpt", text), name="patches-two")])
 
 
 def images() -> list[Seed]:
@@ -208,25 +233,32 @@ def environments() -> list[Seed]:
                 outputs=frozenset({"out.exr"}),
             )
         )
-    return found
+    return _of_scene(found)
 
 
 def pictures() -> list[Seed]:
     """Return the pictures of a foreign renderer, one of which is mutated."""
     found = []
+    scene = (SCENE + SHAPE).encode()
     for suffix in ("png", "bmp", "tif", "exr"):
         data = _hogel("trace") if suffix == "exr" else _picture((16, 12), suffix)
-        found.append(
-            Seed(
-                name=f"picture-{suffix}",
-                files={"scene.toml": (SCENE + SHAPE).encode(), f"1x1.{suffix}": data},
-                mutated=f"1x1.{suffix}",
-                command=(
-                    *("verify", "scene.toml", "{i}x{j}." + suffix, "--apertures", "1,1"),
-                    *("--encoding", "triangle-id", "--junit", "out.xml", "--json", "--quiet"),
-                ),
-                outputs=frozenset({"out.xml"}),
-            )
+        name = f"1x1.{suffix}"
+        found += _mostly(
+            99,
+            "read",
+            ("read-picture", "scene.toml", name),
+            [
+                Seed(
+                    name=f"picture-{suffix}",
+                    files={"scene.toml": scene, name: data},
+                    mutated=name,
+                    command=(
+                        *("verify", "scene.toml", "{i}x{j}." + suffix, "--apertures", "1,1"),
+                        *("--encoding", "triangle-id", "--junit", "out.xml", "--json", "--quiet"),
+                    ),
+                    outputs=frozenset({"out.xml"}),
+                )
+            ],
         )
     return found
 
@@ -237,16 +269,21 @@ def stores() -> list[Seed]:
     inside = [name for name in files if name.startswith("p.zarr")]
     documents = [name for name in inside if name.endswith(".json")]
     chunks = sorted(set(inside) - set(documents))[:2]
-    return [
+    description = json.loads(files["p.zarr/zarr.json"])["attributes"]["xfrustum"]
+    files["description.json"] = json.dumps(description).encode()
+    found = [
         Seed(
             name=f"zarr-{number}",
             files=files,
             mutated=name,
-            command=(*_PLATE, "--apertures", "0-1,0"),
+            command=(*_PLATE, "--check", "--apertures", "0-1,0"),
             outputs=frozenset({"p.zarr"}),
         )
         for number, name in enumerate((*documents, *chunks))
     ]
+    return _mostly(
+        19, "open", ("go-on-with-plate", "scene.toml", "description.json", "--out", "p.zarr"), found
+    )
 
 
 _PLATE = ("plate", "scene.toml", "--near", "0.1", "--ids", "--out", "p.zarr", "--quiet", "--json")
