@@ -32,12 +32,15 @@ def _noted(notes: Path) -> None:
 
 
 def small(out: Path, notes: Path) -> None:
-    """Measure two pictures with three depth buffers."""
+    """Measure two pictures, one of each side, with two nears and one depth buffer."""
     from xfrustum.reports.study import make_study
     from xfrustum.reports.study_grid import QUICK
 
     _noted(notes)
-    make_study(out, replace(QUICK, nears=QUICK.nears[:2], resolutions=(16,), ratios=(1.5,)))
+    make_study(
+        out,
+        replace(QUICK, nears=QUICK.nears[:2], buffers=QUICK.buffers[1:2], resolutions=(16,), ratios=(1.5,)),
+    )
 
 
 if __name__ == "__main__":
