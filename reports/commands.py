@@ -81,39 +81,47 @@ class Command:
 
     def _run(self, arguments: list[str]) -> None:
         log = self.folder / "stderr"
+        started: list[subprocess.Popen[bytes]] = []
         try:
-            with log.open("wb") as told:
-                # A session of its own, so that children of a hanging command end with it.
-                process = subprocess.Popen(
-                    arguments,
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=told,
-                    start_new_session=True,
-                )
-        except OSError as error:
-            raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
-        try:
-            status = process.wait(self.timeout_s)
+            _start(arguments, log, started)
+            status = started[0].wait(self.timeout_s)
         except subprocess.TimeoutExpired as error:
             raise Problem(
                 f"the command ran longer than {self.timeout_s:g} s and was ended{_told(log)}"
             ) from error
         finally:
-            _end(process)
+            _end(started)
         if status:
             how = f"was ended by signal {-status}" if status < 0 else f"failed with exit status {status}"
             raise Problem(f"the command {how}{_told(log)}")
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and all that it started, if anything of it is left."""
+def _start(arguments: list[str], log: Path, started: list[subprocess.Popen[bytes]]) -> None:
+    """Start a process and note it; no signal comes between, see `cli_termination`."""
     try:
-        os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
-    finally:
-        process.wait()
+        with log.open("wb") as told:
+            # A session of its own, so that children of a hanging command end with it.
+            process = subprocess.Popen(
+                arguments,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=told,
+                start_new_session=True,
+            )
+    except OSError as error:
+        raise Problem(f"the command cannot be run: {arguments[0]}: {error.strerror}") from error
+    started.append(process)
+
+
+def _end(started: list[subprocess.Popen[bytes]]) -> None:
+    """End processes and all that they started, if anything of it is left."""
+    for process in started:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        finally:
+            process.wait()
 
 
 def _told(log: Path) -> str:

@@ -10,6 +10,7 @@ from types import TracebackType
 from xfrustum.scenes.durable import (
     Aside,
     put,
+    put_folder,
     remove_abandoned,
     scratch_folder,
     sync_folder,
@@ -29,7 +30,7 @@ class Staging:
     Parameters
     ----------
     out
-        Folder to be filled. It may exist: files of the same name are replaced one by one,
+        Folder to be filled. It may exist: then files of the same name are replaced one by one,
         each atomically, and others stay. What links of the same name point to is replaced.
     names
         The files that will be put there, where they are known beforehand.
@@ -58,27 +59,28 @@ class Staging:
             # Where a run has put them that found no folder.
             remove_abandoned(self._place.parent)
             self._aside = Aside(host, folder=True)
+            # With the permissions that new folders get; the one aside is for nobody else.
+            self.folder = self._aside.path / "out"
+            self.folder.mkdir()
         except OSError as error:
             raise InputError(
                 f"--out {self.out}: cannot write in {host} ({_reason(error)}); choose another place"
             ) from error
-        self.folder = self._aside.path
         return self
 
     def commit(self) -> tuple[Path, ...]:
         """Move the staged files to `out` and return their paths, sorted by name."""
-        moved = []
         try:
-            self._place.mkdir(parents=True, exist_ok=True)
-            for file in sorted(self.folder.iterdir()):
-                put(file, self._place / file.name)
-                moved.append(self.out / file.name)
-            sync_folder(self._place)
+            files = sorted(self.folder.iterdir())
+            if not put_folder(self.folder, self._place):
+                for file in files:
+                    put(file, self._place / file.name)
+                sync_folder(self._place)
         except OSError as error:
             raise InputError(
                 f"--out {self.out}: cannot put files there ({_reason(error)}); choose another place"
             ) from error
-        return tuple(moved)
+        return tuple(self.out / file.name for file in files)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -59,6 +59,7 @@ class Aside:
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
+        self.descriptor = -1
         remove_abandoned(host)
         self._folder = folder
         while True:
@@ -100,6 +101,10 @@ class Aside:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.remove()
+
+    def __del__(self) -> None:
+        # A signal may come between making it and entering the block that removes it.
         self.remove()
 
 
@@ -223,12 +228,44 @@ def put(made: Path, path: Path) -> None:
         with NewFile(path) as new, made.open("rb") as source, new.aside.open("wb") as copy:
             shutil.copyfileobj(source, copy)
         return
-    descriptor = os.open(made, os.O_RDONLY | os.O_CLOEXEC)
+    _sync(made)
+    made.replace(path)
+
+
+def put_folder(made: Path, path: Path) -> bool:
+    """Give a folder that was made aside its name in one step, with all that is in it.
+
+    Returns
+    -------
+    False, and nothing has been done, where something has that name; its files are for `put`.
+
+    Raises
+    ------
+    OSError
+        See `NewFile`.
+    """
+    if path.exists() or path.is_symlink():
+        return False
+    for file in made.iterdir():
+        _sync(file)
+    sync_folder(made)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        made.rename(path)
+    except OSError:
+        if path.exists():  # since a moment ago
+            return False
+        raise
+    sync_folder(path.parent)
+    return True
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-    made.replace(path)
 
 
 def sync_folder(folder: Path) -> None:

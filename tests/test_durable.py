@@ -229,6 +229,44 @@ def test_a_folder_of_outputs_removes_what_was_left_there_and_beside_it(made: boo
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["out", "x"]
 
 
+def test_a_new_folder_of_outputs_has_all_its_files_or_is_not_there_whenever_the_process_is_killed(
+    tmp_path: Path,
+) -> None:
+    program = """
+import os, signal, sys
+from pathlib import Path
+from xfrustum.reports.outputs import Staging
+left = int(sys.argv[1])
+def watched(event, arguments):
+    global left
+    if event == "os.rename":
+        left -= 1
+        if left < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+sys.addaudithook(watched)
+with Staging(Path("new") / "out", "xyz") as staging:
+    for name in staging.names:
+        (staging.folder / name).write_text("whole")
+    staging.commit()
+"""
+    found = []
+    for renames in range(4):
+        folder = tmp_path / str(renames)
+        folder.mkdir()
+        subprocess.run([sys.executable, "-c", program, str(renames)], cwd=folder, check=False)
+        found.append("".join(sorted(path.name for path in (folder / "new").glob("out/*"))))
+    assert set(found) == {"", "xyz"}
+
+
+def test_a_new_folder_of_outputs_has_the_permissions_of_new_folders(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    with Staging(tmp_path / "out", ["x"]) as staging:
+        (staging.folder / "x").write_text("content")
+        staging.commit()
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "other").stat().st_mode
+    assert made_by_us(tmp_path) == []
+
+
 def test_nothing_has_its_name_before_it_is_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,9 +10,12 @@ import sys
 import textwrap
 import time
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+from xfrustum import cli_termination
 
 SCENE = """
 [plate]
@@ -151,6 +154,98 @@ def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
     assert (process.returncode, said) == ENDED[stop]
     assert list((tmp_path / "temporary").iterdir()) == []
     assert not (tmp_path / "x.exr").exists()
+
+
+MAKING = {
+    "a folder is made, and not yet noted": """
+        import os, signal, time
+        from pathlib import Path
+        from xfrustum.scenes import durable
+        def opened(*arguments, open=os.open):
+            os.open = open
+            os.kill(os.getpid(), signal.SIGTERM)
+            return open(*arguments)
+        os.open = opened
+        with durable.Aside(Path("."), folder=True):
+            time.sleep(60)
+        """,
+    "a folder is noted, and its block not yet entered": """
+        import os, signal, time
+        from pathlib import Path
+        from xfrustum.scenes import durable
+        class Made(durable.Aside):
+            def __init__(self):
+                super().__init__(Path("."), folder=True)
+                os.kill(os.getpid(), signal.SIGTERM)
+        with Made():
+            time.sleep(60)
+        """,
+}
+
+
+@pytest.mark.parametrize("body", MAKING.values(), ids=MAKING)
+def test_a_signal_while_something_is_made_aside_leaves_nothing_of_it(body: str, tmp_path: Path) -> None:
+    with start(program(body), tmp_path) as process:
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[signal.SIGTERM]
+    assert [path.name for path in tmp_path.iterdir()] == ["temporary"]
+
+
+def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Path) -> None:
+    body = f"""
+        import os, signal, subprocess
+        from pathlib import Path
+        from types import SimpleNamespace
+        from xfrustum.reports.commands import Command
+        def started(*arguments, start=subprocess.Popen, **options):
+            process = start(*arguments, **options)
+            print(process.pid, flush=True)
+            os.kill(os.getpid(), signal.SIGTERM)
+            return process
+        subprocess.Popen = started
+        template = {sys.executable!r} + " -c 'import time; time.sleep(60)' {{out}}"
+        command = Command(template=template, reference=None, encoding=None, folder=Path("."), timeout_s=60.0)
+        command.image(SimpleNamespace(column=0, row=0, x=0.0, y=0.0))
+        """
+    with start(program(body), tmp_path) as process:
+        out, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == ENDED[signal.SIGTERM]
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(out), signal.SIGKILL)
+
+
+def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path) -> None:
+    body = """
+        import os, sys
+        from pathlib import Path
+        from xfrustum.reports.outputs import write_output
+        os.mkfifo("pipe")
+        def watched(event, arguments):
+            if event == "open" and str(arguments[0]) == "pipe":
+                print("ready", flush=True)
+        sys.addaudithook(watched)
+        write_output(Path("pipe"), b"content", "--junit")
+        """
+    with start(program(body), tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        try:
+            _, said = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert (process.returncode, said) == ENDED[signal.SIGINT]
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_what_runs_to_its_end_is_there_under_the_name_that_is_listed() -> None:
+    """A module or a function that moves elsewhere would be interrupted again."""
+    for name in cli_termination.UNINTERRUPTED_MODULES:
+        import_module(name)
+    listed = cli_termination.UNINTERRUPTED_FUNCTIONS | cli_termination.WAITING_FUNCTIONS
+    for module, function in listed:
+        if module.startswith("xfrustum."):
+            assert callable(getattr(import_module(module), function))
 
 
 def test_a_signal_while_python_leaves_changes_nothing(tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ UNINTERRUPTED_MODULES = frozenset(
         "tempfile",
         "xfrustum.cli_termination",
         "xfrustum.reports.outputs",
+        "xfrustum.scenes.durable",
         "xfrustum.scenes.exr_writer",
     }
 )
@@ -48,10 +49,15 @@ UNINTERRUPTED_FUNCTIONS = frozenset(
         ("contextlib", "__enter__"),
         ("contextlib", "__exit__"),
         ("subprocess", "__init__"),
+        ("xfrustum.reports.commands", "_end"),
+        ("xfrustum.reports.commands", "_start"),
     }
 )
 """Functions of other modules that run to their end: a block is entered and left as a whole, and nobody would
 end a process that was started but not yet noted."""
+
+WAITING_FUNCTIONS = frozenset({("xfrustum.scenes.durable", "_copy")})
+"""Functions of the modules above that are interrupted all the same: they wait for whoever reads a pipe."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -141,12 +147,14 @@ class Termination:
 
     def _may_raise(self, frame: FrameType | None) -> bool:
         """Return whether the code that runs is within the function called, and may be interrupted."""
+        waits = uninterrupted = False
         while frame is not None:
             if frame.f_code is self._interruptible:
-                return True
+                return waits or not uninterrupted
             module = frame.f_globals.get("__name__")
-            if module in UNINTERRUPTED_MODULES or (module, frame.f_code.co_name) in UNINTERRUPTED_FUNCTIONS:
-                return False
+            function = (module, frame.f_code.co_name)
+            waits |= function in WAITING_FUNCTIONS
+            uninterrupted |= module in UNINTERRUPTED_MODULES or function in UNINTERRUPTED_FUNCTIONS
             frame = frame.f_back
         return False
 

@@ -1,0 +1,271 @@
+"""One victim is killed: the moment, the signal, what it leaves, and what a second run makes of that."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import sqlite3
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tests.fuzz.victims import (
+    JUNIT,
+    NOTES,
+    OUT,
+    TEMPORARY,
+    Undisturbed,
+    Victim,
+    answers,
+    left_files,
+    plate_counts,
+    workplace,
+)
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
+"""Exit status by signal; a command that was done before ends as if there had been none."""
+
+WORDS = {signal.SIGINT: b"xfrustum: interrupted\n", signal.SIGTERM: b"xfrustum: terminated\n"}
+
+PATIENCE_S = 60.0
+"""Seconds that a command may take to end after a signal."""
+
+RENDERER_S = 10.0
+"""Seconds within which a renderer ends by itself that nobody was left to end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How one victim ended.
+
+    Attributes
+    ----------
+    moment_s
+        When the signal was sent, after the start of the process.
+    sent, early
+        Whether it was still running then; and whether Python itself had not reached the program yet.
+    status, told, lasted_s
+        Exit status, standard error, and how long it took to end after the signal.
+    children
+        How many processes of its own it had when the signal came.
+    orphans
+        Command lines of those that live on.
+    left
+        What nobody should find, by name.
+    hidden
+        What is left under names that the next run removes.
+    again
+        What is wrong with a second run, nothing where it is complete; None where there was none.
+    """
+
+    moment_s: float
+    sent: bool
+    early: bool
+    status: int
+    told: bytes
+    lasted_s: float
+    children: int
+    orphans: tuple[str, ...]
+    left: tuple[str, ...]
+    hidden: tuple[str, ...]
+    again: str | None
+
+
+def killed(victim: Victim, number: signal.Signals, seed: int, whole: Undisturbed) -> Ending:
+    """Kill a victim at a moment that the seed decides, and look at what is left."""
+    wanted_s = random.Random(f"{victim.name} {number} {seed}").uniform(0.0, whole.length_s)
+    with workplace() as folder:
+        begun = time.monotonic()
+        process = victim.start(folder)
+        time.sleep(max(0.0, begun + wanted_s - time.monotonic()))
+        sent, early, children = process.poll() is None, not answers(process.pid), _children(process.pid)
+        moment = time.monotonic()
+        if sent:
+            process.send_signal(number)
+        try:
+            _, told = process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            _, told = process.communicate()
+        lasted_s = time.monotonic() - moment
+        orphans = tuple(_orphans(folder, RENDERER_S if number is signal.SIGKILL else 0.0))
+        left = tuple(_left(victim, folder, whole))
+        hidden = tuple(_hidden(folder))
+        # Nothing is what a first run finds, too.
+        untouched = not left and not hidden and not left_files(folder)
+        return Ending(
+            moment_s=moment - begun,
+            sent=sent,
+            early=sent and early,
+            status=process.returncode,
+            told=told,
+            lasted_s=lasted_s if sent else 0.0,
+            children=children,
+            orphans=orphans,
+            left=left,
+            hidden=hidden,
+            again=None if untouched else _again(victim, folder, whole),
+        )
+
+
+def problems(victim: Victim, number: signal.Signals, ending: Ending, whole: Undisturbed) -> Iterator[str]:
+    """Yield what is wrong with an ending."""
+    if ending.early:
+        # Python's own ways to end: by the signal, with a traceback of its own after Ctrl-C.
+        if ending.status not in {-number, ENDS[number], victim.status}:
+            yield f"status {ending.status} before the first line"
+    elif ending.status == ENDS[number]:
+        if number in WORDS and ending.told.removeprefix(whole.told) != WORDS[number]:
+            yield f"said {ending.told[-300:]!r}"
+    elif ending.status != victim.status:
+        yield f"status {ending.status}, said {ending.told[-300:]!r}"
+    elif ending.told != whole.told:
+        yield f"done, and said {ending.told[-300:]!r}"
+    if ending.orphans:
+        yield f"a process lives on: {ending.orphans}"
+    if ending.left:
+        yield f"left {', '.join(ending.left)}"
+    if ending.hidden and number is not signal.SIGKILL:
+        yield f"left hidden {', '.join(ending.hidden)}"
+    if ending.again:
+        yield f"second run: {ending.again}"
+
+
+def _left(victim: Victim, folder: Path, whole: Undisturbed) -> Iterator[str]:
+    """Yield what is neither whole nor absent, of what a killed command may leave in sight."""
+    expected = {
+        OUT,
+        JUNIT,
+        TEMPORARY,
+        NOTES,
+        "scene.toml",
+        *(f"{i}x{j}.png" for i in range(3) for j in range(2)),
+    }
+    yield from sorted(name for name in os.listdir(folder) if name not in expected and name[0] != ".")
+    yield from (f"{TEMPORARY}/{name}" for name in os.listdir(folder / TEMPORARY) if name[0] != ".")
+    if victim.resumes:
+        return
+    found = left_files(folder)
+    if (folder / OUT).exists():
+        for name in sorted(name for name in whole.files if name != JUNIT):
+            if (
+                name not in found
+                or not _is_whole(folder / name)
+                or found[name] != (whole.files[name] or found[name])
+            ):
+                yield f"{OUT} without a whole {name}"
+    if JUNIT in found and found[JUNIT] != whole.files[JUNIT]:
+        yield f"part of {JUNIT}"
+
+
+def _is_whole(path: Path) -> bool:
+    """Return whether a file whose bytes differ from run to run has its end."""
+    if path.suffix == ".json":
+        return bool(json.loads(path.read_bytes()))
+    if path.suffix == ".html":
+        return path.read_bytes().rstrip().endswith(b"</html>")
+    if path.suffix == ".parquet":
+        return path.read_bytes()[-4:] == b"PAR1"
+    if path.suffix == ".xml":
+        return bool(len(ElementTree.parse(path).getroot()))
+    return path.stat().st_size > 0
+
+
+def _hidden(folder: Path) -> Iterator[str]:
+    """Yield what is aside: what a command is making, and what SQLite goes on with."""
+    for path in sorted(folder.rglob("*")):
+        if path.name[0] == "." or path.name.endswith(("-journal", "-wal", "-shm")):
+            yield path.relative_to(folder).as_posix()
+
+
+def _again(victim: Victim, folder: Path, whole: Undisturbed) -> str:
+    """Run a victim again, to its end, and return what is wrong with that."""
+    found_before, measured = _finished(folder), _measured(folder)
+    process = victim.start(folder)
+    printed, told = process.communicate()
+    if process.returncode != victim.status:
+        return f"status {process.returncode}, said {told[-300:]!r}"
+    hidden = list(_hidden(folder))
+    if hidden or os.listdir(folder / TEMPORARY):
+        return f"leaves {hidden or os.listdir(folder / TEMPORARY)}"
+    files = left_files(folder)
+    other = sorted(
+        name for name, content in whole.files.items() if files.get(name) not in {content} and content
+    )
+    if files.keys() != whole.files.keys() or other:
+        return f"other files: {other or sorted(files.keys() ^ whole.files.keys())}"
+    broken = [name for name in files if not _is_whole(folder / name)]
+    if broken:
+        return f"broken files: {broken}"
+    if victim.name == "plate" and plate_counts(printed)[1] != found_before:
+        return f"found {plate_counts(printed)[1]} of {found_before} hogels"
+    return _measured_twice(folder, measured)
+
+
+def _finished(folder: Path) -> int:
+    """Return how many hogels of a plate are finished: those with a color, which is written last."""
+    chunks = folder / OUT / "color" / "c"
+    return sum(path.is_file() for path in chunks.rglob("*")) if chunks.is_dir() else 0
+
+
+def _measured(folder: Path) -> dict[tuple[str, str], str]:
+    """Return what a study has kept so far."""
+    name = "measurements.sqlite"
+    if not (folder / OUT / name).exists():
+        return {}
+    with tempfile.TemporaryDirectory(prefix="kill-") as copy:
+        # Whoever opens it mends what a killed process left unfinished. The second run is to do that.
+        for path in (folder / OUT).glob(f"{name}*"):
+            shutil.copy(path, copy)
+        with closing(sqlite3.connect(Path(copy) / name)) as connection:
+            try:
+                rows = connection.execute("SELECT kind, key, result FROM results")
+                return {(kind, key): result for kind, key, result in rows}
+            except sqlite3.OperationalError:  # no table yet
+                return {}
+
+
+def _measured_twice(folder: Path, before: dict[tuple[str, str], str]) -> str:
+    """Return what a study has measured again, though it was kept, or has lost."""
+    after = _measured(folder)
+    if any(after.get(key) != result for key, result in before.items()):
+        return "measurements are lost"
+    notes = folder / NOTES
+    noted = notes.read_text().splitlines() if notes.exists() else []
+    twice = len(noted) - len(set(noted))
+    return f"{twice} measured twice" if twice else ""
+
+
+def _children(pid: int) -> int:
+    """Return how many child processes a process has."""
+    try:
+        return len(Path(f"/proc/{pid}/task/{pid}/children").read_text().split())
+    except OSError:
+        return 0
+
+
+def _orphans(folder: Path, patience_s: float) -> Iterator[str]:
+    """Yield the command lines of processes that live on in a folder, after some patience."""
+    until = time.monotonic() + patience_s
+    while (alive := list(_living(folder))) and time.monotonic() < until:
+        time.sleep(0.05)
+    yield from alive
+
+
+def _living(folder: Path) -> Iterator[str]:
+    for process in Path("/proc").iterdir():
+        if process.name.isdecimal():
+            try:
+                if (process / "cwd").readlink() == folder:
+                    yield (process / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            except OSError:  # of somebody else, or gone
+                continue
