@@ -266,7 +266,7 @@ def test_the_hard_case_that_is_empty_on_purpose_is_still_traced(
 def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a sphere, equal slices have equal surfaces: between 50 and 170 behind, 20 of 120 is a sixth."""
+    """Equal slices of a sphere have equal surfaces: between 50 and 170 behind, 20 of 120 is a sixth."""
     scene = write(tmp_path, 120.0, [0.0, 0.0, -110.0])
     assert main(["trace", scene, "--out", str(tmp_path / "out.exr"), "--quiet"]) == 0
     error = capsys.readouterr().err
