@@ -149,9 +149,9 @@ def best_setting(rows: Sequence[Measurement]) -> Verdict:
     """Return what is recommended: the middle of the widest window of equally good near planes.
 
     A window is a run of near planes of one depth buffer, as they were measured, that all are `equally_good`.
-    Of windows equally wide it is that of the larger nears, and of equal ones that of the depth buffer that
-    comes first. Its middle, by ratio, is farthest from what a large near bends and from what a small one
-    starves of depth; of two middles it is the larger near.
+    Where windows are equally wide, the one with the larger nears is taken, and where these are equal too, the
+    depth buffer that comes first. Its middle, by ratio, is farthest from what a large near bends and from
+    what a small one starves of depth; of two middles it is the larger near.
 
     Raises
     ------

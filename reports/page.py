@@ -139,7 +139,8 @@ def _frustum_words(sweep: Sweep) -> str:
     width, height = frustum["resolution"]
     toward, behind = frustum["reach"]
     kind = "recentered" if sweep.scene.frustum.recentered else "centered"
+    units = sweep.scene.units
     return (
         f"{kind} frustum, {width} x {height} pixels, "
-        f"reaching {toward:g} toward the viewer and {behind:g} {sweep.scene.units} behind the plate"
+        f"reaching {toward:g} {units} toward the viewer and {behind:g} {units} behind the plate"
     )

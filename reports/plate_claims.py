@@ -1,4 +1,4 @@
-"""Who draws which hogel, where several processes draw one plate at once."""
+"""Claims: which process draws which hogel, where several draw one plate at once."""
 
 from __future__ import annotations
 

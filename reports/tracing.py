@@ -17,7 +17,7 @@ LARGE_PIXELS = 1 << 23
 """Lines or light paths from which on `trace` says beforehand what it will take; below, it takes seconds."""
 
 FILE_BYTES, VARIANCE_BYTES = 52, 12
-"""Of a pixel before compression: 13 channels of 32 bits, and 3 more for the variance of light paths."""
+"""Bytes of a pixel before compression: 13 channels of 32 bits, and 3 more for the variance of light paths."""
 
 
 def forecast(scene: Scene, *, transported: bool) -> str | None:

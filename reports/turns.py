@@ -66,7 +66,7 @@ def open_races(tied: Sequence[Spread], spreads: Sequence[Spread]) -> list[bool]:
     """Return which of some spreads take a further turn, given those that are not told apart from the fastest.
 
     Nobody does where one is the fastest, or all that are tied are known well. Else all do that are not
-    clearly slower, also who is told apart by now: times are compared that come from the same minutes.
+    clearly slower, those told apart by now included: times are compared that come from the same minutes.
     """
     if len(tied) < 2 or all(map(settled, tied)):
         return [False] * len(spreads)

@@ -21,7 +21,7 @@ class ApertureBlocks(Sequence["Aperture"]):
     Attributes
     ----------
     plate
-        Of the apertures.
+        The plate that the apertures are cells of.
     blocks
         Columns and rows of each.
     """

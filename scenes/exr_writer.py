@@ -161,8 +161,8 @@ class ImageWriter:
 
     def _refused(self, error: OSError | RuntimeError) -> InputError:
         reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-        # The name of a file that nobody will find is no help.
-        reason = reason.replace(self._new.open_name, "it")
+        # OpenEXR names the file that was set aside, which nobody will find.
+        reason = reason.replace(self._new.open_name, self._path.name)
         return InputError(f"{self._path}: cannot write the image ({reason}); check the disk")
 
     def __enter__(self) -> Self:

@@ -15,7 +15,8 @@ Color = tuple[float, float, float]
 """Linear RGB."""
 
 LARGEST_COEFFICIENT = 1e15
-"""Of materials and lights: their product, 1e30, and sums over lights stay within float32's range, 3e38."""
+"""Most that a coefficient or a light may be: their product, 1e30, and sums of products stay within float32's
+range, 3e38."""
 
 
 @dataclass(frozen=True, kw_only=True)

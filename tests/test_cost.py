@@ -275,7 +275,7 @@ def test_cost_prints_one_object_and_writes_a_page(
 
 
 def test_all_that_are_not_clearly_slower_take_every_turn() -> None:
-    """Who is told apart in one minute is compared in the next one too; who takes thrice as long is not."""
+    """A way told apart in one round may be fast in the next, and goes on; one thrice as slow does not."""
     noisy, slow = [1.0, 1.0, 1.2, 1.0, 1.0], [1.4, 1.4, 1.5, 1.4, 1.4]
     spreads = [Spread.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
     assert spreads[0].told_below(spreads[2])

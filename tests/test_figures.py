@@ -49,6 +49,16 @@ def test_the_labels_of_tolerances_stand_on_their_lines(tolerance: float) -> None
     assert [y for _, y in labels] == pytest.approx([math.log10(line) for line in lines])
 
 
+def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> None:
+    """A lower median is no advantage where the repetitions do not tell times apart: less error is."""
+    quicker, better = option("D16", 1.0, 0.3), option("D24", 1.2, 0.01)
+    drawn = trade_off_figure([quicker, better], 0.5).data
+    filled = [
+        trace.name for trace in drawn if trace.marker.symbol and not trace.marker.symbol[0].endswith("-open")
+    ]
+    assert filled == ["D24"] and (drawn[-1].x, drawn[-1].y) == ((1200.0,), (0.01,))
+
+
 def test_bars_of_repetitions_reach_from_the_lowest_to_the_highest() -> None:
     bars = error_bars([Spread.of([1.0, 2.0, 5.0])], factor=1000)
     assert (bars["array"], bars["arrayminus"]) == ([3000.0], [1000.0])

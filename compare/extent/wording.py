@@ -112,6 +112,11 @@ def heights(low: float, high: float, units: str) -> str:
     return f"from {length(-low)} {units} behind the plate to {length(high)} {units} before it"
 
 
+def _spans(low: float, high: float, units: str) -> str:
+    """Say the same with its verb: what is flat lies at one height and spans none."""
+    return f"{'lies' if length(low) == length(high) else 'spans'} {heights(low, high, units)}"
+
+
 def _range(low: float, high: float) -> str:
     return length(low) if length(low) == length(high) else f"{length(low)} to {length(high)}"
 
@@ -146,9 +151,9 @@ def _why_unseen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) 
     (toward, back), units = scene.frustum.reach, scene.units
     low, high = box(part)
     if high[2] < -back:
-        return f"spans {heights(low[2], high[2], units)}; the reach is {length(back)} {units} there"
+        return f"{_spans(low[2], high[2], units)}; the reach is {length(back)} {units} there"
     if low[2] > toward:
-        return f"spans {heights(low[2], high[2], units)}; the reach is {length(toward)} {units} there"
+        return f"{_spans(low[2], high[2], units)}; the reach is {length(toward)} {units} there"
     if share_in_reach(part, scene.frustum) == 0.0:
         return (
             f"lies beyond the reach of {length(back)} {units} behind the plate and {length(toward)} before it"
@@ -195,7 +200,7 @@ def _reach_warning(scene: Scene, number: int, part: SceneObject) -> str | None:
     share = share_in_reach(part, scene.frustum)
     beyond = "" if share is None else f": {_percent(1 - share)} of its surface is beyond and is not imaged"
     return (
-        f"{_name(number, part)} spans {heights(low[2], high[2], units)}, and the reach is {length(back)} "
+        f"{_name(number, part)} {_spans(low[2], high[2], units)}, and the reach is {length(back)} "
         f"{units} behind the plate and {length(toward)} before it{beyond}"
     )
 

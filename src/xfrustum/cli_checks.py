@@ -88,7 +88,9 @@ def bench() -> None:
 @bench.command("truth")
 @click.argument("scene", default="car")
 @click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 512,1024,2048]")
-@click.option("--repeat", type=click.IntRange(1), default=9, show_default=True, help="After a warm-up.")
+@click.option(
+    "--repeat", type=click.IntRange(1), default=9, show_default=True, help="Timed, after a warm-up."
+)
 @options.quiet_option
 @options.json_option
 def bench_truth(
@@ -108,7 +110,9 @@ def bench_truth(
 @bench.command("plate")
 @click.argument("scene", default="car")
 @click.option("--resolution", type=click.IntRange(1), default=128, show_default=True, help="W = H.")
-@click.option("--repeat", type=click.IntRange(1), default=5, show_default=True, help="After a warm-up.")
+@click.option(
+    "--repeat", type=click.IntRange(1), default=5, show_default=True, help="Timed, after a warm-up."
+)
 @options.quiet_option
 @options.json_option
 def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
@@ -124,7 +128,9 @@ def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_jso
 
 @bench.command("table1")
 @click.option("--resolution", type=click.IntRange(1), default=512, show_default=True, help="W = H.")
-@click.option("--repeat", type=click.IntRange(1), default=5, show_default=True, help="After a warm-up.")
+@click.option(
+    "--repeat", type=click.IntRange(1), default=5, show_default=True, help="Timed, after a warm-up."
+)
 @options.quiet_option
 @options.json_option
 def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:

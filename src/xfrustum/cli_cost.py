@@ -15,8 +15,20 @@ from xfrustum.cli_numbers import Positive
 @click.command()
 @options.scene_argument
 @options.aperture_option
-@click.option("--tolerance-px", type=Positive(), default=0.5, show_default=True, help="99 % of displacement.")
-@click.option("--repeat", type=click.IntRange(1), default=5, show_default=True, help="After a warm-up.")
+@click.option(
+    "--tolerance-px",
+    type=Positive(),
+    default=0.5,
+    show_default=True,
+    help="Displacement that 99 % may have.",
+)
+@click.option(
+    "--repeat",
+    type=click.IntRange(1),
+    default=5,
+    show_default=True,
+    help="Pictures that are timed, after a warm-up.",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and cost.json.")
 @options.quiet_option
 @options.json_option
@@ -32,7 +44,7 @@ def cost(  # noqa: PLR0913 - options are parameters
 ) -> None:
     """Measure error against time of every configuration; name the cheapest within a tolerance.
 
-    A fifth of the tolerance is answered for too.
+    The answer is given for the tolerance and for a fifth of it.
     """
     from xfrustum.reports.cost import measure_cost
     from xfrustum.reports.cost_page import FILES, table, write_cost

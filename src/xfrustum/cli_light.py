@@ -49,7 +49,9 @@ _OPTIONS = {
     "shadows": click.option(
         "--shadows/--no-shadows", default=None, help="Light transport, by Mitsuba.  [default: the scene's]"
     ),
-    "interreflection": click.option("--interreflection/--no-interreflection", default=None, help="Likewise."),
+    "interreflection": click.option(
+        "--interreflection/--no-interreflection", default=None, help="Light from other surfaces, by Mitsuba."
+    ),
     "samples": click.option(
         "--samples", type=click.IntRange(2), help="Light paths per pixel.  [default: the scene's]"
     ),

@@ -283,10 +283,10 @@ aperture_option = click.option(
     "--aperture", type=Index(), help="Column,row on the plate.  [default: the middle]"
 )
 tracer_option = click.option(
-    "--tracer", type=Tracer(), default="embree", show_default=True, help="Who traces."
+    "--tracer", type=Tracer(), default="embree", show_default=True, help="Ray tracer."
 )
 free_tracer_option = click.option(
-    "--tracer", type=Tracer(), help="Who traces.  [default: embree; mitsuba for light transport]"
+    "--tracer", type=Tracer(), help="Ray tracer.  [default: embree; mitsuba for light transport]"
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")

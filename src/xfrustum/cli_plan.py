@@ -19,12 +19,28 @@ if TYPE_CHECKING:
 @options.scene_argument
 @options.aperture_option
 @click.option(
-    "--apertures", type=click.IntRange(1), help="That many instead: the middle, the corners, then between."
+    "--apertures",
+    type=click.IntRange(1),
+    help="Number of apertures instead: the middle, the corners, then between.",
 )
-@click.option("--tolerance-px", type=Positive(), default=0.5, show_default=True, help="99 % of displacement.")
-@click.option("--separation", type=Positive(), help="Of sheets to be ordered.  [default: reach/1000]")
 @click.option(
-    "--max-wrong", type=Positive(below=1), default=1e-3, show_default=True, help="Share wrong by depth."
+    "--tolerance-px",
+    type=Positive(),
+    default=0.5,
+    show_default=True,
+    help="Displacement that 99 % may have.",
+)
+@click.option(
+    "--separation",
+    type=Positive(),
+    help="Distance of two sheets that must be ordered.  [default: reach/1000]",
+)
+@click.option(
+    "--max-wrong",
+    type=Positive(below=1),
+    default=1e-3,
+    show_default=True,
+    help="Limits the share of pixels wrong by depth.",
 )
 @click.option("--depth", type=options.Name("DepthFormat"), help="Depth buffer format.  [default: any]")
 @click.option("--mapping", type=options.Name("DepthMapping"), help="Depth mapping.  [default: any]")

@@ -21,10 +21,10 @@ class Difference:
     """Shares of the pixels that show something, in truth or picture, of the worst hogel."""
 
     different: float
-    """Of pixels that are not what they should be, by however little (colors: by more than rounding)."""
+    """Share of pixels that are not what they should be, by however little (colors: by more than rounding)."""
     wrong: float
-    """Of those whose object is another (or none, or invalid), whose triangle their line meets elsewhere than
-    first, or nowhere within a pixel; of colors that are more than `COLOR` apart."""
+    """Share of pixels whose object is another (or none, or invalid), or whose triangle their line meets
+    elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over `COLOR` apart."""
     pixels: int
     """The wrong ones of all hogels."""
 

@@ -28,15 +28,15 @@ class Mistakes:
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Added to the scene, mm."""
     scale: float = 1.0
-    """Of the scene about the plate's center, while the plate stays."""
+    """Factor of the scene about the plate's center, while the plate stays."""
     any_reach: bool = False
     """Whether surfaces out of reach are drawn too."""
     aperture: tuple[float, float] = (0.0, 0.0)
     """Added to each aperture, in hogels, to the right and up."""
     plate: tuple[float, float] = (1.0, 1.0)
-    """Of the distances between apertures."""
+    """Factors of the distances between apertures."""
     film: tuple[float, float] = (1.0, 1.0)
-    """Of the film's extent."""
+    """Factors of the film's extent."""
     sample: tuple[float, float] = (0.0, 0.0)
     """Added to the point that a pixel is sampled in, px to the right and down."""
     near: float = 0.0
