@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
+FIRST = "first"
+"""What is lost where number 0 and nothing are stored alike."""
 
 COMPARED_HOGELS = 3
 """Hogels that are compared with the truth; more do not change what kind of damage it is."""
@@ -217,7 +219,11 @@ class Restoring:
         name = "object" if self.reading.encoding is Encoding.OBJECT_ID else "triangle"
         numbers = np.array(orientation.upright(getattr(as_read, name)))
         meant = beside.object if name == "object" else beside.triangle
-        if self.kind == OVERFLOW:
+        candidates: Iterable[tuple[Mask, Numbers]]
+        if self.kind == FIRST:
+            first = self.reading.packed(beside.rgb) == self.reading.background
+            candidates = [(first & (meant[0] == 0), meant[0])]
+        elif self.kind == OVERFLOW:
             candidates = zip(_overflown(beside, self.reading, self.bits), meant, strict=True)
         else:
             margin = LOSSY_STEPS if self.kind == LOSSY else 0
@@ -230,6 +236,11 @@ class Restoring:
         if name == "object":
             return replace(as_read, object=restored)
         return replace(as_read, triangle=restored)
+
+
+def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
+    """Return how to tell number 0 from nothing, where both are stored alike."""
+    return Restoring(truth=truth, kind=FIRST, reading=reading, agreement=truth.agreement(reading))
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
