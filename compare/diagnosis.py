@@ -93,20 +93,27 @@ def _of_wrong(test: ExplanationTest) -> Diagnosis:
     test = replace(test, images=images, known={})
     if _by_color(images) and _lights(reference, fit.model, images):
         fit = replace(fit, model=replace(fit.model, conjugated=False))
+    guess = fit
     model, fit = _best(test, fit)
-    faults, share = faults_of(reference.scene, nominal, model, fit), test.share(model)
+    faults, share = _named(test, model, fit), test.share(model)
+    if share is None or (faults and share >= LEAST_EXPLAINED):
+        if share is None or not test.pays(model):
+            # What is wrong is excused as it is.
+            model, faults = nominal, ()
+        return Diagnosis(model=model, faults=faults, does_not_explain=(), means=means)
+    # What fits best is told, though it does not explain, and though less of it may be as good.
+    doubted = faults or _named(test, guess.model, guess)
+    doubted = tuple(map(doubtful, doubted))
+    return Diagnosis(model=nominal, faults=(), does_not_explain=doubted, means=means)
+
+
+def _named(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
+    """Return what a guess has that was not asked for, and how much of what is wrong all of it explains."""
+    faults = faults_of(test.reference.scene, test.nominal, model, fit)
     if not model.conjugated:
-        faults = (*faults, lights_fault(*exchanged_light(reference, model, images)))
-    faults = tuple(replace(fault, explains=share) for fault in faults)
-    if not faults or share is None:
-        return Diagnosis(model=nominal, faults=(), does_not_explain=(), means=means)
-    if share < LEAST_EXPLAINED:
-        doubted = tuple(map(doubtful, faults))
-        return Diagnosis(model=nominal, faults=(), does_not_explain=doubted, means=means)
-    if not test.pays(model):
-        # What is wrong is excused as it is.
-        return Diagnosis(model=nominal, faults=(), does_not_explain=(), means=means)
-    return Diagnosis(model=model, faults=faults, does_not_explain=(), means=means)
+        faults = (*faults, lights_fault(*exchanged_light(test.reference, model, test.images)))
+    share = test.share(model) if faults else None
+    return tuple(replace(fault, explains=share) for fault in faults)
 
 
 def _by_color(images: Sequence[HogelImage]) -> bool:

@@ -93,9 +93,7 @@ class DrawnModel:
 
     @property
     def plain(self) -> bool:
-        """Whether the viewer's half wins as it must, the farthest surface over the other half; and all faces
-        are drawn.
-        """
+        """Whether all faces are drawn, and the viewer's half wins: its farthest surface over the other half."""
         return self.front is Front.FARTHEST and self.overlaid and self.culled is Culled.NONE
 
     @property

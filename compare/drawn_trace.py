@@ -82,7 +82,7 @@ _CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1.0, Culled.CLOCKWISE: -1.0}
 
 
 def _facing(scene: Scene, pencil: Pencil) -> Floats:
-    """Return 1 for triangles (F,) whose corners run counterclockwise as lines from the viewer meet them, or -1.
+    """Return 1 for triangles (F,) whose corners run counterclockwise as the viewer sees them, else -1.
 
     All lines of a pencil meet a triangle on the side on which its center lies, before it or behind.
     """

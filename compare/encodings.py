@@ -26,6 +26,7 @@ from xfrustum.compare.stored_truth import (
     RESAMPLED,
     Restoring,
     StoredTruth,
+    repeated_pixels,
     restored_first,
     spoiled_numbers,
 )
@@ -180,6 +181,9 @@ def _numbers(
         if left <= HELD_PX:
             return None
         found = _by_claims(scene, images, nominal, stated, left)
+        repeated = None if found else repeated_pixels(truth, stated)
+        if repeated is not None:
+            return FoundEncoding(faults=repeated[:1], restoring=repeated[1])
         if found is not None or left <= FAILED_PX:
             return found
     else:
@@ -208,7 +212,8 @@ def _by_truth(
     if spoiled is not None:
         fault, restoring = spoiled
         return FoundEncoding(faults=(fault,), restoring=restoring)
-    if any(_is_picture(image) for image in images):
+    # Numbers that exist are numbers, though they be the wrong ones.
+    if any(_is_picture(image) for image in images) and _valid_share(scene, images, stated) < VALID:
         colors = truth.colors()
         if colors is not None:
             return FoundEncoding(faults=_faults(stated, colors, ()), reading=colors)

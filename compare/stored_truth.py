@@ -33,6 +33,10 @@ COMPARED_PX = 100
 EXPLAINED = 0.9
 """Share of the pixels that show something which a kind of damage must account for."""
 
+REPEATED = 0.15
+"""Share of columns and of rows that repeat the ones before, from which on pictures were enlarged, by about a
+sixth or more: of what is drawn at its own size, few lines are alike."""
+
 BLENDED = 0.01
 """Share of pixels between the numbers around them from which on pictures are resampled: fewer are
 accidents."""
@@ -302,6 +306,39 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
             fault = Fault(fault=kind, value=mixed, unit="share", words=words)
             return fault, Restoring(truth=truth, kind=kind, reading=stated, agreement=found)
     return None
+
+
+def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
+    """Find pictures that were drawn smaller and enlarged by repeating columns and rows.
+
+    Parameters
+    ----------
+    truth
+        With the renderer's images.
+    stated
+        How they store numbers.
+    """
+    images = [stated.packed(stored_rgb(image)) for image in truth.images]
+    expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
+    repeated = [_repeated(images, axis) for axis in (0, 1)]
+    if any(mine < REPEATED or _repeated(expected, axis) > mine / 2 for axis, mine in enumerate(repeated)):
+        return None
+    share = float(np.mean(repeated))
+    words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
+    fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
+    agreement = truth.agreement(stated)
+    return fault, Restoring(truth=truth, kind=RESAMPLED, reading=stated, agreement=agreement)
+
+
+def _repeated(images: Sequence[Numbers], axis: int) -> float:
+    """Return the share of rows (axis 0) or columns that repeat the ones before, of those not all alike."""
+    repeated = telling = 0
+    for image in images:
+        lines = np.moveaxis(image, axis, 0)
+        several = (lines[:-1] != lines[:-1, :1]).any(axis=1)
+        telling += int(several.sum())
+        repeated += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
+    return repeated / telling if telling else 0.0
 
 
 def _overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:

@@ -225,6 +225,14 @@ class Verification:
             words.append(f"colors to within {judging.color_tolerance:.3g} of linear radiance")
         return ", and ".join(words) or "nothing"
 
+    @property
+    def explained(self) -> bool | None:
+        """Whether the diagnosis explains what is wrong; None where no image that was judged is."""
+        if self.diagnosis.faults:
+            return True
+        wrong = not all(check.held for hogel in self.hogels for check in hogel.checks)
+        return False if wrong or self.diagnosis.does_not_explain else None
+
     def summary(self) -> dict[str, Any]:
         """Return it as `verify --json` prints it."""
         return {
@@ -241,6 +249,7 @@ class Verification:
             "checks": [check.summary() for check in self.checks],
             "diagnosis": [fault.summary() for fault in self.diagnosis.faults],
             "does_not_explain": [fault.summary() for fault in self.diagnosis.does_not_explain],
+            "explained": self.explained,
             "found_by": self.diagnosis.means,
             "as_found": totals([hogel.as_found for hogel in self.hogels]),
             "corrected": totals([hogel.corrected for hogel in self.hogels]),
