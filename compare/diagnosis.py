@@ -91,7 +91,8 @@ def _of_wrong(test: ExplanationTest) -> Diagnosis:
     fit, means = _fitted(reference, test.images, nominal)
     images = [image for image in test.images if image.camera.aperture.index not in fit.spoiled]
     test = replace(test, images=images, known={})
-    if _by_color(images) and _lights(reference, fit.model, images):
+    lights = _lights(reference, fit.model, images) if _by_color(images) else None
+    if lights is not None and _enough(lights.explains):
         fit = replace(fit, model=replace(fit.model, conjugated=False))
     guess = fit
     model, fit = _best(test, fit)
