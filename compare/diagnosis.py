@@ -18,6 +18,7 @@ from xfrustum.compare.registration import register
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import film_window
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.scene import Scene
 
 ENOUGH = 100
 """Claims that it takes to fit seven numbers and two symmetries, with some to spare."""
@@ -147,11 +148,16 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
     First what was fitted; where that explains too little, the nominal numbers, which other faults may
     have misled the fit about; and then scenes in wrong units, which may leave too little to fit.
     """
-    nominal = test.nominal
+    nominal, scene = test.nominal, test.reference.scene
     model, *others = _composed(test, fit.model)
     if _enough(test.share(model)):
-        also = (*fit.alternatives, *others, *_by_depth(test, model, fit))
+        also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(scene, nominal, model))
         return model, replace(fit, alternatives=also)
+    for other in fit.alternatives:
+        # Numbers that claims cannot tell apart may differ in what the reach cuts off.
+        if _enough(test.share(other)):
+            rest = (fit.model, *(one for one in fit.alternatives if one != other))
+            return other, _unbounded(fit, nominal, other, rest)
     plain = fit.model.with_parameters(nominal.parameters)
     tried = [[model, *others]]
     if plain != fit.model:
@@ -159,15 +165,47 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
         plain = tried[-1][0]
     if test.hopeless and not _enough(test.share(plain)):
         whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
-        tried += [[replace(whole, scene_scale=factor)] for factor in MISTAKEN_UNITS]
+        sizes = [replace(whole, scene_scale=factor) for factor in MISTAKEN_UNITS]
+        tried += [[model] for size in sizes for model in (size, *_twins(scene, nominal, size))]
     found, *others = min(tried, key=lambda models: test.wrong(models[0]))
     best = test.reduced(found)
-    others = others if best == found else []
-    if best.scene_scale == model.scene_scale:
+    others = [*(others if best == found else []), *_twins(scene, nominal, best)]
+    if (best.scene_scale, best.pitch) == (model.scene_scale, model.pitch):
         return best, replace(fit, alternatives=(*fit.alternatives, *others))
-    # A common mistake, by which the images are right: within which bounds it is, they do not say.
-    unknown = np.where(best.parameters == nominal.parameters, nominal.parameters, np.nan)
-    return best, replace(fit, low=unknown, high=unknown, alternatives=())
+    # A common mistake, by which the images are right.
+    return best, _unbounded(fit, nominal, best, others)
+
+
+SAME_FACTOR = 1e-3
+"""Difference between the pitches of columns and rows that is none: a tenth of a percent."""
+
+
+def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnModel, ...]:
+    """Return guesses with other faults that show the same images, but for what the reach cuts off.
+
+    Through a centered frustum, all depends on (P - a) / s alone: apertures moved aside are a scene moved the
+    other way, and a scene so many times larger is a plate so many times smaller.
+    """
+    if scene.frustum.recentered:
+        return ()
+    found = []
+    x, y, z = model.scene_offset
+    if (x, y) != nominal.scene_offset[:2] and model.aperture_offset == nominal.aperture_offset:
+        found.append(replace(model, aperture_offset=(-x, -y), scene_offset=(0.0, 0.0, z)))
+    factor, other = model.scene_scale, model.pitch[0]
+    if factor != nominal.scene_scale and model.pitch == nominal.pitch:
+        found.append(replace(model, scene_scale=1.0, pitch=(other / factor, other / factor)))
+    elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= SAME_FACTOR:
+        found.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
+    return tuple(found)
+
+
+def _unbounded(
+    fit: GeometryFit, nominal: DrawnModel, model: DrawnModel, others: Sequence[DrawnModel]
+) -> GeometryFit:
+    """Return a fit as one of another guess, of which images do not say within which bounds it is."""
+    unknown = np.where(model.parameters == nominal.parameters, nominal.parameters, np.nan)
+    return replace(fit, low=unknown, high=unknown, alternatives=tuple(others))
 
 
 def _composed(test: ExplanationTest, model: DrawnModel) -> list[DrawnModel]:

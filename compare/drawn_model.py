@@ -93,7 +93,7 @@ class DrawnModel:
 
     @property
     def plain(self) -> bool:
-        """Whether all faces are drawn, and the farthest surface of the viewer's half wins, over the other half."""
+        """Whether all faces are drawn, and the farthest surface of the viewer's half wins over the other."""
         return self.front is Front.FARTHEST and self.overlaid and self.culled is Culled.NONE
 
     @property
