@@ -165,8 +165,9 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
         plain = tried[-1][0]
     if test.hopeless and not _enough(test.share(plain)):
         whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
-        sizes = [replace(whole, scene_scale=factor) for factor in MISTAKEN_UNITS]
-        tried += [[model] for size in sizes for model in (size, *_twins(scene, nominal, size))]
+        # Where too little is seen to fit, orientation and order may be misled too.
+        for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
+            tried += [[one] for one in (size, *_twins(scene, nominal, size))]
     found, *others = min(tried, key=lambda models: test.wrong(models[0]))
     best = test.reduced(found)
     others = [*(others if best == found else []), *_twins(scene, nominal, best)]

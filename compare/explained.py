@@ -88,12 +88,21 @@ class ExplanationTest:
 
         Explained are pixels that are wrong by what was asked for, and right by the guess, or wrong for a
         reason that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count
-        against it.
+        against it. So much must hold of all pixels, and of those in which images show something: a guess
+        under which nothing is seen explains black, but not what images show.
         """
-        before = self.wrong(self.nominal)
-        if not before:
+        if not self.wrong(self.nominal):
             return None
-        return max(0.0, 1.0 - self.unexplained(model) / before)
+        everywhere = [np.ones_like(image.triangle, dtype=np.bool_) for image in self.tested]
+        shown = [_covered(image) for image in self.tested]
+        return min(self._share_within(model, places) for places in (everywhere, shown))
+
+    def _share_within(self, model: DrawnModel, places: Sequence[Mask]) -> float:
+        before, after = (
+            sum(int((mask & place).sum()) for mask, place in zip(masks, places, strict=True))
+            for masks in (self._wrong(self.nominal), self._wrong(model, explained=True))
+        )
+        return max(0.0, 1.0 - after / before) if before else 1.0
 
     def reduced(self, model: DrawnModel) -> DrawnModel:
         """Return a guess without the faults that add nothing to what the others explain."""

@@ -287,7 +287,7 @@ add("moved-y", "the scene moved by y = -1.5", Mistakes(move=(0.0, -1.5, 0.0)), "
 add("moved-z", "the scene moved by z = 2", Mistakes(move=(0.0, 0.0, 2.0)), "scene-offset")
 add("moved-all", "the scene moved by (1, 0.7, -1.5)", Mistakes(move=(1.0, 0.7, -1.5)), "scene-offset")
 add("tenth", "millimeters taken for centimeters: a tenth", Mistakes(scale=0.1), "scene-scale")
-# Without a reach: that is a second fault, which has no name. Where the plate may be smaller instead, it explains.
+# Without a reach: a second fault, which has no name. Where the plate may be smaller instead, that explains.
 add(
     "tenfold",
     "ten times as large, without a reach",
