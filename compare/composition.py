@@ -48,7 +48,7 @@ WAYS = (
 
 ALIKE_PART = 0.98
 """Part of the pixels that the best way makes right which another must make right too, to be called alike: of
-closed bodies, the nearest surface is what remains when faces turned away are left out, but for outlines."""
+closed bodies, the surface nearest to the plate remains when faces toward the viewer are left out."""
 
 
 def find_composition(
