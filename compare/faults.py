@@ -265,16 +265,12 @@ def _unit_words(value: float, low: float, high: float) -> str:
 
 
 def _halves(found: DrawnModel, models: Sequence[DrawnModel]) -> Iterator[Fault]:
-    mine = [name for name, _, _ in _of_halves(found)]
-    others = [name for model in models if _halves_differ(model, found) for name, _, _ in _of_halves(model)]
-    others = [name for name in dict.fromkeys(others) if name not in mine]
+    named = [[name for name, _, _ in _of_halves(model)] for model in models]
     for name, value, words in _of_halves(found):
+        # A guess that has this fault too is no alternative to it.
+        others = list(dict.fromkeys(other for names in named if name not in names for other in names))
         also = f"; or {', '.join(others)}: images cannot tell" if others else ""
         yield Fault(fault=name, value=value, words=words + also, alternatives=tuple(others))
-
-
-def _halves_differ(one: DrawnModel, other: DrawnModel) -> bool:
-    return (one.front, one.overlaid, one.culled) != (other.front, other.overlaid, other.culled)
 
 
 def _of_halves(found: DrawnModel) -> Iterator[tuple[str, str, str]]:
