@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.drawn_color import colored, unconjugated
-from xfrustum.compare.drawn_model import DrawnModel, Front
-from xfrustum.compare.drawn_trace import Layer, as_image, layer, overlaid, trace_drawn
+from xfrustum.compare.drawn_color import colored
+from xfrustum.compare.drawn_model import Culled, DrawnModel, Front
+from xfrustum.compare.drawn_trace import as_image, drawn_layers, overlaid, trace_drawn
 from xfrustum.compare.pictures import COLOR_TOLERANCE
 from xfrustum.reference import Reference
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
@@ -21,21 +21,43 @@ TELLING = 20
 """Pixels in which two ways of putting the halves together must differ, before images can tell them
 apart: fewer may be outlines that rounding has moved."""
 
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """How the halves are put together; by default as they must."""
+
+    front: Front = Front.FARTHEST
+    overlaid: bool = True
+    culled: Culled = Culled.NONE
+
+    def of(self, model: DrawnModel) -> DrawnModel:
+        """Return a guess with the halves put together in this way."""
+        return replace(model, front=self.front, overlaid=self.overlaid, culled=self.culled)
+
+
 WAYS = (
-    (Front.FARTHEST, True),
-    (Front.MISSING, True),
-    (Front.NEAREST, True),
-    (Front.FARTHEST, False),
-    (Front.NEAREST, False),
+    Way(),
+    Way(front=Front.MISSING),
+    Way(front=Front.NEAREST),
+    Way(overlaid=False),
+    Way(front=Front.NEAREST, overlaid=False),
+    Way(culled=Culled.COUNTERCLOCKWISE),
+    Way(culled=Culled.CLOCKWISE),
 )
-"""The right one first."""
+"""The right one first; of those that images cannot tell apart, the first is named first."""
+
+ALIKE_PART = 0.98
+"""Part of the pixels that the best way makes right which another must make right too, to be called alike: of
+closed bodies, the surface nearest to the plate remains when faces toward the viewer are left out."""
 
 
-def find_composition(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> DrawnModel:
+def find_composition(
+    reference: Reference, model: DrawnModel, images: Sequence[HogelImage]
+) -> tuple[DrawnModel, ...]:
     """Return a guess with the way of putting the halves together that images agree with best.
 
     It differs from the right one only where, of the pixels that tell the two apart, the images show
-    the other more often.
+    the other more often. Other ways that images agree with as well follow it.
 
     Parameters
     ----------
@@ -46,50 +68,48 @@ def find_composition(reference: Reference, model: DrawnModel, images: Sequence[H
     images
         As found, naming triangles or objects, or with colors.
     """
+    right = sum(int(_differ(*_shown(reference, model, WAYS[0], image)).sum()) for image in images)
+    if right < TELLING:
+        return (WAYS[0].of(model),)
     wrong, differing = np.zeros(len(WAYS)), np.zeros(len(WAYS))
     for image in images:
         shown, ways = _compared(reference, model, image)
         wrong += [np.count_nonzero(_differ(picture, shown)) for picture in ways]
         differing += [np.count_nonzero(_differ(picture, ways[0])) for picture in ways]
-    best = int(np.argmin(wrong))
+    gained = wrong[0] - wrong
     # Where the other way holds, each pixel that differs is wrong by the right one; half of them suffice.
-    if differing[best] < TELLING or wrong[0] - wrong[best] <= differing[best] / 2:
-        best = 0
-    front, over = WAYS[best]
-    return replace(model, front=front, overlaid=over)
+    telling = (differing >= TELLING) & (gained > differing / 2)
+    if not telling.any():
+        return (WAYS[0].of(model),)
+    alike = np.flatnonzero(telling & (gained >= ALIKE_PART * gained[telling].max()))
+    return tuple(WAYS[index].of(model) for index in alike.tolist())
 
 
-def _ways(reference: Reference, model: DrawnModel, image: HogelImage) -> list[Layer]:
-    scene = reference.scene
-    aperture = model.answers(scene, image.camera.aperture)
-    c_star = model.pencil(scene, aperture, -1)
-    back = layer(scene, model.pencil(scene, aperture, 1))
-    fronts = {
-        Front.FARTHEST: layer(scene, c_star),
-        Front.NEAREST: layer(scene, c_star, nearest=True),
-    }
-    pictures = []
-    for front, over in WAYS:
-        if front is Front.MISSING:
-            pictures.append(back)
-        else:
-            pictures.append(overlaid([back, fronts[front]] if over else [fronts[front], back]))
-    return pictures
+def _shown(
+    reference: Reference, model: DrawnModel, way: Way, image: HogelImage
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return what an image shows, upright, and what one way would show."""
+    shown, (expected,) = _compared(reference, model, image, (way,))
+    return shown, expected
 
 
 def _compared(
-    reference: Reference, model: DrawnModel, image: HogelImage
+    reference: Reference, model: DrawnModel, image: HogelImage, ways: Sequence[Way] = WAYS
 ) -> tuple[NDArray[Any], list[NDArray[Any]]]:
-    """Return what an image shows, upright, and what each of the ways would: numbers (H, W), or colors."""
+    """Return what an image shows, upright, and what each of some ways would: numbers (H, W), or colors."""
     scene, upright = reference.scene, model.orientation.upright
-    ways = _ways(reference, model, image)
+    aperture = model.answers(scene, image.camera.aperture)
+    models = [way.of(model) for way in ways]
+    layers = [overlaid(drawn_layers(scene, one, aperture)) for one in models]
     if (image.triangle != NOTHING).any():
-        return upright(image.triangle), [way.triangle for way in ways]
+        return upright(image.triangle), [shown.triangle for shown in layers]
     if (image.object != NOTHING).any() or image.color is None:
         named = np.append(scene.object_of_triangle, np.int32(NOTHING))
-        return upright(image.object), [named[way.triangle] for way in ways]
-    aperture = model.answers(scene, image.camera.aperture)
-    pictures = [colored(scene, model, as_image(reference, aperture, way)).color for way in ways]
+        return upright(image.object), [named[shown.triangle] for shown in layers]
+    pictures = [
+        colored(scene, one, as_image(reference, aperture, shown)).color
+        for one, shown in zip(models, layers, strict=True)
+    ]
     return upright(image.color), [np.asarray(picture) for picture in pictures]
 
 
@@ -114,7 +134,8 @@ def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence
         asked = answer.height > model.plate_height
         # Another surface has another color for other reasons.
         asked &= (number == answer.triangle) | (number == NOTHING)
-        colors = [np.asarray(f(scene, model, answer).color) for f in (colored, unconjugated)]
+        ways = (replace(model, conjugated=conjugated) for conjugated in (True, False))
+        colors = [np.asarray(colored(scene, way, answer).color) for way in ways]
         differs, differs_still = (_differ(color, mine) & asked for color in colors)
         wrong += int(differs.sum())
         explained += int((differs & ~differs_still).sum())

@@ -13,10 +13,12 @@ from xfrustum.compare.drawn_model import DrawnModel
 from xfrustum.compare.explained import LEAST_EXPLAINED, ExplanationTest
 from xfrustum.compare.faults import CONVENTIONS, MISTAKEN_UNITS, Fault, faults_of, lights_fault
 from xfrustum.compare.geometry_fit import GeometryFit, fit_geometry
+from xfrustum.compare.judged import Judging
 from xfrustum.compare.registration import register
 from xfrustum.reference import Reference
 from xfrustum.reference.lines import film_window
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.scene import Scene
 
 ENOUGH = 100
 """Claims that it takes to fit seven numbers and two symmetries, with some to spare."""
@@ -48,7 +50,12 @@ class Diagnosis:
     means: str
 
 
-def diagnose(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> Diagnosis:
+def diagnose(
+    reference: Reference,
+    images: Sequence[HogelImage],
+    nominal: DrawnModel,
+    judging: Judging | None = None,
+) -> Diagnosis:
     """Find out how a renderer draws.
 
     Parameters
@@ -59,24 +66,60 @@ def diagnose(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         Some of its hogels as found, each with the camera of the aperture that its file is named after.
     nominal
         What its author says of it.
+    judging
+        What counts as wrong.
     """
-    scene = reference.scene
-    fit, means = _fitted(reference, images, nominal)
-    images = [image for image in images if image.camera.aperture.index not in fit.spoiled]
-    test = ExplanationTest(reference=reference, images=images, nominal=nominal)
+    test = ExplanationTest(reference=reference, images=images, nominal=nominal, judging=judging or Judging())
+    if not images or test.wrong(nominal):
+        found = _of_wrong(test)
+    else:
+        # There is nothing to be explained: what fits a little better is noise.
+        means = f"{len(test.tested)} hogels, in which nothing is wrong"
+        found = Diagnosis(model=nominal, faults=(), does_not_explain=(), means=means)
+    # Numbers say nothing of light: where images have both, it is tested by itself.
+    lights = _lights(reference, found.model, images) if not _by_color(images) else None
+    if lights is None:
+        return found
+    if _enough(lights.explains):
+        model = replace(found.model, conjugated=False)
+        return replace(found, model=model, faults=(*found.faults, lights))
+    return replace(found, does_not_explain=(*found.does_not_explain, doubtful(lights)))
+
+
+def _of_wrong(test: ExplanationTest) -> Diagnosis:
+    """Find out how a renderer draws whose images are wrong."""
+    reference, nominal = test.reference, test.nominal
+    fit, means = _fitted(reference, test.images, nominal)
+    images = [image for image in test.images if image.camera.aperture.index not in fit.spoiled]
+    test = replace(test, images=images, known={})
+    lights = _lights(reference, fit.model, images) if _by_color(images) else None
+    if lights is not None and _enough(lights.explains):
+        fit = replace(fit, model=replace(fit.model, conjugated=False))
+    guess = fit
     model, fit = _best(test, fit)
-    faults = faults_of(scene, nominal, model, fit)
+    faults, share = _named(test, model, fit), test.share(model)
+    if share is None or (faults and share >= LEAST_EXPLAINED):
+        if share is None or not test.pays(model):
+            # What is wrong is excused as it is.
+            model, faults = nominal, ()
+        return Diagnosis(model=model, faults=faults, does_not_explain=(), means=means)
+    # What fits best is told, though it does not explain, and though less of it may be as good.
+    doubted = faults or _named(test, guess.model, guess)
+    doubted = tuple(map(doubtful, doubted))
+    return Diagnosis(model=nominal, faults=(), does_not_explain=doubted, means=means)
+
+
+def _named(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
+    """Return what a guess has that was not asked for, and how much of what is wrong all of it explains."""
+    faults = faults_of(test.reference.scene, test.nominal, model, fit)
+    if not model.conjugated:
+        faults = (*faults, lights_fault(*exchanged_light(test.reference, model, test.images)))
     share = test.share(model) if faults else None
-    faults = tuple(replace(fault, explains=share) for fault in faults)
-    doubted: tuple[Fault, ...] = ()
-    if share is not None and share < LEAST_EXPLAINED:
-        faults, doubted, model = (), tuple(map(_doubted, faults)), nominal
-    lights = _lights(reference, model, images)
-    if lights is not None and lights.explains is not None and lights.explains >= LEAST_EXPLAINED:
-        faults = (*faults, lights)
-    elif lights is not None:
-        doubted = (*doubted, _doubted(lights))
-    return Diagnosis(model=model, faults=faults, does_not_explain=doubted, means=means)
+    return tuple(replace(fault, explains=share) for fault in faults)
+
+
+def _by_color(images: Sequence[HogelImage]) -> bool:
+    return all((image.triangle == NOTHING).all() and not _names_objects(image) for image in images)
 
 
 def _fitted(
@@ -105,31 +148,78 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
     First what was fitted; where that explains too little, the nominal numbers, which other faults may
     have misled the fit about; and then scenes in wrong units, which may leave too little to fit.
     """
-    nominal = test.nominal
-    model = _composed(test, fit.model)
+    nominal, scene = test.nominal, test.reference.scene
+    model, *others = _composed(test, fit.model)
     if _enough(test.share(model)):
-        return model, replace(fit, alternatives=(*fit.alternatives, *_by_depth(test, model, fit)))
+        also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(scene, nominal, model))
+        return model, replace(fit, alternatives=also)
+    for other in fit.alternatives:
+        # Numbers that claims cannot tell apart may differ in what the reach cuts off.
+        if _enough(test.share(other)):
+            rest = (fit.model, *(one for one in fit.alternatives if one != other))
+            return other, _unbounded(fit, nominal, other, rest)
     plain = fit.model.with_parameters(nominal.parameters)
+    tried = [[model, *others]]
     if plain != fit.model:
-        plain = _composed(test, plain)
-    tried = [model, plain]
+        tried.append(_composed(test, plain))
+        plain = tried[-1][0]
     if test.hopeless and not _enough(test.share(plain)):
-        whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid)
-        tried += [replace(whole, scene_scale=factor) for factor in MISTAKEN_UNITS]
-    best = test.reduced(min(tried, key=test.wrong))
-    if best.scene_scale == model.scene_scale:
-        return best, fit
-    # A common mistake, by which the images are right: within which bounds it is, they do not say.
-    unknown = np.where(best.parameters == nominal.parameters, nominal.parameters, np.nan)
-    return best, replace(fit, low=unknown, high=unknown, alternatives=())
+        whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
+        # Where too little is seen to fit, orientation and order may be misled too.
+        for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
+            tried += [[one] for one in (size, *_twins(scene, nominal, size))]
+    found, *others = min(tried, key=lambda models: test.wrong(models[0]))
+    best = test.reduced(found)
+    others = [*(others if best == found else []), *_twins(scene, nominal, best)]
+    if (best.scene_scale, best.pitch) == (model.scene_scale, model.pitch):
+        return best, replace(fit, alternatives=(*fit.alternatives, *others))
+    # A common mistake, by which the images are right.
+    return best, _unbounded(fit, nominal, best, others)
 
 
-def _composed(test: ExplanationTest, model: DrawnModel) -> DrawnModel:
-    """Return a guess with the halves put together as the images have them, without idle faults."""
+SAME_FACTOR = 1e-3
+"""Difference between the pitches of columns and rows that is none: a tenth of a percent."""
+
+
+def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnModel, ...]:
+    """Return guesses with other faults that show the same images, but for what the reach cuts off.
+
+    Through a centered frustum, all depends on (P - a) / s alone: apertures moved aside are a scene moved the
+    other way, and a scene so many times larger is a plate so many times smaller.
+    """
+    if scene.frustum.recentered:
+        return ()
+    found = []
+    x, y, z = model.scene_offset
+    if (x, y) != nominal.scene_offset[:2] and model.aperture_offset == nominal.aperture_offset:
+        found.append(replace(model, aperture_offset=(-x, -y), scene_offset=(0.0, 0.0, z)))
+    factor, other = model.scene_scale, model.pitch[0]
+    if factor != nominal.scene_scale and model.pitch == nominal.pitch:
+        found.append(replace(model, scene_scale=1.0, pitch=(other / factor, other / factor)))
+    elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= SAME_FACTOR:
+        found.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
+    return tuple(found)
+
+
+def _unbounded(
+    fit: GeometryFit, nominal: DrawnModel, model: DrawnModel, others: Sequence[DrawnModel]
+) -> GeometryFit:
+    """Return a fit as one of another guess, of which images do not say within which bounds it is."""
+    unknown = np.where(model.parameters == nominal.parameters, nominal.parameters, np.nan)
+    return replace(fit, low=unknown, high=unknown, alternatives=tuple(others))
+
+
+def _composed(test: ExplanationTest, model: DrawnModel) -> list[DrawnModel]:
+    """Return a guess with the halves put together as the images have them, without idle faults.
+
+    Ways to put them together that images cannot tell from it follow.
+    """
     telling = [image for image in test.images if _shows(image)]
-    if telling:
-        model = find_composition(test.reference, model, telling)
-    return test.reduced(model) if model != test.nominal else model
+    models = list(find_composition(test.reference, model, telling)) if telling else [model]
+    best = test.reduced(models[0]) if models[0] != test.nominal else models[0]
+    if best != models[0]:
+        return [best]
+    return [best, *(other for other in models[1:] if _enough(test.share(other)))]
 
 
 def _enough(share: float | None) -> bool:
@@ -167,14 +257,12 @@ def _lights(reference: Reference, model: DrawnModel, images: Sequence[HogelImage
     if not model.plain:
         # Another surface wins there, in its own color.
         return None
-    lights = lights_fault(*exchanged_light(reference, model, images))
-    if lights is None:
-        return None
-    share = unconjugated_share(reference, model, images)
-    return None if share is None else replace(lights, explains=share)
+    back, front = exchanged_light(reference, model, images)
+    share = unconjugated_share(reference, model, images) if back > 0 > front else None
+    return None if share is None else replace(lights_fault(back, front), explains=share)
 
 
-def _doubted(fault: Fault) -> Fault:
+def doubtful(fault: Fault) -> Fault:
     """Return a fault as what it is when it explains too little."""
     assert fault.explains is not None
     return replace(

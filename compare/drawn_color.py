@@ -16,23 +16,19 @@ from xfrustum.scenes.scene import Scene
 def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     """Return a prediction with the color of each pixel's own surface point; nothing is averaged.
 
-    All cameras of a guess share the slopes of their lines, whichever half wins.
+    All cameras of a guess share the slopes of their lines, whichever half wins. Where its lights are not
+    conjugated, C* shares them with C, and needs L* = -L.
     """
-    return replace(answer, color=_radiance(Shader(scene), scene, model, answer))
-
-
-def unconjugated(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
-    """Return a prediction under lights that C* shares with C, where it needs L* = -L.
-
-    C* turns normals to itself, away from the viewer. To reverse them all is to reverse the lights.
-    """
+    right = _radiance(Shader(scene), scene, model, answer)
+    if model.conjugated:
+        return replace(answer, color=right)
+    # C* turns normals to itself, away from the viewer. To reverse them all is to reverse the lights.
     lights = [
         replace(light, direction=(-light.direction[0], -light.direction[1], -light.direction[2]))
         for light in scene.appearance.lights
     ]
     other = replace(scene, appearance=replace(scene.appearance, lights=tuple(lights)))
     front = answer.height > model.plate_height
-    right = _radiance(Shader(scene), scene, model, answer)
     wrong = _radiance(Shader(other), scene, model, answer)
     return replace(answer, color=np.where(front[..., None], wrong, right))
 

@@ -31,6 +31,18 @@ class Front(StrEnum):
     MISSING = "missing"
 
 
+class Culled(StrEnum):
+    """Which faces are left out: those whose corners run around in this sense along the lines of the pencil.
+
+    Both cameras of a crossed frustum look along the same lines in one direction, from the viewer's side to
+    the back.
+    """
+
+    NONE = "none"
+    COUNTERCLOCKWISE = "counterclockwise"
+    CLOCKWISE = "clockwise"
+
+
 @dataclass(frozen=True, kw_only=True)
 class DrawnModel:
     """How a plate was drawn.
@@ -57,6 +69,10 @@ class DrawnModel:
         As in the design; they mean nothing at near 0.
     front, overlaid
         What became of the viewer's half, and whether it covers the other.
+    culled
+        Which faces its cameras leave out.
+    conjugated
+        Whether the lights of the viewer's half are conjugated.
     """
 
     orientation: Orientation = UPRIGHT
@@ -72,11 +88,13 @@ class DrawnModel:
     fit: Fit = Fit.ANGLE
     front: Front = Front.FARTHEST
     overlaid: bool = True
+    culled: Culled = Culled.NONE
+    conjugated: bool = True
 
     @property
     def plain(self) -> bool:
-        """Whether the viewer's half wins as it must: the farthest surface, over the other half."""
-        return self.front is Front.FARTHEST and self.overlaid
+        """Whether all faces are drawn, and the farthest surface of the viewer's half wins over the other."""
+        return self.front is Front.FARTHEST and self.overlaid and self.culled is Culled.NONE
 
     @property
     def parameters(self) -> Floats:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.drawn_model import DrawnModel, Front
+from xfrustum.compare.drawn_model import Culled, DrawnModel, Front
 from xfrustum.reference import Reference
 from xfrustum.reference.certify import Certifier
 from xfrustum.reference.lines import Pencil
@@ -48,27 +48,50 @@ def drawn_layers(scene: Scene, model: DrawnModel, aperture: Aperture) -> list[La
     """Return what the cameras of a guess show, in drawing order: what comes later covers."""
     if model.plain and not model.near:
         return [layer(scene, model.pencil(scene, aperture, 0))]
-    back = layer(scene, model.pencil(scene, aperture, 1))
+    back = layer(scene, model.pencil(scene, aperture, 1), culled=model.culled)
     if model.front is Front.MISSING:
         return [back]
-    front = layer(scene, model.pencil(scene, aperture, -1), nearest=model.front is Front.NEAREST)
+    nearest = model.front is Front.NEAREST
+    front = layer(scene, model.pencil(scene, aperture, -1), nearest=nearest, culled=model.culled)
     return [back, front] if model.overlaid else [front, back]
 
 
-def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False) -> Layer:
+def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
     """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
-    rows = range(pencil.resolution[1])
+    rows, triangles = range(pencil.resolution[1]), scene.triangles
+    drawn = np.arange(len(triangles))
+    if culled is not Culled.NONE:
+        drawn = np.flatnonzero(_facing(scene, pencil) != _CULLED_SIGN[culled])
+        triangles = triangles[drawn]
     if nearest:
         # Seen through a point mirror in its center, what was last along a line is first.
         low, high = pencil.s_range
-        mirrored = 2 * np.asarray(pencil.center) - scene.triangles
+        mirrored = 2 * np.asarray(pencil.center) - triangles
         decided = Certifier(mirrored, replace(pencil, s_range=(-high, -low))).decide(rows)
         s = -decided.s
     else:
-        decided = Certifier(scene.triangles, pencil).decide(rows)
+        decided = Certifier(triangles, pencil).decide(rows)
         s = decided.s
+    triangle = np.append(drawn, NOTHING).astype(np.int32)[decided.triangle]
     position = np.asarray(pencil.center) + s[..., None] * pencil.directions()
-    return Layer(triangle=decided.triangle, position=position, certainty=decided.certainty)
+    return Layer(triangle=triangle, position=position, certainty=decided.certainty)
+
+
+_CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1.0, Culled.CLOCKWISE: -1.0}
+"""Of what `_facing` returns."""
+
+
+def _facing(scene: Scene, pencil: Pencil) -> Floats:
+    """Return 1 for triangles (F,) whose corners run counterclockwise as the viewer sees them, else -1.
+
+    All lines of a pencil meet a triangle on the side on which its center lies, before it or behind.
+    """
+    toward = np.asarray(pencil.center) - scene.triangles[:, 0]
+    corners = scene.triangles
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    side = np.sign(np.einsum("ij,ij->i", normals, toward))
+    # Before the plate the lines leave the center backward: what the center sees, the viewer does not.
+    return np.asarray(np.where(pencil.s_range[0] < 0, -side, side))
 
 
 def overlaid(layers: Sequence[Layer]) -> Layer:

@@ -26,6 +26,8 @@ from xfrustum.compare.stored_truth import (
     RESAMPLED,
     Restoring,
     StoredTruth,
+    repeated_pixels,
+    restored_first,
     spoiled_numbers,
 )
 from xfrustum.reference import Reference
@@ -103,17 +105,25 @@ class FoundEncoding:
     reading
         How to read the stored pixels; None where they are as stated.
     restoring
-        Where numbers were lost: how to tell which were meant, for the figures after correction.
+        Where numbers were lost, all or only the first one, which looks like nothing: how to tell which were
+        meant, for the figures after correction.
     """
 
     faults: tuple[Fault, ...] = ()
     reading: Reading | None = None
     restoring: Restoring | None = None
 
+    @property
+    def as_colors(self) -> bool:
+        """Whether pixels that should be numbers are colors."""
+        return self.reading is not None and self.reading.encoding not in NUMBERED
+
     def read(self, image: HogelImage) -> HogelImage:
         """Return an image as it is read now; the image itself where nothing was found."""
-        if self.restoring is not None:
-            return self.restoring.read(image)
+        return self.plainly(image) if self.restoring is None else self.restoring.read(image)
+
+    def plainly(self, image: HogelImage) -> HogelImage:
+        """Return an image as it is read now, without telling which numbers were meant that are lost."""
         return image if self.reading is None else read_again(image, self.reading)
 
 
@@ -139,6 +149,9 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
         found = _numbers(reference, told, nominal, stated)
     else:
         found = _numbers_as_colors(reference, told, nominal)
+    if found is not None and found.reading is not None and found.reading.first_is_lost:
+        restoring = restored_first(StoredTruth(reference, told), found.reading)
+        return replace(found, restoring=restoring)
     return found or FoundEncoding()
 
 
@@ -168,6 +181,9 @@ def _numbers(
         if left <= HELD_PX:
             return None
         found = _by_claims(scene, images, nominal, stated, left)
+        repeated = None if found else repeated_pixels(truth, stated)
+        if repeated is not None:
+            return FoundEncoding(faults=repeated[:1], restoring=repeated[1])
         if found is not None or left <= FAILED_PX:
             return found
     else:
@@ -196,7 +212,8 @@ def _by_truth(
     if spoiled is not None:
         fault, restoring = spoiled
         return FoundEncoding(faults=(fault,), restoring=restoring)
-    if any(_is_picture(image) for image in images):
+    # Numbers that exist are numbers, though they be the wrong ones.
+    if any(_is_picture(image) for image in images) and _valid_share(scene, images, stated) < VALID:
         colors = truth.colors()
         if colors is not None:
             return FoundEncoding(faults=_faults(stated, colors, ()), reading=colors)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare import parameters
 from xfrustum.compare.drawn_model import DrawnModel
-from xfrustum.compare.judged import covered_by, judge
+from xfrustum.compare.judged import Judging, covered_by, wrong_pixels
 from xfrustum.compare.pictures import shows_something
 from xfrustum.reference import Reference
 from xfrustum.scenes.hogel_image import NOTHING, HogelImage
@@ -51,11 +51,14 @@ class ExplanationTest:
         As found; at most `MAX_TESTED_HOGELS` of them are looked at.
     nominal
         What was asked for: what is wrong under it is to be explained.
+    judging
+        What counts as wrong.
     """
 
     reference: Reference
     images: Sequence[HogelImage]
     nominal: DrawnModel
+    judging: Judging = field(default_factory=Judging)
     known: dict[tuple[DrawnModel, bool], list[Mask]] = field(default_factory=dict, repr=False)
 
     @property
@@ -76,17 +79,30 @@ class ExplanationTest:
         """Return how many pixels are wrong by a guess, whatever the cause."""
         return self._count(model, explained=False)
 
+    def unexplained(self, model: DrawnModel) -> int:
+        """Return how many pixels are wrong by a guess for no known cause."""
+        return self._count(model, explained=True)
+
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
 
         Explained are pixels that are wrong by what was asked for, and right by the guess, or wrong for a
         reason that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count
-        against it.
+        against it. So much must hold of all pixels, and of those in which images show something: a guess
+        under which nothing is seen explains black, but not what images show.
         """
-        before = self.wrong(self.nominal)
-        if not before:
+        if not self.wrong(self.nominal):
             return None
-        return max(0.0, 1.0 - self._count(model, explained=True) / before)
+        everywhere = [np.ones_like(image.triangle, dtype=np.bool_) for image in self.tested]
+        shown = [_covered(image) for image in self.tested]
+        return min(self._share_within(model, places) for places in (everywhere, shown))
+
+    def _share_within(self, model: DrawnModel, places: Sequence[Mask]) -> float:
+        before, after = (
+            sum(int((mask & place).sum()) for mask, place in zip(masks, places, strict=True))
+            for masks in (self._wrong(self.nominal), self._wrong(model, explained=True))
+        )
+        return max(0.0, 1.0 - after / before) if before else 1.0
 
     def reduced(self, model: DrawnModel) -> DrawnModel:
         """Return a guess without the faults that add nothing to what the others explain."""
@@ -96,6 +112,10 @@ class ExplanationTest:
             if not rest or len(list(_simpler(model, self.nominal))) == 1:
                 return model
             model = min(rest, key=self.wrong)
+
+    def pays(self, model: DrawnModel) -> bool:
+        """Return whether a guess makes more pixels right than what was asked for does."""
+        return self._pays(model, self.nominal)
 
     def _pays(self, model: DrawnModel, simpler: DrawnModel) -> bool:
         gained = lost = 0
@@ -113,10 +133,8 @@ class ExplanationTest:
         if key not in self.known:
             found = self.known[key] = []
             for image in self.tested:
-                # Which surface a pixel shows is asked, not how far its point has moved.
-                nowhere = np.full((*image.triangle.shape, 3), np.nan)
-                figures = judge(self.reference, model, image, nowhere, explained=explained)
-                found.append(model.orientation.applied(figures.unexplained))
+                wrong = wrong_pixels(self.reference, model, image, self.judging, explained=explained)
+                found.append(model.orientation.applied(wrong))
         return self.known[key]
 
 
@@ -133,7 +151,14 @@ def _covered(image: HogelImage) -> Mask:
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     """Yield a guess with one fault less, for each of its faults."""
     groups: list[tuple[str, ...]] = [(group.field,) for group in parameters.GROUPS if group.name != "near"]
-    groups += [("orientation",), ("order",), ("pivot",), ("fit",), ("front", "overlaid")]
+    groups += [
+        ("orientation",),
+        ("order",),
+        ("pivot",),
+        ("fit",),
+        ("front", "overlaid", "culled"),
+        ("conjugated",),
+    ]
     groups += [("near", "pivot", "fit")] if model.near != nominal.near else []
     for fields in groups:
         simpler = replace(model, **{name: getattr(nominal, name) for name in fields})

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare import parameters
-from xfrustum.compare.drawn_model import DrawnModel, Front
+from xfrustum.compare.drawn_model import Culled, DrawnModel, Front
 from xfrustum.compare.geometry_fit import CORNER, GeometryFit
 from xfrustum.compare.parameters import Kind
 from xfrustum.scenes.scene import Scene
@@ -20,10 +20,11 @@ SHIFT, FOV, PITCH = ("shift-x", "shift-y"), ("fov-x", "fov-y"), ("pitch-x", "pit
 APERTURE_OFFSET = ("aperture-offset-x", "aperture-offset-y")
 SCENE_OFFSET = ("scene-offset-x", "scene-offset-y", "scene-offset-z")
 SCENE_SCALE = "scene-scale"
-FRONT_MISSING, FRONT_NEAREST, NOT_OVERLAID, LIGHTS = (
+FRONT_MISSING, FRONT_NEAREST, NOT_OVERLAID, CULLING, LIGHTS = (
     "front-missing",
     "front-nearest",
     "not-overlaid",
+    "culling",
     "lights",
 )
 
@@ -106,14 +107,12 @@ def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometr
     return (
         *_conventions(nominal, found),
         *_numbers(scene, nominal, found, fit),
-        *_halves(found),
+        *_halves(found, fit.alternatives),
     )
 
 
-def lights_fault(back: float, front: float) -> Fault | None:
+def lights_fault(back: float, front: float) -> Fault:
     """Return the fault of a light that is not conjugated, given both halves' correlations with the truth."""
-    if not (back > 0 > front):
-        return None
     return Fault(
         fault=LIGHTS,
         value=front,
@@ -265,13 +264,24 @@ def _unit_words(value: float, low: float, high: float) -> str:
     return ""
 
 
-def _halves(found: DrawnModel) -> Iterator[Fault]:
+def _halves(found: DrawnModel, models: Sequence[DrawnModel]) -> Iterator[Fault]:
+    named = [[name for name, _, _ in _of_halves(model)] for model in models]
+    for name, value, words in _of_halves(found):
+        # A guess that has this fault too is no alternative to it.
+        others = list(dict.fromkeys(other for names in named if name not in names for other in names))
+        also = f"; or {', '.join(others)}: images cannot tell" if others else ""
+        yield Fault(fault=name, value=value, words=words + also, alternatives=tuple(others))
+
+
+def _of_halves(found: DrawnModel) -> Iterator[tuple[str, str, str]]:
+    """Yield name, value and words of what became of the halves."""
     if found.front is Front.MISSING:
-        words = "the half on the viewer's side is missing: only C is drawn"
-        yield Fault(fault=FRONT_MISSING, value="missing", words=words)
+        yield FRONT_MISSING, "missing", "the half on the viewer's side is missing: only C is drawn"
     if found.front is Front.NEAREST:
         words = "on the viewer's side the surface nearest to the plate wins; C* must keep the farthest"
-        yield Fault(fault=FRONT_NEAREST, value="nearest wins", words=words)
+        yield FRONT_NEAREST, "nearest wins", words
     if not found.overlaid:
-        words = "C is drawn over C*; the viewer's half must cover the other"
-        yield Fault(fault=NOT_OVERLAID, value="back over front", words=words)
+        yield NOT_OVERLAID, "back over front", "C is drawn over C*; the viewer's half must cover the other"
+    if found.culled is not Culled.NONE:
+        words = f"faces whose corners run {found.culled} as the viewer sees them are left out"
+        yield CULLING, str(found.culled), words

@@ -51,6 +51,9 @@ START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
 """Starting points for the size of the scene. Places on the film go with its inverse, so that beyond the last
 one nothing new is seen."""
 
+START_FILMS = (0.5, 2.0, 3.0)
+"""Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
+
 USUAL_GROUPS = ("shift", "fov", "pitch", "near")
 """Groups that are tried first."""
 
@@ -197,6 +200,7 @@ def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnMode
         upright = replace(nominal, orientation=orientation, order=order)
         tried = [replace(upright, near=near) for near in {nominal.near, *(reach * n for n in NEARS[::4])}]
         tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
+        tried += [replace(upright, fov=(film, film)) for film in START_FILMS]
         ranked += [(float(outside_px(claims, scene, model, cap).mean()), model) for model in tried]
     ranked.sort(key=lambda pair: (pair[0], pair[1].orientation.changes + pair[1].order.changes))
     conventions = {(model.orientation, model.order): model for _, model in reversed(ranked[:6])}
@@ -208,9 +212,10 @@ def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnMode
     ]
     finely.sort(key=lambda pair: pair[0])
     scaled = [model for _, model in ranked if model.scene_scale != nominal.scene_scale]
+    filmed = [model for _, model in ranked if model.fov != nominal.fov]
     best = [model for _, model in finely[:STARTS]]
     # Of each group that is searched for, at least one.
-    return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1]]))
+    return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1], *filmed[:1]]))
 
 
 def _groups(claims: Claims) -> tuple[str, ...]:

@@ -115,8 +115,6 @@ class Figures:
         The image as the question turns it.
     error
         (H, W) pixels that are wrong: of the surface, or whatever can be told.
-    unexplained
-        (H, W) pixels that `wrong` counts, upright, without those whose cause was asked for and found.
     """
 
     shown: int
@@ -132,7 +130,6 @@ class Figures:
     answer: HogelImage
     image: HogelImage
     error: Mask
-    unexplained: Mask
 
     @property
     def fraction(self) -> float:
@@ -204,6 +201,79 @@ def judge(
         Whether to find causes, by triangles.
     """
     judging = judging or Judging()
+    seen = _compared(reference, question, image, points, judging)
+    answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
+    invalid = invalid_claims(reference, question, image) & shown
+    surface = None
+    if by not in PLAIN:
+        surface = (wrong_surfaces(reference, question, answer, upright) & shown) | invalid
+    radiance = None
+    if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
+        radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
+    spread, measured_by = _displacement(reference, question, answer, upright, by)
+    masks = seen.causes(reference, question) if explained else None
+    return Figures(
+        shown=int(shown.sum()),
+        by=by,
+        wrong=int(seen.differs.sum()),
+        surface=None if surface is None else int(surface.sum()),
+        claimed=int((seen.covered & shown).sum()),
+        invalid=int(invalid.sum()),
+        displacement_px=spread,
+        measured_by=measured_by,
+        radiance=None if radiance is None else int(radiance.sum()),
+        causes=None if masks is None else {name: int(mask.sum()) for name, mask in masks.items()},
+        answer=answer,
+        image=upright,
+        error=(seen.differs if surface is None else surface) | (False if radiance is None else radiance),
+    )
+
+
+def wrong_pixels(
+    reference: Reference,
+    question: DrawnModel,
+    image: HogelImage,
+    judging: Judging | None = None,
+    *,
+    explained: bool = False,
+) -> Mask:
+    """Return the pixels (H, W), upright, that `judge` counts as wrong, and nothing else that it finds out.
+
+    Parameters
+    ----------
+    reference, question, image, judging
+        As for `judge`.
+    explained
+        Whether to leave out pixels whose cause is rounding.
+    """
+    # Which surface a pixel shows is asked, not how far its point has moved.
+    nowhere = np.full((*image.triangle.shape, 3), np.nan)
+    seen = _compared(reference, question, image, nowhere, judging or Judging())
+    masks = seen.causes(reference, question) if explained else None
+    return seen.differs if masks is None else masks["unexplained"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Compared:
+    """An image, upright, beside what a question asks for, and where (H, W) the two differ."""
+
+    answer: HogelImage
+    upright: HogelImage
+    by: str
+    covered: Mask
+    shown: Mask
+    differs: Mask
+
+    def causes(self, reference: Reference, question: DrawnModel) -> dict[str, Mask] | None:
+        """Return which of the wrong pixels have which cause; None where images name no triangles."""
+        if self.by != "triangle":
+            return None
+        return cause_masks(reference.scene, question, self.answer, self.upright, self.differs)
+
+
+def _compared(
+    reference: Reference, question: DrawnModel, image: HogelImage, points: Floats, judging: Judging
+) -> _Compared:
     aperture = question.answers(reference.scene, image.camera.aperture)
     answer = trace_drawn(reference, question, aperture)
     upright = turned(reference, question, image, aperture, points)
@@ -213,33 +283,7 @@ def judge(
     covered: Mask = shows_something(upright) if by in PLAIN else covered_by(upright)
     shown = judged_pixels(answer) & (answer.covered | covered)
     differs = _differing(answer, upright, covered, by, judging.color_tolerance) & shown
-    invalid = invalid_claims(reference, question, image) & shown
-    surface = None
-    if by not in PLAIN:
-        surface = (wrong_surfaces(reference, question, answer, upright) & shown) | invalid
-    radiance = None
-    if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
-        radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
-    spread, measured_by = _displacement(reference, question, answer, upright, by)
-    masks = None
-    if explained and by == "triangle":
-        masks = cause_masks(reference.scene, question, answer, upright, differs)
-    return Figures(
-        shown=int(shown.sum()),
-        by=by,
-        wrong=int(differs.sum()),
-        surface=None if surface is None else int(surface.sum()),
-        claimed=int((covered & shown).sum()),
-        invalid=int(invalid.sum()),
-        displacement_px=spread,
-        measured_by=measured_by,
-        radiance=None if radiance is None else int(radiance.sum()),
-        causes=None if masks is None else {name: int(mask.sum()) for name, mask in masks.items()},
-        answer=answer,
-        image=upright,
-        error=(differs if surface is None else surface) | (False if radiance is None else radiance),
-        unexplained=differs if masks is None else masks["unexplained"],
-    )
+    return _Compared(answer=answer, upright=upright, by=by, covered=covered, shown=shown, differs=differs)
 
 
 def _wrong_colors(

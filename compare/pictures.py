@@ -34,9 +34,10 @@ def reference_colors(reference: Reference, question: DrawnModel, answer: HogelIm
     Where color is an average, near offsets bend nothing, and the viewer's half wins as it must.
     """
     aperture = answer.camera.aperture
-    if question.plain and question.parameters.tolist() == DrawnModel().parameters.tolist():
+    nominal = question.parameters.tolist() == DrawnModel().parameters.tolist()
+    if question.plain and question.conjugated and nominal:
         return replace(answer, color=reference.trace(aperture).color)
-    if not averages(reference.scene.sampling):
+    if not (averages(reference.scene.sampling) and question.conjugated):
         return colored(reference.scene, question, answer)
     return replace(answer, color=picture_of(reference, question, aperture).color)
 

@@ -48,10 +48,12 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
         distance[ahead] = distance_to_triangles(met[ahead], corners[ahead])
         nearer = distance < off
         best[nearer], off[nearer] = met[nearer], distance[nearer]
-    missed = np.flatnonzero(off > ON_TRIANGLE * scene.frustum.longest_reach)
+    # The scene's own lengths: where a guess has it larger, the reach is so much shorter in them.
+    reach = scene.frustum.longest_reach / model.scene_scale
+    missed = np.flatnonzero(off > ON_TRIANGLE * reach)
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
     pencils = [model.pencil(scene, aperture, side) for side in (1, -1)]
-    best[missed] = _drawn_nearest(corners[missed], pencils, cells, scene.frustum.longest_reach)
+    best[missed] = _drawn_nearest(corners[missed], pencils, cells, reach)
     points[rows, columns] = best
     return np.asarray(model.orientation.applied(points))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
+FIRST = "first"
+"""What is lost where number 0 and nothing are stored alike."""
 
 COMPARED_HOGELS = 3
 """Hogels that are compared with the truth; more do not change what kind of damage it is."""
@@ -30,6 +32,10 @@ COMPARED_PX = 100
 
 EXPLAINED = 0.9
 """Share of the pixels that show something which a kind of damage must account for."""
+
+REPEATED = 0.15
+"""Share of columns and of rows that repeat the ones before, from which on pictures were enlarged, by about a
+sixth or more: of what is drawn at its own size, few lines are alike."""
 
 BLENDED = 0.01
 """Share of pixels between the numbers around them from which on pictures are resampled: fewer are
@@ -217,7 +223,11 @@ class Restoring:
         name = "object" if self.reading.encoding is Encoding.OBJECT_ID else "triangle"
         numbers = np.array(orientation.upright(getattr(as_read, name)))
         meant = beside.object if name == "object" else beside.triangle
-        if self.kind == OVERFLOW:
+        candidates: Iterable[tuple[Mask, Numbers]]
+        if self.kind == FIRST:
+            first = self.reading.packed(beside.rgb) == self.reading.background
+            candidates = [(first & (meant[0] == 0), meant[0])]
+        elif self.kind == OVERFLOW:
             candidates = zip(_overflown(beside, self.reading, self.bits), meant, strict=True)
         else:
             margin = LOSSY_STEPS if self.kind == LOSSY else 0
@@ -230,6 +240,11 @@ class Restoring:
         if name == "object":
             return replace(as_read, object=restored)
         return replace(as_read, triangle=restored)
+
+
+def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
+    """Return how to tell number 0 from nothing, where both are stored alike."""
+    return Restoring(truth=truth, kind=FIRST, reading=reading, agreement=truth.agreement(reading))
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
@@ -291,6 +306,39 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
             fault = Fault(fault=kind, value=mixed, unit="share", words=words)
             return fault, Restoring(truth=truth, kind=kind, reading=stated, agreement=found)
     return None
+
+
+def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
+    """Find pictures that were drawn smaller and enlarged by repeating columns and rows.
+
+    Parameters
+    ----------
+    truth
+        With the renderer's images.
+    stated
+        How they store numbers.
+    """
+    images = [stated.packed(stored_rgb(image)) for image in truth.images]
+    expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
+    repeated = [_repeated(images, axis) for axis in (0, 1)]
+    if any(mine < REPEATED or _repeated(expected, axis) > mine / 2 for axis, mine in enumerate(repeated)):
+        return None
+    share = float(np.mean(repeated))
+    words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
+    fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
+    agreement = truth.agreement(stated)
+    return fault, Restoring(truth=truth, kind=RESAMPLED, reading=stated, agreement=agreement)
+
+
+def _repeated(images: Sequence[Numbers], axis: int) -> float:
+    """Return the share of rows (axis 0) or columns that repeat the ones before, of those not all alike."""
+    repeated = telling = 0
+    for image in images:
+        lines = np.moveaxis(image, axis, 0)
+        several = (lines[:-1] != lines[:-1, :1]).any(axis=1)
+        telling += int(several.sum())
+        repeated += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
+    return repeated / telling if telling else 0.0
 
 
 def _overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:

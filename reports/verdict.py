@@ -11,6 +11,7 @@ import numpy as np
 from xfrustum.compare.diagnosis import Diagnosis
 from xfrustum.compare.judged import Figures, Judging
 from xfrustum.reports.worst_hogels import WorstHogels
+from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate import Aperture
 from xfrustum.scenes.scene import Scene
@@ -88,12 +89,12 @@ class Limits:
     judging: Judging = field(default_factory=Judging)
 
     def __post_init__(self) -> None:
-        if not 0 <= self.wrong <= 1:
+        if not 0 <= real(self.wrong) <= 1:
             raise InputError(f"max-wrong must be a share between 0 and 100 %, not {self.wrong}")
-        if self.displacement_px is not None and not self.displacement_px >= 0:
-            raise InputError(f"max-displacement-px must not be negative, not {self.displacement_px}")
-        if not self.judging.color_tolerance >= 0:
-            raise InputError(f"max-color must not be negative, not {self.judging.color_tolerance}")
+        if self.displacement_px is not None and not real(self.displacement_px) >= 0:
+            raise InputError(f"max-displacement-px must be a number, not negative: {self.displacement_px}")
+        if not real(self.judging.color_tolerance) >= 0:
+            raise InputError(f"max-color must be a number, not negative: {self.judging.color_tolerance}")
 
     def checks(self, figures: Figures) -> tuple[Check, ...]:
         """Compare an image's figures with the limits; a single pixel is never more than a share."""
@@ -224,6 +225,14 @@ class Verification:
             words.append(f"colors to within {judging.color_tolerance:.3g} of linear radiance")
         return ", and ".join(words) or "nothing"
 
+    @property
+    def explained(self) -> bool | None:
+        """Whether the diagnosis explains what is wrong; None where no image that was judged is."""
+        if self.diagnosis.faults:
+            return True
+        wrong = not all(check.held for hogel in self.hogels for check in hogel.checks)
+        return False if wrong or self.diagnosis.does_not_explain else None
+
     def summary(self) -> dict[str, Any]:
         """Return it as `verify --json` prints it."""
         return {
@@ -240,6 +249,7 @@ class Verification:
             "checks": [check.summary() for check in self.checks],
             "diagnosis": [fault.summary() for fault in self.diagnosis.faults],
             "does_not_explain": [fault.summary() for fault in self.diagnosis.does_not_explain],
+            "explained": self.explained,
             "found_by": self.diagnosis.means,
             "as_found": totals([hogel.as_found for hogel in self.hogels]),
             "corrected": totals([hogel.corrected for hogel in self.hogels]),

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 
-from xfrustum.compare.diagnosis import declared, diagnose
+from xfrustum.compare.diagnosis import declared
 from xfrustum.compare.drawn_model import DrawnModel
-from xfrustum.compare.encodings import ACCEPTABLE, ENCODING, FoundEncoding, find_encoding
+from xfrustum.compare.encodings import ACCEPTABLE, ENCODING
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.judged import Compared, Judging, judge
+from xfrustum.compare.findings import Findings, find_out
+from xfrustum.compare.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.shown_points import shown_points
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import Command
@@ -23,6 +24,7 @@ from xfrustum.reports.verdict import Hogel, Limits, Verification
 from xfrustum.reports.worst_hogels import WorstHogels
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.aperture_blocks import ApertureBlocks
+from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.foreign_images import Encoding
@@ -105,29 +107,34 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
 
 def _judging(compare: Compared | str, max_color: float | None) -> Judging:
     """Return how images are judged."""
-    if compare not in tuple(Compared):
-        raise InputError(f"compare must be one of {', '.join(Compared)}, not {compare!r}")
-    if max_color is None:
-        return Judging(compared=Compared(compare))
-    return Judging(compared=Compared(compare), color_tolerance=max_color)
+    compared = choice(Compared, compare, "compare")
+    return (
+        Judging(compared=compared)
+        if max_color is None
+        else Judging(compared=compared, color_tolerance=real(max_color))
+    )
 
 
 def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
     """Return what the renderer's author says of it, if that can be."""
-    strange = [name for name in accept if name not in ACCEPTABLE]
+    strange = [name for name in ((accept,) if isinstance(accept, str) else accept) if name not in ACCEPTABLE]
     if strange:
         raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
     reach = scene.frustum.longest_reach
-    if near is not None and not 0 <= near < reach:
+    if near is not None and not 0 <= real(near) < reach:
         raise InputError(f"near {near} must be at least 0 and smaller than the reach, {reach}")
-    return DrawnModel(near=near or 0.0)
+    return DrawnModel(near=real(near or 0.0))
 
 
 def _apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> Sequence[Aperture]:
     """Return the apertures of some indices, each once; all of the plate, row by row, where there are none."""
     if not indices:
         return scene.plate.apertures()
-    return [scene.plate.aperture(*index) for index in dict.fromkeys(indices)]
+    pairs = [wholes(index, 2) for index in indices]
+    for given, pair in zip(indices, pairs, strict=True):
+        if len(pair) < 2:
+            raise InputError(f"apertures are pairs of a column and a row, such as (2, 1), not {given!r:.100}")
+    return [scene.plate.aperture(*pair) for pair in dict.fromkeys(pairs)]
 
 
 @contextmanager
@@ -141,9 +148,9 @@ def _source(
     """Open a source, with a folder of its own for what a command writes."""
     if (source is None) == (command is None):
         raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
-    meant = Encoding.RGB if encoding is None else Encoding(encoding)
+    meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
     if command is not None:
-        if not timeout_s > 0:
+        if not real(timeout_s) > 0:
             raise InputError(f"timeout must be positive, not {timeout_s}")
         suffix = ".exr" if encoding is None else ".png"
         with Aside(scratch_folder(), folder=True) as aside:
@@ -163,25 +170,28 @@ def _source(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Findings:
+class _Question:
     """What hogels are judged by.
 
     Attributes
     ----------
-    question
+    asked
         How the renderer is supposed to draw.
     found
-        How it draws.
-    encoding
-        How its images are to be read.
+        How it draws, and how its images are to be read.
     read_as_found
-        Whether that is accepted.
+        Whether that reading is accepted.
     """
 
-    question: DrawnModel
-    found: DrawnModel
-    encoding: FoundEncoding
+    asked: DrawnModel
+    found: Findings
     read_as_found: bool
+
+    @property
+    def reads_all_as_found(self) -> bool:
+        """Whether correction reads nothing in another way than the verdict does."""
+        encoding = self.found.encoding
+        return encoding.restoring is None and (self.read_as_found or encoding.reading is None)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -201,25 +211,22 @@ class _Run:
                 self.kept[aperture] = self._had(aperture)
                 bar.update()
             images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
-            encoding = find_encoding(self.reference, images, nominal)
-            diagnosis = diagnose(self.reference, [encoding.read(image) for image in images], nominal)
-            diagnosis = replace(diagnosis, faults=(*encoding.faults, *diagnosis.faults))
+            found = find_out(self.reference, images, nominal, self.limits.judging)
             conventions = [name for name in accept if name != ENCODING]
-            findings = _Findings(
-                question=declared(nominal, diagnosis.model, conventions),
-                found=diagnosis.model,
-                encoding=encoding,
-                read_as_found=ENCODING in accept and encoding.restoring is None,
+            question = _Question(
+                asked=declared(nominal, found.diagnosis.model, conventions),
+                found=found,
+                read_as_found=ENCODING in accept and found.encoding.reading is not None,
             )
             worst, hogels = WorstHogels(), []
             for aperture in self.asked:
-                hogels.append(self._hogel(aperture, findings, worst))
+                hogels.append(self._hogel(aperture, question, worst))
                 bar.update()
         return Verification(
             scene=self.reference.scene,
             source=self.source.name,
             limits=self.limits,
-            diagnosis=diagnosis,
+            diagnosis=found.diagnosis,
             hogels=tuple(hogels),
             worst=worst,
         )
@@ -230,23 +237,18 @@ class _Run:
         except Problem as problem:
             return problem
 
-    def _hogel(self, aperture: Aperture, findings: _Findings, worst: WorstHogels) -> Hogel:
+    def _hogel(self, aperture: Aperture, question: _Question, worst: WorstHogels) -> Hogel:
         image = self.kept.pop(aperture, None) or self._had(aperture)
         if isinstance(image, Problem):
             return Hogel(aperture=aperture, problem=str(image))
-        question, found, judging = findings.question, findings.found, self.limits.judging
-        read = findings.encoding.read(image)
-        points = shown_points(self.reference.scene, found, read)
-        same = question == found and (read is image or findings.read_as_found)
-        as_given, given_points = image, points
-        if findings.read_as_found:
-            as_given = read
-        elif read is not image:
-            given_points = shown_points(self.reference.scene, found, image)
-        as_found = judge(self.reference, question, as_given, given_points, judging, explained=same)
+        encoding, found = question.found.encoding, question.found.diagnosis.model
+        given = encoding.plainly(image) if question.read_as_found else image
+        read, judging = encoding.read(image), self.limits.judging
+        same = question.asked == found and question.reads_all_as_found
+        as_found = self._judged(question.asked, found, given, judging, explained=same)
         corrected = as_found
         if not same:
-            corrected = judge(self.reference, found, read, points, judging, explained=True)
+            corrected = self._judged(found, found, read, question.found.judging, explained=True)
         worst.add(aperture, as_found, corrected)
         return Hogel(
             aperture=aperture,
@@ -254,6 +256,12 @@ class _Run:
             as_found=as_found.summary(),
             corrected=corrected.summary(),
         )
+
+    def _judged(
+        self, asked: DrawnModel, found: DrawnModel, image: HogelImage, judging: Judging, *, explained: bool
+    ) -> Figures:
+        points = shown_points(self.reference.scene, found, image)
+        return judge(self.reference, asked, image, points, judging, explained=explained)
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:

@@ -114,8 +114,8 @@ def table(found: Verification) -> str:
     lines += [f"  {fault.words}{_interval(fault.low, fault.high)}" for fault in found.diagnosis.faults]
     if found.diagnosis.faults:
         lines += [f"  explained: {told}" for told in explained(found)]
-    elif found.diagnosis.does_not_explain:
-        lines.append("  no known fault explains what is wrong:")
+    elif found.explained is False:
+        lines.append("  no known fault explains what is wrong")
         lines += [f"    {fault.words}" for fault in found.diagnosis.does_not_explain]
     else:
         judged = any(hogel.as_found for hogel in found.hogels)

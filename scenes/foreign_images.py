@@ -83,6 +83,11 @@ class Reading:
     offset: int = 1
     background: int = 0
 
+    @property
+    def first_is_lost(self) -> bool:
+        """Whether number 0 is stored as nothing is."""
+        return self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID) and self.offset == self.background
+
     def packed(self, rgb: NDArray[np.uint8]) -> NDArray[np.int32]:
         """Return the stored integers (H, W) of pixels (H, W, 3), the offset still in them."""
         return np.asarray(

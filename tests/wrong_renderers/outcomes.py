@@ -58,7 +58,7 @@ class Outcome:
     rejected: tuple[str, ...]
     """Names of what `verify` itself says does not explain the images."""
     admits: bool
-    """Whether it says that something does not explain them."""
+    """Whether it says that no known fault explains them."""
     wrong: int
     """Pixels that `verify` counts as wrong, as found."""
     residual: int
@@ -140,7 +140,7 @@ def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
         verdict=said["verdict"],
         findings=findings,
         rejected=tuple(_names(rejected)) if isinstance(rejected, list | tuple) else (),
-        admits=bool(rejected),
+        admits=said["explained"] is False,
         wrong=said["as_found"]["wrong"],
         residual=causes["unexplained"] if causes else said["corrected"]["wrong"],
         displacement=displacement["worst_p99"] if displacement else None,
