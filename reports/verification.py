@@ -61,10 +61,8 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
 
     Parameters
     ----------
-    scene
-        What was to be drawn.
-    source
-        A pattern of files with {i} and {j}; or a function of scene and aperture that returns a hogel image.
+    scene, source
+        What was to be drawn; and files named by {i} and {j}, or a function of scene and aperture.
     command
         Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
     encoding
@@ -84,17 +82,15 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     compare
         What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
     timeout_s, progress
-        For each run of the command; and whether to draw a bar on standard error.
+        For each run of the command; and whether to draw a bar.
 
     Raises
     ------
     InputError
-        The scene, the source or an option is not usable; or none of the apertures sees anything of the
-        objects, so that any black picture would be right.
+        The scene, the source or an option is not usable, or none of the apertures sees any object.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
-    judging = _judging(compare, max_color)
-    limits = Limits(wrong=max_wrong, displacement_px=max_displacement_px, judging=judging)
+    limits = _limits(max_wrong, max_displacement_px, compare, max_color)
     nominal = _nominal(opened, near, accept)
     asked = _apertures(opened, apertures)
     require_seen(opened, asked)
@@ -105,14 +101,14 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         return run.verified(nominal, tuple(accept), progress=progress)
 
 
-def _judging(compare: Compared | str, max_color: float | None) -> Judging:
-    """Return how images are judged."""
-    compared = choice(Compared, compare, "compare")
-    return (
-        Judging(compared=compared)
-        if max_color is None
-        else Judging(compared=compared, color_tolerance=real(max_color))
-    )
+def _limits(
+    wrong: float, displacement_px: float | None, compare: Compared | str, max_color: float | None
+) -> Limits:
+    """Return the limits, and how images are judged."""
+    judging = Judging(compared=choice(Compared, compare, "compare"))
+    if max_color is not None:
+        judging = replace(judging, color_tolerance=real(max_color))
+    return Limits(wrong=wrong, displacement_px=displacement_px, judging=judging)
 
 
 def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
