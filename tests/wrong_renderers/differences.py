@@ -24,7 +24,7 @@ class Difference:
     """Share of pixels that are not what they should be, by however little (colors: by more than rounding)."""
     wrong: float
     """Share of pixels whose object is another (or none, or invalid), or whose triangle their line meets
-    elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over `COLOR` apart."""
+    elsewhere than first, or nowhere within a pixel; of plain pictures, colors over `COLOR` apart."""
     pixels: int
     """The wrong ones of all hogels."""
 
