@@ -181,10 +181,11 @@ def _numbers(
         if left <= HELD_PX:
             return None
         found = _by_claims(scene, images, nominal, stated, left)
-        repeated = None if found else repeated_pixels(truth, stated)
-        if repeated is not None:
-            return FoundEncoding(faults=repeated[:1], restoring=repeated[1])
-        if found is not None or left <= FAILED_PX:
+        if found is None and left <= FAILED_PX:
+            # Enlarged pictures claim triangles beside the right ones.
+            repeated = repeated_pixels(truth, stated)
+            return None if repeated is None else FoundEncoding(faults=repeated[:1], restoring=repeated[1])
+        if found is not None:
             return found
     else:
         agreeing = truth.agreement(stated)
