@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.passes import Pass
-from xfrustum.raster.targets import most_samples
+from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.device.targets import most_samples
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.sampling import Sampling
 
 POINTS_AT_ONCE = 1 << 21
 """Bounds the memory of a target, 28 bytes a point and coverage sample."""

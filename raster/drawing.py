@@ -8,16 +8,16 @@ from functools import cached_property
 import moderngl
 from OpenGL import GL
 
-from xfrustum.raster.depth_formats import MAPPINGS
-from xfrustum.raster.materials import Shading
-from xfrustum.raster.mesh import Mesh
-from xfrustum.raster.passes import Pass
-from xfrustum.raster.programs import assign, picture_defines, program, reflection_defines, set_camera
-from xfrustum.raster.reflection import Environment
-from xfrustum.raster.targets import Target
-from xfrustum.scenes.double_frustum import DepthMapping
-from xfrustum.scenes.effects import Effect
-from xfrustum.scenes.scene import Scene
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.device.mesh import Mesh
+from xfrustum.raster.device.programs import assign, picture_defines, program, reflection_defines, set_camera
+from xfrustum.raster.device.targets import Target
+from xfrustum.raster.light.materials import Shading
+from xfrustum.raster.light.reflection import Environment
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DepthMapping
 
 Drawn = tuple[moderngl.Program, moderngl.VertexArray]
 """A program, and the mesh for it."""

@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
-from xfrustum.raster.cameras import FilmWindow
-from xfrustum.raster.context import describe, open_context
+from xfrustum.raster.cameras.cameras import FilmWindow
+from xfrustum.raster.cameras.passes import Pass, drawing_order
+from xfrustum.raster.device.context import describe, open_context
+from xfrustum.raster.device.positions import DrawnBy, Positions
+from xfrustum.raster.device.room import check_room
+from xfrustum.raster.device.targets import Target
+from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.drawing import Drawing
-from xfrustum.raster.passes import Pass, drawing_order
-from xfrustum.raster.positions import DrawnBy, Positions
-from xfrustum.raster.room import check_room
-from xfrustum.raster.targets import Target
-from xfrustum.raster.timer import GpuTimer, StageTime
+from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
-from xfrustum.scenes.double_frustum import DepthFormat, DoubleFrustum
-from xfrustum.scenes.effects import Effect, checked, needed
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.rendering import Rendering
-from xfrustum.scenes.sampling import Sampling, sub_apertures
-from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.model.effects import Effect, checked, needed
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
 
 POSITION_BYTES = 24
 """Of a vertex in double precision, as `Positions` has them."""

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.bands import in_parallel
-from xfrustum.reference.certify import Certifier, FirstSurfaces
-from xfrustum.reference.lines import Pencil, crossed_frustum
-from xfrustum.reference.shading import Hits, Shader
-from xfrustum.scenes.hogel_image import NOTHING
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.sampling import Sampling
-from xfrustum.scenes.scene import Scene
+from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
+from xfrustum.reference.devices.bands import in_parallel
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
 
 BOX_SIDE = 8
 """Points along each side of a pixel with which the box of multisampling is integrated. A straight edge

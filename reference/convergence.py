@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from xfrustum.scenes.plate import Aperture, Plate
-from xfrustum.scenes.sampling import MAX_SAMPLES
+from xfrustum.scenes.appearance.sampling import MAX_SAMPLES
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 Floats = NDArray[np.float64]
 

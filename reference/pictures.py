@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from xfrustum.reference.certify import FirstSurfaces
-from xfrustum.reference.lines import Pencil, crossed_frustum
-from xfrustum.reference.shading import Hits, Shader
-from xfrustum.scenes.double_frustum import DoubleFrustum
-from xfrustum.scenes.hogel_image import NOTHING, HogelCamera, HogelImage
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.scene import Scene
+from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
 
 
 class Pictures:

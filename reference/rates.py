@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from xfrustum.reference.dr_jit import backend
-from xfrustum.reference.embree import EmbreeTracer
-from xfrustum.reference.entry import ray_origins
-from xfrustum.reference.lines import crossed_frustum
-from xfrustum.reference.mitsuba_tracer import triangle_mesh
-from xfrustum.reference.tracer import unit_scale
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.entry import ray_origins
+from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
+from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.reference.truth import Reference
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
 
 Answer = Callable[[], object]
 """Answers for all pixels of an image, and returns when that is done."""

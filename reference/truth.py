@@ -11,28 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, points_per_side
-from xfrustum.reference.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel
-from xfrustum.reference.certify import Certifier, FirstSurfaces
+from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
+from xfrustum.reference.certify.runner_up import RunnersUp
+from xfrustum.reference.certify.sides import sorted_by_side
 from xfrustum.reference.convergence import TOLERANCE, Converged, converged
-from xfrustum.reference.embree import EmbreeTracer
-from xfrustum.reference.lines import crossed_frustum, model_cameras
-from xfrustum.reference.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel
+from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
-from xfrustum.reference.proposals import proposed, uncertified
-from xfrustum.reference.runner_up import RunnersUp
-from xfrustum.reference.shading import Shader
-from xfrustum.reference.sides import sorted_by_side
-from xfrustum.reference.tracer import Tracer
-from xfrustum.reference.visibility import SurfacePoints, hidden
+from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.tracers.proposals import proposed, uncertified
+from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.reference.tracers.visibility import SurfacePoints, hidden
+from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
-from xfrustum.scenes.double_frustum import DoubleFrustum
-from xfrustum.scenes.effects import Effect, checked
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.hogel_image import Certainty, HogelCamera, HogelImage, stacked
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.rendering import Rendering
-from xfrustum.scenes.sampling import Sampling, sub_apertures
-from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.model.effects import Effect, checked
+from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage, stacked
+from xfrustum.scenes.model.rendering import Rendering
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
 
 TRACERS = ("embree", "mitsuba")
 """Names of the tracers that can be asked for."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from xfrustum.scenes.catalogue import open_scene
-from xfrustum.scenes.double_frustum import (
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.opening.catalogue import open_scene
+from xfrustum.scenes.plate.double_frustum import (
     Camera,
     DepthFormat,
     DepthMapping,
@@ -12,11 +15,8 @@ from xfrustum.scenes.double_frustum import (
     Offset,
     Pivot,
 )
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.frustum import Frustum, Screen
-from xfrustum.scenes.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
-from xfrustum.scenes.plate import Aperture, Plate
-from xfrustum.scenes.scene import Scene, SceneObject
+from xfrustum.scenes.plate.frustum import Frustum, Screen
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 __all__ = [
     "NOTHING",

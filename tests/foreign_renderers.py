@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.views import view
-from xfrustum.compare.orientations import UPRIGHT, Orientation
+from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import (
     Aperture,
@@ -23,11 +23,11 @@ from xfrustum.scenes import (
     Plate,
     Scene,
 )
-from xfrustum.scenes.double_frustum import Fit, Pivot
-from xfrustum.scenes.frustum import Screen
-from xfrustum.scenes.hogel_image import NOTHING
-from xfrustum.scenes.light import DEFAULT_LIGHT
-from xfrustum.scenes.material import DEFAULT_MATERIAL
+from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
+from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+from xfrustum.scenes.plate.frustum import Screen
 
 INVISIBLE = 1e-5
 """Near offset as a part of the reach that moves no pixel of these scenes by what has a name."""

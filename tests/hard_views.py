@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from tests.views import lines_by_definition
 from xfrustum.reference import Reference
-from xfrustum.scenes import HogelImage, Scene, hard_cases, open_scene
+from xfrustum.scenes import HogelImage, Scene, open_scene
+from xfrustum.scenes.library.hard import cases as hard_cases
 
 Index = tuple[int, int]
 MIDDLE: Index = (2, 2)

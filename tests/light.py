@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from tests.views import lines_by_definition, view
 from xfrustum.scenes import HogelImage, Scene, SceneObject
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.light import DirectionalLight, Environment
-from xfrustum.scenes.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tests.views import lines_by_definition
 from xfrustum.scenes import Aperture, Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.frustum import Screen
-from xfrustum.scenes.light import DirectionalLight, Environment
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.sampling import Sampling
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.plate.frustum import Screen
 
 Floats = NDArray[np.float64]
 

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 import xfrustum
 from xfrustum import DepthFormat, DepthMapping, DoubleFrustum, Fit, InputError, Offset, Pivot, Requirement
 from xfrustum.scenes import Aperture, Camera, Frustum, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.effects import Effect
-from xfrustum.scenes.light import DirectionalLight, Environment
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.plate_content import PlateContent
-from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.plate_content import PlateContent
 
 NONSENSE: tuple[Any, ...] = (
     *("banana", b"1", "1", None, True, math.nan, math.inf, -math.inf, -1.0, [], {}, object()),

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from tests.views import view
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.reference import Reference
-from xfrustum.reference.dr_jit import backend
+from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.rates import CERTIFIED, EMBREE, MEANINGS, MITSUBA, TRIMESH, TRUTH, answers
-from xfrustum.reports.bench import Race, Rate, bench_truth, table
+from xfrustum.reports.benchmarks.truth import Race, Rate, bench_truth, table
 from xfrustum.scenes import NOTHING, HogelImage, InputError
 
 

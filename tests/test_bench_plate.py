@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 
 from tests.views import view
-from xfrustum.cli import main
-from xfrustum.raster.plate_rates import BATCHED, MEANINGS
-from xfrustum.raster.reflection import reflecting
-from xfrustum.reports.bench_plate import bench_plate, table
-from xfrustum.reports.bench_table1 import PAPER, Database, bench_table1
-from xfrustum.reports.bench_table1 import table as table_1
-from xfrustum.reports.timing import Spread, race
-from xfrustum.scenes import InputError, SceneObject, builtin
-from xfrustum.scenes.car_tessellated import mirrored, tessellated_car
-from xfrustum.scenes.effects import Effect, needed
+from xfrustum.cli.main import main
+from xfrustum.raster.light.reflection import reflecting
+from xfrustum.raster.races.plate_rates import BATCHED, MEANINGS
+from xfrustum.reports.benchmarks.plate import bench_plate, table
+from xfrustum.reports.benchmarks.table1 import PAPER, Database, bench_table1
+from xfrustum.reports.benchmarks.table1 import table as table_1
+from xfrustum.reports.common.timing import Spread, race
+from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
+from xfrustum.scenes.model.effects import Effect, needed
 
 
 def test_a_spread_is_the_median_and_the_ends() -> None:

@@ -11,20 +11,25 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.reference import Reference
-from xfrustum.reports import bench_scaling
-from xfrustum.reports.bench_scaling import LIMIT_MIB
-from xfrustum.reports.scaling_contestants import CONTESTANTS, RASTERIZERS, UnavailableError, contestants_along
-from xfrustum.reports.scaling_expected import EXPECTED, MEMORY, SECONDS, finding
-from xfrustum.reports.scaling_extent import FULL, QUICK
-from xfrustum.reports.scaling_fit import Exponents, Overtaking
-from xfrustum.reports.scaling_page import scaling_figure, staged
-from xfrustum.reports.scaling_process import Job, Measured, measure, measure_apart, peak_mib
-from xfrustum.reports.scaling_table import growth_sentence, runs_sentence, table
-from xfrustum.reports.timing import Spread
+from xfrustum.reports.benchmarks.scaling import scaling as bench_scaling
+from xfrustum.reports.benchmarks.scaling.contestants import (
+    CONTESTANTS,
+    RASTERIZERS,
+    UnavailableError,
+    contestants_along,
+)
+from xfrustum.reports.benchmarks.scaling.expected import EXPECTED, MEMORY, SECONDS, finding
+from xfrustum.reports.benchmarks.scaling.extent import FULL, QUICK
+from xfrustum.reports.benchmarks.scaling.fit import Exponents, Overtaking
+from xfrustum.reports.benchmarks.scaling.page import scaling_figure, staged
+from xfrustum.reports.benchmarks.scaling.process import Job, Measured, measure, measure_apart, peak_mib
+from xfrustum.reports.benchmarks.scaling.scaling import LIMIT_MIB
+from xfrustum.reports.benchmarks.scaling.table import growth_sentence, runs_sentence, table
+from xfrustum.reports.common.timing import Spread
 from xfrustum.scenes import NOTHING, InputError
-from xfrustum.scenes.globes import GLOBES, REACH, globes
+from xfrustum.scenes.library.globes import GLOBES, REACH, globes
 
 SIZES = (1e4, 1e5, 1e6, 1e7)
 AXES = {axis.unit: axis for axis in FULL.axes}

@@ -14,18 +14,19 @@ import pytest
 
 import xfrustum
 from tests.views import SHARED_SCENES, view
-from xfrustum import cli_checks
-from xfrustum.cli import cli
-from xfrustum.compare.budget import Budget, make_budget
-from xfrustum.compare.chain import LINKS, Chain, make_chain
-from xfrustum.compare.displacement import displacement
+from xfrustum.cli.commands import checks as cli_checks
+from xfrustum.cli.main import cli
+from xfrustum.compare.attribution.budget import Budget, make_budget
+from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.budget_page import IMAGES, LINK_COLORS, command, write_budget
-from xfrustum.reports.budgeting import table
-from xfrustum.reports.tables import json_ready
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, builtin
-from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
+from xfrustum.reports.commands.budget_page import IMAGES, LINK_COLORS, command, write_budget
+from xfrustum.reports.commands.budgeting import table
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 
 NEARS = (1e-1, 1e-3, 1e-5, 1e-8)
 """Fractions of the reach."""

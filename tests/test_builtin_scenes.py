@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from xfrustum.scenes import InputError, Scene, builtin, open_scene
-from xfrustum.scenes.refine import refine
-from xfrustum.scenes.shapes import SHAPES, build_shape
-from xfrustum.scenes.targets import SHEET_HEIGHTS, SHEET_SEPARATIONS
+from xfrustum.scenes import InputError, Scene, open_scene
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.shapes import SHAPES, build_shape
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.targets import SHEET_HEIGHTS, SHEET_SEPARATIONS
 
 OVER_PLATE = 1e-9
 """Heights below this count as in the plate: far below any feature, far above rounding of lengths of 1e4."""

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import at, soup
-from xfrustum.compare.causes import SNAPPED_PX, causes
-from xfrustum.compare.clip_seams import distance_to_segments
-from xfrustum.compare.drawn_model import DrawnModel
-from xfrustum.compare.drawn_trace import trace_drawn
+from xfrustum.compare.judging.causes import SNAPPED_PX, causes
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.rounding.clip_seams import distance_to_segments
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Frustum, HogelImage, Scene
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from tests.brute_force import exact_first
 from tests.strategies import ANYTHING, apertures, coincidences, frusta, near_misses, triangles
 from tests.views import at, lines_by_definition, soup, view
-from xfrustum.compare.film import pixel_centers, true_pixel
+from xfrustum.compare.metrics.film import pixel_centers, true_pixel
 from xfrustum.reference import Reference
-from xfrustum.reference.lines import crossed_frustum
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import (
     NOTHING,
     Aperture,

@@ -18,9 +18,9 @@ import OpenEXR
 import pytest
 
 import xfrustum
-from xfrustum import cli_failure
-from xfrustum.cli import main
-from xfrustum.scenes import builtin
+from xfrustum.cli import failure as cli_failure
+from xfrustum.cli.main import main
+from xfrustum.scenes.library import builtin
 
 SCENE = """
 name = "two boxes"
@@ -387,7 +387,7 @@ def test_without_a_command_the_help_is_shown(capsys: pytest.CaptureFixture[str])
 
 def test_help_loads_no_renderer_and_no_plots() -> None:
     program = (
-        "import sys\nfrom xfrustum.cli import main\nassert main(['--help']) == 0\n"
+        "import sys\nfrom xfrustum.cli.main import main\nassert main(['--help']) == 0\n"
         "sys.exit(len({'trimesh', 'moderngl', 'embreex', 'mitsuba', 'plotly'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=False).returncode == 0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from xfrustum.compare.clip_seams import distance_to_segments, seams
-from xfrustum.reference.lines import Pencil
+from xfrustum.compare.rounding.clip_seams import distance_to_segments, seams
+from xfrustum.reference.lines.lines import Pencil
 
 Floats = NDArray[np.float64]
 SIZE = 128

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tests.views import at, reversed_d32f, soup, view
 from xfrustum.compare import Spread, compare_images
-from xfrustum.compare.film import pixel_centers, true_pixel
+from xfrustum.compare.metrics.film import pixel_centers, true_pixel
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (

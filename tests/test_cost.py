@@ -15,21 +15,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
-from xfrustum.compare.display import LEVELS, encoded
-from xfrustum.compare.pixel_bands import ALONE_PIXELS, BAND_PIXELS, in_bands
+from xfrustum.compare.metrics.display import LEVELS, encoded
+from xfrustum.compare.metrics.pixel_bands import ALONE_PIXELS, BAND_PIXELS, in_bands
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reports import cost_ways
-from xfrustum.reports.images import _levels
-from xfrustum.reports.measurement import MAX_WRONG
-from xfrustum.reports.timing import CONFIDENCE, Spread
-from xfrustum.reports.trade_off import Option, answers, cheapest, pareto, rank, unsettled
-from xfrustum.reports.turns import open_races, take_turn, take_turns_until_settled
-from xfrustum.scenes import builtin
-from xfrustum.scenes.double_frustum import DoubleFrustum
-from xfrustum.scenes.hogel_image import Certainty
+from xfrustum.reports.common.timing import CONFIDENCE, Spread
+from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
+from xfrustum.reports.cost import ways as cost_ways
+from xfrustum.reports.error_report.images import _levels
+from xfrustum.reports.measurements.measurement import MAX_WRONG
+from xfrustum.reports.trade_off.trade_off import Option, answers, cheapest, pareto, rank, unsettled
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 from .views import view
 
@@ -148,7 +148,9 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0.0
-        monkeypatch.setattr("xfrustum.reports.timing.time", SimpleNamespace(perf_counter=lambda: self.now))
+        monkeypatch.setattr(
+            "xfrustum.reports.common.timing.time", SimpleNamespace(perf_counter=lambda: self.now)
+        )
 
     def worker(self, seconds: Iterable[float]) -> Callable[[], None]:
         durations = iter(seconds)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
+from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import (
     Camera,

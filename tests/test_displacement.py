@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from tests.views import reversed_d32f, view
-from xfrustum.compare import compare_images, predict
-from xfrustum.compare.explain import misplaced
-from xfrustum.compare.rounding import POSITION_ROUNDINGS
+from xfrustum.compare import compare_images
+from xfrustum.compare.attribution.explain import misplaced
+from xfrustum.compare.prediction import predict
+from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, HogelImage

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from xfrustum.cli import main
-from xfrustum.reports.outputs import Staging, check_writable_file, write_output
-from xfrustum.scenes.durable import Aside, NewFile, remove_abandoned, write_file
+from xfrustum.cli.main import main
+from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
+from xfrustum.scenes.disk.durable import Aside, NewFile, remove_abandoned, write_file
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.exr import read_image, write_image
+from xfrustum.scenes.files.openexr.images import read_image, write_image
 
 SCENE = """
 name = "small"
@@ -56,7 +56,7 @@ def left_behind(folder: Path, what: str) -> subprocess.Popen[str]:
     program = f"""
 import sys, time
 from pathlib import Path
-from xfrustum.scenes.durable import Aside, NewFile
+from xfrustum.scenes.disk.durable import Aside, NewFile
 made = {what}
 print("made", flush=True)
 time.sleep(600)
@@ -235,7 +235,7 @@ def test_a_new_folder_of_outputs_has_all_its_files_or_is_not_there_whenever_the_
     program = """
 import os, signal, sys
 from pathlib import Path
-from xfrustum.reports.outputs import Staging
+from xfrustum.reports.common.outputs import Staging
 left = int(sys.argv[1])
 def watched(event, arguments):
     global left

@@ -12,20 +12,14 @@ from numpy.typing import NDArray
 
 from tests.test_flips import pictured
 from tests.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.compare.explain import explain, misplaced
-from xfrustum.raster import Rasterizer, passes, programs
-from xfrustum.raster.cameras import clip_from_scene
+from xfrustum.compare.attribution.explain import explain, misplaced
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.cameras import passes
+from xfrustum.raster.cameras.cameras import clip_from_scene
+from xfrustum.raster.device import programs
 from xfrustum.reference import Reference
-from xfrustum.scenes import (
-    NOTHING,
-    Certainty,
-    DepthFormat,
-    DoubleFrustum,
-    Frustum,
-    HogelImage,
-    Scene,
-    builtin,
-)
+from xfrustum.scenes import NOTHING, Certainty, DepthFormat, DoubleFrustum, Frustum, HogelImage, Scene
+from xfrustum.scenes.library import builtin
 
 LOG = logging.getLogger(__name__)
 """Figures behind the verdicts: shown with --log-cli-level=INFO."""

@@ -25,11 +25,11 @@ from xfrustum.scenes import (
     InputError,
     open_scene,
 )
-from xfrustum.scenes.effects import Effect
-from xfrustum.scenes.exr import ImageWriter, read_image, write_image
-from xfrustum.scenes.quiet import without_messages_of_failure
-from xfrustum.scenes.rendering import Rendering
-from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.disk.quiet import without_messages_of_failure
+from xfrustum.scenes.files.openexr.images import ImageWriter, read_image, write_image
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.rendering import Rendering
 
 WIDTH, HEIGHT = 37, 21
 

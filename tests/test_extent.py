@@ -11,22 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import xfrustum
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.compare.extent import extents, require_seen, unseen_sentence, warnings
 from xfrustum.compare.extent.layers import share_between
 from xfrustum.compare.extent.sight import apertures_in_sight, in_sight
 from xfrustum.reference import Reference
-from xfrustum.scenes import (
-    Aperture,
-    Frustum,
-    InputError,
-    Plate,
-    Scene,
-    SceneObject,
-    hard_cases,
-    open_scene,
-)
-from xfrustum.scenes.frustum import Screen
+from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.plate.frustum import Screen
 
 from .views import soup
 
@@ -278,7 +270,7 @@ def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
 
 def test_built_in_scenes_are_seen_and_only_those_that_mean_it_leave_the_reach() -> None:
     for name in (
-        xfrustum.scenes.builtin.names() if hasattr(xfrustum, "scenes") else ("car", "sheets", "empty")
+        xfrustum.scenes.library.builtin.names() if hasattr(xfrustum, "scenes") else ("car", "sheets", "empty")
     ):
         scene = open_scene(name)
         assert unseen_sentence(scene, scene.default_apertures()) is None

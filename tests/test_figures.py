@@ -7,10 +7,10 @@ import math
 import plotly.graph_objects as go
 import pytest
 
-from xfrustum.reports.figure_style import COLORS, MARKERS, error_bars, log_axis, look
-from xfrustum.reports.timing import Spread
-from xfrustum.reports.trade_off import Option
-from xfrustum.reports.trade_off_figure import trade_off_figure
+from xfrustum.reports.common.figure_style import COLORS, MARKERS, error_bars, log_axis, look
+from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.trade_off.trade_off import Option
+from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 
 
 def option(family: str, seconds: float, moved: float) -> Option:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from tests.views import reversed_d32f, view
 from xfrustum.compare import compare_images
-from xfrustum.raster import Rasterizer, passes
-from xfrustum.raster.depth_formats import nearest_wins
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.cameras import passes
+from xfrustum.raster.cameras.depth_formats import nearest_wins
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Camera, DoubleFrustum, HogelImage, Scene
 

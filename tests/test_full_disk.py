@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.limited_disk import Outcome, run
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 
 UNLIMITED = 1 << 40
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from tests.hard_views import MIDDLE, Index, companions_of, pixel_grid, scene_of, slopes, truth_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, HogelImage, Scene, hard_cases
-from xfrustum.scenes.hard_aimed import EDGE_ON_COLUMN, EDGE_ON_ROW, GRID_STEP
-from xfrustum.scenes.hard_case import REACH
-from xfrustum.scenes.hard_frusta import (
+from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, HogelImage, Scene
+from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.library.hard.aimed import EDGE_ON_COLUMN, EDGE_ON_ROW, GRID_STEP
+from xfrustum.scenes.library.hard.case import REACH
+from xfrustum.scenes.library.hard.frusta import (
     ASYMMETRIC_FRUSTUM,
     ASYMMETRIC_PLATE,
     ROOM,
@@ -22,8 +23,8 @@ from xfrustum.scenes.hard_frusta import (
     SHEARED_SCREEN,
     asymmetric_on_a_grid,
 )
-from xfrustum.scenes.hard_sheets import AT_REACH, SEPARATIONS, SHEET_ROWS, sheet_columns
-from xfrustum.scenes.hard_slivers import SMALLEST, TURNED_COLUMN, TURNED_HALF_HEIGHT, TURNED_MIDDLE
+from xfrustum.scenes.library.hard.sheets import AT_REACH, SEPARATIONS, SHEET_ROWS, sheet_columns
+from xfrustum.scenes.library.hard.slivers import SMALLEST, TURNED_COLUMN, TURNED_HALF_HEIGHT, TURNED_MIDDLE
 
 ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 

@@ -15,7 +15,7 @@ from tests.exact_brute_force import exact_pixels
 from tests.hard_views import SMALL, Index, companions_of, scene_of, truth_of
 from tests.views import lines_by_definition
 from xfrustum.compare import compare_images
-from xfrustum.compare.explain import explain
+from xfrustum.compare.attribution.explain import explain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
@@ -26,10 +26,10 @@ from xfrustum.scenes import (
     DoubleFrustum,
     HogelImage,
     InputError,
-    builtin,
-    hard_cases,
     open_scene,
 )
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.hard import cases as hard_cases
 
 VIEWS = [
     pytest.param(name, aperture, id=f"{name}-{aperture[0]},{aperture[1]}")

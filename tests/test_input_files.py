@@ -13,13 +13,13 @@ from PIL import Image
 
 from tests.test_exr import a_camera, an_image
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.environment_file import read_environment
-from xfrustum.scenes.exr import read_image, write_image
-from xfrustum.scenes.exr_header import check_header
-from xfrustum.scenes.foreign_images import Encoding, read_foreign
-from xfrustum.scenes.input_files import allowed_memory, bounded_memory, input_memory
-from xfrustum.scenes.meshes import load_mesh
-from xfrustum.scenes.patches import load_patches
+from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, input_memory
+from xfrustum.scenes.files.environment_file import read_environment
+from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
+from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.files.meshes.patches import load_patches
+from xfrustum.scenes.files.openexr.header import check_header
+from xfrustum.scenes.files.openexr.images import read_image, write_image
 
 GIBIBYTE = 1 << 30
 SCENE = """

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from xfrustum import cli_termination
+from xfrustum.cli import termination as cli_termination
 
 SCENE = """
 [plate]
@@ -60,9 +60,9 @@ def program(body: str) -> list[str]:
         "import sys\n"
         "from xfrustum import cli_termination\n"
         "cli_termination.of_process()\n"
-        "import click, xfrustum.cli\n"
+        "import click, xfrustum.cli.main\n"
         "def work():\n" + textwrap.indent(textwrap.dedent(body), "    ") + "\n"
-        "xfrustum.cli.cli.add_command(click.Command('work', callback=work))\n"
+        "xfrustum.cli.main.cli.add_command(click.Command('work', callback=work))\n"
         "sys.argv[1:] = ['work']\n"
         "from xfrustum.__main__ import run\n"
         "sys.exit(run())\n",
@@ -160,7 +160,7 @@ MAKING = {
     "a folder is made, and not yet noted": """
         import os, signal, time
         from pathlib import Path
-        from xfrustum.scenes import durable
+        from xfrustum.scenes.disk import durable
         def opened(*arguments, open=os.open):
             os.open = open
             os.kill(os.getpid(), signal.SIGTERM)
@@ -172,7 +172,7 @@ MAKING = {
     "a folder is noted, and its block not yet entered": """
         import os, signal, time
         from pathlib import Path
-        from xfrustum.scenes import durable
+        from xfrustum.scenes.disk import durable
         class Made(durable.Aside):
             def __init__(self):
                 super().__init__(Path("."), folder=True)
@@ -196,7 +196,7 @@ def test_a_signal_while_a_renderer_is_started_ends_the_renderer_too(tmp_path: Pa
         import os, signal, subprocess
         from pathlib import Path
         from types import SimpleNamespace
-        from xfrustum.reports.commands import Command
+        from xfrustum.reports.verification.commands import Command
         def started(*arguments, start=subprocess.Popen, **options):
             process = start(*arguments, **options)
             print(process.pid, flush=True)
@@ -218,7 +218,7 @@ def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path)
     body = """
         import os, sys
         from pathlib import Path
-        from xfrustum.reports.outputs import write_output
+        from xfrustum.reports.common.outputs import write_output
         os.mkfifo("pipe")
         def watched(event, arguments):
             if event == "open" and str(arguments[0]) == "pipe":

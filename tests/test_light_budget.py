@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from tests.views import reversed_d32f, view
-from xfrustum.compare.chain import LINKS, Chain, make_chain
-from xfrustum.compare.display import decoded, encoded
-from xfrustum.compare.radiance_budget import (
+from xfrustum.compare.attribution.radiance_budget import (
     AVERAGING,
     BAND_LIMITING,
     CLIPPING,
@@ -21,13 +19,15 @@ from xfrustum.compare.radiance_budget import (
     RadianceBudget,
     make_radiance_budget,
 )
+from xfrustum.compare.metrics.display import decoded, encoded
+from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Scene
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.light import DirectionalLight
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.sampling import Sampling
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling
 
 SHINY = Material(ambient=(0.05,) * 3, diffuse=(0.3, 0.2, 0.1), specular=(0.5, 0.6, 0.7), exponent=15.0)
 MATTE = replace(SHINY, specular=(0.0, 0.0, 0.0))

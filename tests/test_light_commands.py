@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from xfrustum.cli import main
-from xfrustum.compare.display import encoded
-from xfrustum.compare.radiance_budget import LOCAL_LINKS
-from xfrustum.scenes.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.exr import read_image
-from xfrustum.scenes.rendering import Rendering
-from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.cli.main import main
+from xfrustum.compare.attribution.radiance_budget import LOCAL_LINKS
+from xfrustum.compare.metrics.display import encoded
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.files.openexr.images import read_image
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.rendering import Rendering
 
 SCENE = """
 name = "two boxes"

@@ -11,19 +11,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from xfrustum.cli import main
-from xfrustum.reports.effects_cost import cost
-from xfrustum.reports.effects_plan import explain
-from xfrustum.reports.effects_table import _time, summary, table
-from xfrustum.reports.shading import _more
+from xfrustum.cli.main import main
+from xfrustum.reports.effects.costs import cost
+from xfrustum.reports.effects.plan import explain
+from xfrustum.reports.effects.table import _time, summary, table
+from xfrustum.reports.error_report.shading import _more
 from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.effects import ALL_EFFECTS, Effect, chosen, decide, needed
-from xfrustum.scenes.light import DirectionalLight, Environment
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.sampling import Sampling, Transport
-from xfrustum.scenes.slabs import slabs
-from xfrustum.scenes.smoothing import smoothed
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.geometry.smoothing import smoothed
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed
+from xfrustum.scenes.model.slabs import slabs
 
 CORNERS = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
 DARK = Material(ambient=(0,) * 3, diffuse=(0,) * 3)
@@ -235,7 +235,7 @@ def test_a_cost_is_the_median_difference_of_pairs(monkeypatch: pytest.MonkeyPatc
         order.append(image())
         return next(times[image()])
 
-    monkeypatch.setattr("xfrustum.reports.effects_cost._seconds", seconds)
+    monkeypatch.setattr("xfrustum.reports.effects.costs._seconds", seconds)
     found = cost(lambda: "with", lambda: "without", 6)
     assert (found.seconds, found.without) == (3.0, 3.0)
     assert found.interval == (2.0, 47.0)
@@ -248,7 +248,7 @@ def test_a_cost_within_the_noise_is_not_told_from_zero(monkeypatch: pytest.Monke
     """205 ms with or without it, and a difference that repetitions put between -6 and 64 ms."""
     differences = iter([0.0, 0.064, -0.006, 0.03, 0.02, -0.001, 0.01])
     monkeypatch.setattr(
-        "xfrustum.reports.effects_cost._pair", lambda *_, **__: (0.205 + next(differences), 0.205)
+        "xfrustum.reports.effects.costs._pair", lambda *_, **__: (0.205 + next(differences), 0.205)
     )
     found = cost(lambda: None, lambda: None, 6)
     assert not found.resolved
@@ -261,7 +261,7 @@ def test_a_cost_within_the_noise_is_not_told_from_zero(monkeypatch: pytest.Monke
 def test_a_cost_that_is_told_has_an_interval(monkeypatch: pytest.MonkeyPatch) -> None:
     differences = iter([0.0, 0.030, 0.032, 0.031, 0.029, 0.035, 0.030])
     monkeypatch.setattr(
-        "xfrustum.reports.effects_cost._pair", lambda *_, **__: (0.1 + next(differences), 0.1)
+        "xfrustum.reports.effects.costs._pair", lambda *_, **__: (0.1 + next(differences), 0.1)
     )
     found = cost(lambda: None, lambda: None, 6)
     assert found.resolved

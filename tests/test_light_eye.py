@@ -9,17 +9,23 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import reversed_d32f, view
-from xfrustum.compare.eye_vector import bend, drawn_lines, radiance_along, shading_normals, true_lines
-from xfrustum.compare.predict_shading import bent_eye, mirror_change, specular_change
-from xfrustum.compare.radiance import away_from_edges
+from xfrustum.compare.metrics.radiance import away_from_edges
+from xfrustum.compare.prediction.eye_vector import (
+    bend,
+    drawn_lines,
+    radiance_along,
+    shading_normals,
+    true_lines,
+)
+from xfrustum.compare.prediction.shading import bent_eye, mirror_change, specular_change
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.shading import Shader
+from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.double_frustum import Pivot
-from xfrustum.scenes.light import DirectionalLight, Environment
-from xfrustum.scenes.material import Material
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.plate.double_frustum import Pivot
 
 SIZE = (96, 72)
 EXPONENT = 12.0

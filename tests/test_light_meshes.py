@@ -15,11 +15,11 @@ from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
-from xfrustum.scenes.meshes import load_mesh
-from xfrustum.scenes.placement import magnification, place, placement
-from xfrustum.scenes.refine import refine
-from xfrustum.scenes.shapes import build_shape
-from xfrustum.scenes.smoothing import smoothed
+from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.geometry.placement import magnification, place, placement
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes.geometry.smoothing import smoothed
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

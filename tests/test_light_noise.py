@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from xfrustum.compare.noise import ALPHA, NoiseTest, compare_with_noise, of_all, of_one
-from xfrustum.reference.transport import RadianceEstimate
+from xfrustum.compare.metrics.noise import ALPHA, NoiseTest, compare_with_noise, of_all, of_one
+from xfrustum.reference.transport.transport import RadianceEstimate
 
 SHAPE = (12, 10, 3)
 SAMPLES = 8

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from tests.views import view
 from xfrustum.compare import compare_images
-from xfrustum.compare.display import decoded, encoded, through_8_bits
-from xfrustum.compare.perceptual import perceptual_difference
-from xfrustum.compare.radiance import STEP, RadianceSpread, away_from_edges, compare_radiance
+from xfrustum.compare.metrics.display import decoded, encoded, through_8_bits
+from xfrustum.compare.metrics.perceptual import perceptual_difference
+from xfrustum.compare.metrics.radiance import STEP, RadianceSpread, away_from_edges, compare_radiance
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage
-from xfrustum.scenes.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
 
 @pytest.fixture(scope="module")

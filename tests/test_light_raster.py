@@ -22,9 +22,10 @@ from tests.light import (
     unit,
 )
 from tests.views import SHARED_SCENES, at, lines_by_definition, reversed_d32f, view
-from xfrustum.raster import Rasterizer, programs
-from xfrustum.raster.plate_renderer import PlateRenderer
-from xfrustum.raster.reflection import reflecting
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.device import programs
+from xfrustum.raster.light.reflection import reflecting
+from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.scenes import (
     Camera,
     DepthMapping,
@@ -34,14 +35,14 @@ from xfrustum.scenes import (
     Plate,
     Scene,
     SceneObject,
-    builtin,
-    hard_cases,
 )
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.light import DirectionalLight, Environment
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.shapes import lathe
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.geometry.shapes import lathe
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 
 RESOLUTION = (160, 120)
 

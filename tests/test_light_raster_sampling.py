@@ -14,10 +14,10 @@ from tests.light import Array, dressed_scene
 from tests.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer, accumulate
 from xfrustum.scenes import Aperture, Frustum, HogelImage, InputError, Plate, Scene, SceneObject, Screen
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.light import Environment
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.sampling import Sampling, sub_apertures
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 
 RESOLUTION = (96, 72)
 SETTINGS = reversed_d32f(1e-3)

@@ -22,8 +22,8 @@ from tests.lit import (
 )
 from xfrustum.reference import Reference
 from xfrustum.scenes import Frustum
-from xfrustum.scenes.light import DirectionalLight
-from xfrustum.scenes.material import Material
+from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.appearance.material import Material
 
 APERTURE = PLATE.aperture(3, 12)
 

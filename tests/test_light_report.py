@@ -13,14 +13,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.views import view
-from xfrustum.reports.report import ReportFiles, make_report
-from xfrustum.reports.shading import is_shaded
+from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.shading import is_shaded
 from xfrustum.scenes import DepthFormat, DepthMapping, Scene
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.effects import Effect, needed
-from xfrustum.scenes.light import DirectionalLight
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.model.effects import Effect, needed
 
 NEARS = (1.5, 0.15, 0.015)
 DEPTHS = ((DepthFormat.D32F, DepthMapping.REVERSED),)

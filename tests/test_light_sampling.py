@@ -10,11 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.lit import CENTERED, GLOW, PLATE, RECENTERED, SUN, Floats, ball, card, lit, quad, sky
-from xfrustum.reference import Reference, bands, convergence
+from xfrustum.reference import Reference, convergence
 from xfrustum.reference.averages import BOX_SIDE
+from xfrustum.reference.devices import bands
 from xfrustum.scenes import Scene
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.sampling import Sampling, sub_apertures
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 
 MIDDLE = PLATE.middle
 SMALL = replace(RECENTERED, resolution=(16, 12))

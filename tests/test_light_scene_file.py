@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.environment_file import read_environment
-from xfrustum.scenes.light import DEFAULT_LIGHT
-from xfrustum.scenes.material import DEFAULT_MATERIAL, Material
-from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
+from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL, Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.files.environment_file import read_environment
 
 HEAD = (
     "[plate]\nsize = [80, 60]\nhogels = [81, 61]\n"

@@ -9,14 +9,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from xfrustum.scenes import builtin, open_scene
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.effects import Effect, needed
-from xfrustum.scenes.light import DEFAULT_LIGHT
-from xfrustum.scenes.material import DEFAULT_MATERIAL
-from xfrustum.scenes.optics import BACKDROP_HEIGHT, COARSE, FINE, GRATING_HEIGHT, GRATING_LEAN, MIRROR_SPHERES
-from xfrustum.scenes.sampling import Sampling, Transport
-from xfrustum.scenes.studio import surroundings
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
+from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.optics import (
+    BACKDROP_HEIGHT,
+    COARSE,
+    FINE,
+    GRATING_HEIGHT,
+    GRATING_LEAN,
+    MIRROR_SPHERES,
+)
+from xfrustum.scenes.library.studio import surroundings
+from xfrustum.scenes.model.effects import Effect, needed
 
 SHADED = ("car-studio", "mirror-sphere", "grating")
 

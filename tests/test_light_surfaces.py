@@ -14,11 +14,11 @@ from scipy import ndimage
 from tests.lit import CENTERED, GLOW, LAMP, PLATE, ROUNDING, SUN, Floats, ball, card, lit, quad, sky
 from tests.views import view
 from xfrustum.reference import Reference
-from xfrustum.reference.lines import model_cameras
+from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import DoubleFrustum, Scene, SceneObject
-from xfrustum.scenes.effects import ALL_EFFECTS, Effect, needed
-from xfrustum.scenes.light import DirectionalLight, Environment
-from xfrustum.scenes.material import Material
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 
 WIDTH, HEIGHT = CENTERED.resolution
 MIDDLE = PLATE.middle

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import at, lines_by_definition, view
-from xfrustum.raster.cameras import clip_from_scene, slab_cameras
-from xfrustum.raster.depth_formats import ClipEnds
+from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
+from xfrustum.raster.cameras.depth_formats import ClipEnds
 from xfrustum.reference import Reference
-from xfrustum.reference.lines import Pencil, crossed_frustum, model_cameras
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
-from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 
 SCREENS = [
     Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0)),

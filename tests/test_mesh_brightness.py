@@ -17,11 +17,11 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Scene, open_scene
-from xfrustum.scenes.meshes import load_mesh
+from xfrustum.scenes.files.meshes.meshes import load_mesh
 
 DIFFUSE = 0.5
 FLOAT32_ROUNDING = 1e-5

@@ -11,8 +11,8 @@ import trimesh
 from PIL import Image
 
 from xfrustum.scenes import InputError
-from xfrustum.scenes.meshes import load_mesh
-from xfrustum.scenes.placement import place
+from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.geometry.placement import place
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="no folder of test data beside the checkout")

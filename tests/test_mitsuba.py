@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from xfrustum.reference import TRACERS, Reference, SurfacePoints
-from xfrustum.reference.dr_jit import (
+from xfrustum.reference.devices.dr_jit import (
     LLVM_VARIABLE,
     OLDEST_LLVM,
     Version,
@@ -26,16 +26,16 @@ from xfrustum.reference.dr_jit import (
     installed_llvms,
     named_version,
 )
-from xfrustum.reference.embree import EmbreeTracer
-from xfrustum.reference.lines import crossed_frustum
-from xfrustum.reference.mitsuba_tracer import MitsubaTracer
-from xfrustum.reference.sensor import mitsuba_scene, register_sensor, sensor_parameters
-from xfrustum.reference.tracer import Tracer
-from xfrustum.reference.visibility import distance_to_triangles
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, sensor_parameters
+from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.reference.tracers.visibility import distance_to_triangles
 from xfrustum.scenes import InputError, open_scene
-from xfrustum.scenes.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.scene import Scene, SceneObject
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.plate import Aperture
 
 Floats = NDArray[np.float64]
 
@@ -167,7 +167,7 @@ class TestTracer:
         o, d = rays(scene, scene.plate.middle)
         tracer = MitsubaTracer(scene)
         hits = tracer.first_hits(o, d)
-        monkeypatch.setattr("xfrustum.reference.mitsuba_tracer.RAYS_PER_CALL", 1000)
+        monkeypatch.setattr("xfrustum.reference.tracers.mitsuba_tracer.RAYS_PER_CALL", 1000)
         np.testing.assert_array_equal(tracer.first_hits(o, d), hits)
 
     def test_a_tracer_outlives_its_variant(self) -> None:
@@ -426,7 +426,7 @@ class TestLlvm:
 HITS = """
 import sys
 import numpy as np
-from xfrustum.reference.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.scenes import open_scene
 rays = np.load(sys.argv[1])
 tracer = MitsubaTracer(open_scene("asymmetric"))
@@ -463,7 +463,9 @@ class TestFallback:
         np.testing.assert_array_equal(answer["hits"], MitsubaTracer(scene).first_hits(o, d))
 
     def test_an_llvm_that_ends_the_process_is_loaded_by_dr_jit_but_not_used(self) -> None:
-        code = "from xfrustum.reference.dr_jit import backend; b = backend(); print(b.variant, b.llvm)"
+        code = (
+            "from xfrustum.reference.devices.dr_jit import backend; b = backend(); print(b.variant, b.llvm)"
+        )
         done = python(code, llvm=refused_llvm())
         assert done.stdout.startswith("scalar_rgb 1"), done.stderr
         assert f"older than {OLDEST_LLVM}" in done.stdout
@@ -471,7 +473,7 @@ class TestFallback:
     def test_a_variant_that_was_set_on_it_is_refused_in_one_line(self) -> None:
         code = (
             "import mitsuba; mitsuba.set_variant('llvm_ad_rgb')\n"
-            "from xfrustum.reference.dr_jit import backend\n"
+            "from xfrustum.reference.devices.dr_jit import backend\n"
             "try: backend()\n"
             "except Exception as e: print(type(e).__name__, e)"
         )
@@ -483,7 +485,7 @@ class TestFallback:
     def test_a_variant_that_was_set_before_stays(self) -> None:
         code = (
             "import mitsuba; mitsuba.set_variant('scalar_rgb')\n"
-            "from xfrustum.reference.dr_jit import backend\n"
+            "from xfrustum.reference.devices.dr_jit import backend\n"
             "print(backend().variant, mitsuba.variant())"
         )
         done = python(code, llvm=os.environ.get(LLVM_VARIABLE, ""))

@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from xfrustum.cli import main
-from xfrustum.reports.templates_environment import TEMPLATES, script_json
+from xfrustum.cli.main import main
+from xfrustum.reports.common.templates_environment import TEMPLATES, script_json
 
 EVIL = "<img src=x onerror=document.title=1></script><script>document.title=2</script>"
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from xfrustum.scenes import InputError, SceneObject, open_scene
-from xfrustum.scenes.bezier import evenly, normals, second_derivative_bounds, steps_for, surface
-from xfrustum.scenes.meshes import load_mesh
-from xfrustum.scenes.patches import load_patches, read_patches
-from xfrustum.scenes.tessellation import cut, matched_steps, tessellate
+from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.files.meshes.patches import load_patches, read_patches
+from xfrustum.scenes.geometry.bezier import evenly, normals, second_derivative_bounds, steps_for, surface
+from xfrustum.scenes.geometry.tessellation import cut, matched_steps, tessellate
 
 Array = NDArray[np.float64]
 

@@ -16,20 +16,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.views import SHARED_SCENES, reversed_d32f, view
-from xfrustum.cli import main
-from xfrustum.compare.displacement import displacement
-from xfrustum.compare.plan import depth_buffers, plan, search
-from xfrustum.compare.plan_cuts import Cutter
-from xfrustum.compare.plan_displacement import PERCENTILE, displacement_bound
-from xfrustum.compare.plan_measure import measure, measured, meets
-from xfrustum.compare.plan_numbers import index_below, largest_index, round_number, smallest_index
-from xfrustum.compare.plan_search import SEPARATION_MARGIN, Search
-from xfrustum.compare.plan_sheets import misordered
-from xfrustum.compare.plan_views import Requirement, Views
-from xfrustum.compare.predict_depth import MISORDERED
+from xfrustum.cli.main import main
+from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.planning.cuts import Cutter
+from xfrustum.compare.planning.displacement import PERCENTILE, displacement_bound
+from xfrustum.compare.planning.measure import measure, measured, meets
+from xfrustum.compare.planning.numbers import index_below, largest_index, round_number, smallest_index
+from xfrustum.compare.planning.plan import depth_buffers, plan, search
+from xfrustum.compare.planning.search import SEPARATION_MARGIN, Search
+from xfrustum.compare.planning.sheets import misordered
+from xfrustum.compare.planning.views import Requirement, Views
+from xfrustum.compare.prediction.depth import MISORDERED
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.planning import spread_apertures
+from xfrustum.reports.commands.planning import spread_apertures
 from xfrustum.scenes import (
     DepthFormat,
     DepthMapping,
@@ -37,10 +37,10 @@ from xfrustum.scenes import (
     InputError,
     Scene,
     SceneObject,
-    builtin,
     open_scene,
 )
-from xfrustum.scenes.refine import refine
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.library import builtin
 
 SMALL = (192, 144)
 """Pixels, where a scene's own resolution does not matter."""

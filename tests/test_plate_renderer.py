@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from tests.light import dressed_scene
 from tests.views import reversed_d32f, soup, view
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.clusters import Boxes, clip_planes, reached, runs
-from xfrustum.raster.depth_formats import MAPPINGS
-from xfrustum.raster.numbered_mesh import number_triangles
-from xfrustum.raster.passes import drawing_order
-from xfrustum.raster.plain_loop import PlainLoop
-from xfrustum.raster.plate_renderer import PlateRenderer
-from xfrustum.raster.submissions import MOST_HOGELS
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.raster.cameras.passes import drawing_order
+from xfrustum.raster.device.numbered_mesh import number_triangles
+from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.raster.plate.submissions import MOST_HOGELS
+from xfrustum.raster.races.plain_loop import PlainLoop
 from xfrustum.scenes import (
     Aperture,
     Camera,
@@ -33,11 +33,11 @@ from xfrustum.scenes import (
     InputError,
     Scene,
 )
-from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
-from xfrustum.scenes.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.frustum import Screen
-from xfrustum.scenes.plate_content import ColorType, PlateContent, PlateHogel
-from xfrustum.scenes.sampling import Sampling
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.plate.frustum import Screen
 
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
 DEPTHS = list(itertools.product(DepthFormat, DepthMapping))
@@ -163,8 +163,8 @@ def test_the_plain_loops_are_the_same_images_too() -> None:
 
 def test_without_layers_hogels_are_drawn_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """No version of OpenGL promises that a vertex may choose its layer."""
-    monkeypatch.setattr("xfrustum.raster.plate_renderer.lets_vertices_choose_layers", lambda _: False)
-    monkeypatch.setattr("xfrustum.raster.plate_program.lets_vertices_choose_layers", lambda _: False)
+    monkeypatch.setattr("xfrustum.raster.plate.renderer.lets_vertices_choose_layers", lambda _: False)
+    monkeypatch.setattr("xfrustum.raster.plate.program.lets_vertices_choose_layers", lambda _: False)
     scene = view("asymmetric-recentered", (48, 36))
     with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
         assert plate.batching.hogels == 1

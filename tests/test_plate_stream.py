@@ -19,20 +19,20 @@ import pytest
 import zarr
 
 from tests.views import view
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
-from xfrustum.raster.plate_renderer import PlateRenderer
-from xfrustum.reports.plate import WRITTEN_BEHIND, blocks_of_apertures, write_plate
-from xfrustum.reports.plate_store import PlateStore
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reports.plate.plate import WRITTEN_BEHIND, blocks_of_apertures, write_plate
+from xfrustum.reports.plate.store import PlateStore
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
-from xfrustum.scenes.appearance import Appearance
-from xfrustum.scenes.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.light import Environment
-from xfrustum.scenes.look import look_hash
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.plate_content import ColorType, PlateContent
-from xfrustum.scenes.smoothing import smoothed
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.geometry.smoothing import smoothed
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.look import look_hash
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.plate.plate import Aperture
 
 SETTINGS = DoubleFrustum(near=0.15)
 EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)

@@ -9,17 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import view
-from xfrustum.compare.film import pixel_centers
-from xfrustum.compare.predict_displacement import (
+from xfrustum.compare.metrics.film import pixel_centers
+from xfrustum.compare.prediction.displacement import (
     TruePoints,
     displacement_field,
     displacement_lengths,
     displacements,
 )
 from xfrustum.reference import Reference
-from xfrustum.reference.lines import model_cameras
+from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import Aperture, Camera, DoubleFrustum, Frustum, HogelImage
-from xfrustum.scenes.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 
 SCENES = ("asymmetric", "asymmetric-recentered", "car-recentered", "crossing")
 OPTIONS: tuple[dict[str, Any], ...] = (

@@ -10,23 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.views import at, soup, view
-from xfrustum.compare.error_maps import judged_pixels
-from xfrustum.compare.predict_depth import MISORDERED, smallest_separation
-from xfrustum.compare.predict_share import DRAW_ORDER, chances, depth_wrong_share, slabs
-from xfrustum.compare.stacks import Stacks
-from xfrustum.compare.surface import wrong_surface
+from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
+from xfrustum.compare.prediction.share import DRAW_ORDER, chances, depth_wrong_share, slabs
+from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.lines import model_cameras
-from xfrustum.scenes import (
-    Camera,
-    DepthFormat,
-    DepthMapping,
-    DoubleFrustum,
-    Frustum,
-    HogelImage,
-)
-from xfrustum.scenes.double_frustum import Offset
+from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.scenes import Camera, DepthFormat, DepthMapping, DoubleFrustum, Frustum, HogelImage
+from xfrustum.scenes.plate.double_frustum import Offset
 
 Floats = NDArray[np.float64]
 REACH = 100.0

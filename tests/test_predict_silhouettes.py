@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from tests.views import SHARED_SCENES, at, view
 from xfrustum.compare import compare_images
-from xfrustum.compare.chain import traced_settings
-from xfrustum.compare.contours import Contours, Kind, contours
-from xfrustum.compare.error_maps import judged_pixels
-from xfrustum.compare.predict_displacement import displacement_field
-from xfrustum.compare.predict_silhouettes import Silhouettes, expected_wrong
-from xfrustum.compare.surface import wrong_surface
+from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.prediction.chain import traced_settings
+from xfrustum.compare.prediction.contours import Contours, Kind, contours
+from xfrustum.compare.prediction.displacement import displacement_field
+from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import (
@@ -32,10 +32,10 @@ from xfrustum.scenes import (
     Plate,
     Scene,
     SceneObject,
-    builtin,
 )
-from xfrustum.scenes.double_frustum import Fit, Offset
-from xfrustum.scenes.refine import refine
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.plate.double_frustum import Fit, Offset
 
 LOG = logging.getLogger(__name__)
 """Figures behind the verdicts: shown with --log-cli-level=INFO."""

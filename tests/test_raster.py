@@ -15,15 +15,7 @@ import pytest
 from tests.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes import (
-    NOTHING,
-    Camera,
-    DepthFormat,
-    DepthMapping,
-    DoubleFrustum,
-    HogelImage,
-    InputError,
-)
+from xfrustum.scenes import NOTHING, Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError
 
 DEPTHS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
 ARRAYS = ("triangle", "object", "position", "normal", "color")

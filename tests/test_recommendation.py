@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from tests.test_reports import MIDDLE
-from xfrustum.compare.paired import CONFIDENCE, PixelSet, is_worse
-from xfrustum.compare.predict import Prediction, Separations
-from xfrustum.reports.best import SURFACE_TIE, best_per_depth, best_setting, equally_good, sentence
-from xfrustum.reports.measurement import Measurement
+from xfrustum.compare.metrics.paired import CONFIDENCE, PixelSet, is_worse
+from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.reports.measurements.best import (
+    SURFACE_TIE,
+    best_per_depth,
+    best_setting,
+    equally_good,
+    sentence,
+)
+from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes import DepthFormat, DoubleFrustum
 
 FILM = (256, 256)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from xfrustum.raster.cameras import FilmWindow, SlabCamera, clip_from_eye
-from xfrustum.raster.depth_formats import MAPPINGS
+from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera, clip_from_eye
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.scenes import DepthMapping
 
 NEAR, FAR = 0.1, 1e4

@@ -11,7 +11,7 @@ import pytest
 from tests.brute_force import exact_s, first_hits, near_an_edge
 from tests.views import lines_by_definition, soup, view
 from xfrustum.reference import Reference
-from xfrustum.reference.entry import CLEARANCE, ray_origins
+from xfrustum.reference.tracers.entry import CLEARANCE, ray_origins
 from xfrustum.scenes import NOTHING, Certainty, Frustum
 
 LOG = logging.getLogger(__name__)

@@ -9,10 +9,10 @@ import pytest
 
 from tests.views import view
 from xfrustum.reference import Reference, truth
-from xfrustum.scenes.effects import needed
-from xfrustum.scenes.hogel_image import HogelImage
-from xfrustum.scenes.rendering import Rendering
-from xfrustum.scenes.sampling import Sampling
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.effects import needed
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.rendering import Rendering
 
 APERTURES = [(40, 30), (0, 0), (80, 60), (29, 12), (41, 30), (40, 30), (3, 55)]
 

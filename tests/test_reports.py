@@ -16,21 +16,21 @@ import pytest
 from PIL import Image
 
 from xfrustum.compare import Spread
-from xfrustum.compare.predict import Prediction, Separations
-from xfrustum.compare.rounding import largest_tolerance
-from xfrustum.reports import figures, images, report, sweep
-from xfrustum.reports.best import (
+from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.compare.rounding.positions import largest_tolerance
+from xfrustum.reports.common.formatting import percent
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.timing import SharedStopwatch, Stopwatch
+from xfrustum.reports.error_report import figures, images, report, sweep
+from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
+from xfrustum.reports.measurements.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE,
     best_per_depth,
     best_setting,
-    percent,
     sentence,
 )
-from xfrustum.reports.measurement import Measurement
-from xfrustum.reports.report import ReportFiles, default_folder, make_report
-from xfrustum.reports.tables import json_ready
-from xfrustum.reports.timing import SharedStopwatch, Stopwatch
+from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes import (
     Aperture,
     DepthFormat,

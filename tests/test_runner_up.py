@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from tests.brute_force import first_hits
 from tests.views import at, lines_by_definition, soup, view
 from xfrustum.reference import Reference
-from xfrustum.reference import runner_up as module
-from xfrustum.reference.lines import crossed_frustum
-from xfrustum.reference.runner_up import RunnersUp
+from xfrustum.reference.certify import runner_up as module
+from xfrustum.reference.certify.runner_up import RunnersUp
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
-from xfrustum.scenes.refine import refine
-from xfrustum.scenes.shapes import build_shape
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.shapes import build_shape
 
 ALIKE = 1e-9
 """Relative to the reach: far more than brute force rounds, far less than any gap here."""

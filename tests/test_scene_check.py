@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import xfrustum
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.compare.extent import box
-from xfrustum.reports.report import make_report
+from xfrustum.reports.error_report.report import make_report
 from xfrustum.reports.scene_check.drawing import draw_view
 from xfrustum.reports.scene_check.picture_frame import PictureFrame, View
 from xfrustum.reports.scene_check.silhouettes import outlines

@@ -16,28 +16,19 @@ from numpy.typing import NDArray
 from tests.brute_force import exact_first
 from tests.strategies import ANYTHING, apertures, coincidences, frusta, triangles
 from tests.views import SHARED_SCENES, at, soup, view
-from xfrustum.compare import selfcheck as module
-from xfrustum.compare import sphere
-from xfrustum.compare.disagreements import disagreements
-from xfrustum.compare.rational import ExactRows, first_by_brute_force
-from xfrustum.compare.selfcheck import ViewCheck, selfcheck, table
-from xfrustum.compare.sphere import check_sphere
+from xfrustum.compare.selfcheck import selfcheck as module
+from xfrustum.compare.selfcheck import sphere
+from xfrustum.compare.selfcheck.disagreements import disagreements
+from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
+from xfrustum.compare.selfcheck.selfcheck import ViewCheck, selfcheck, table
+from xfrustum.compare.selfcheck.sphere import check_sphere
 from xfrustum.reference import Reference
-from xfrustum.reference.arbitrary_lines import first_surfaces_along
-from xfrustum.reference.lines import Pencil, crossed_frustum
-from xfrustum.scenes import (
-    NOTHING,
-    Aperture,
-    Certainty,
-    Frustum,
-    HogelImage,
-    InputError,
-    Scene,
-    Screen,
-    hard_cases,
-)
-from xfrustum.scenes.builtin import names
-from xfrustum.scenes.sampling import Sampling
+from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.scenes import NOTHING, Aperture, Certainty, Frustum, HogelImage, InputError, Scene, Screen
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.library.builtin import names
+from xfrustum.scenes.library.hard import cases as hard_cases
 
 Triangles = NDArray[np.float64]
 

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from tests.strategies import apertures, frusta, triangles
 from tests.views import soup, view
-from xfrustum.compare.displacement import displacement
-from xfrustum.compare.predict_displacement import displacement_field
-from xfrustum.compare.rounding import POSITION_ROUNDINGS
+from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.prediction.displacement import displacement_field
+from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, DepthFormat, DepthMapping, DoubleFrustum, Frustum, HogelImage, Scene
-from xfrustum.scenes.double_frustum import Pivot
+from xfrustum.scenes.plate.double_frustum import Pivot
 
 Floats = NDArray[np.float64]
 

@@ -9,15 +9,16 @@ from pathlib import Path
 import pytest
 
 from tests.views import view
-from xfrustum.cli import main
-from xfrustum.raster import Rasterizer, room
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
 from xfrustum.raster.accumulate import largest_image
-from xfrustum.raster.context import open_context
-from xfrustum.reports import tracing
-from xfrustum.reports.tracing import FILE_BYTES, forecast
+from xfrustum.raster.device import room
+from xfrustum.raster.device.context import open_context
+from xfrustum.reports.commands import tracing
+from xfrustum.reports.commands.tracing import FILE_BYTES, forecast
 from xfrustum.scenes import DoubleFrustum, InputError, Scene
-from xfrustum.scenes.exr import read_image
-from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.files.openexr.images import read_image
 
 
 def sized(width: int, height: int) -> Scene:

@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 
 from tests.brute_force import exact_first
 from tests.views import at, lines_by_definition, soup
-from xfrustum.cli import main
-from xfrustum.compare.rational import first_by_brute_force
-from xfrustum.compare.selfcheck_views import default_names
-from xfrustum.reference.certify import first_surfaces
-from xfrustum.reference.cone import Floats
-from xfrustum.reference.lines import crossed_frustum
+from xfrustum.cli.main import main
+from xfrustum.compare.selfcheck.rational import first_by_brute_force
+from xfrustum.compare.selfcheck.views import default_names
+from xfrustum.reference.certify.certify import first_surfaces
+from xfrustum.reference.lines.cone import Floats
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, InputError, Scene, Screen
-from xfrustum.scenes.frustum import SMALLEST_SLOPE
-from xfrustum.scenes.scene import LONGEST, SHORTEST, SMALLEST_COORDINATE
+from xfrustum.scenes.model.scene import LONGEST, SHORTEST, SMALLEST_COORDINATE
+from xfrustum.scenes.plate.frustum import SMALLEST_SLOPE
 
 FRUSTUM = Frustum(resolution=(5, 4), reach=(1e30, 1e30), fov=(math.radians(60), math.radians(50)))
 

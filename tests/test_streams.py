@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.terminal import one_line, printable
 
 FULL = Path("/dev/full")
@@ -108,7 +108,7 @@ def test_a_reader_that_stops_reading_is_no_error(tmp_path: Path) -> None:
 
 LIBRARIES = """
 import ctypes, logging, os, sys, threading, warnings
-import click, xfrustum.cli
+import click, xfrustum.cli.main
 
 class Careless:
     def __del__(self):
@@ -129,7 +129,7 @@ def work():
     if "fail" in os.environ:
         raise KeyError("unexpected")
 
-xfrustum.cli.cli.add_command(click.Command("work", callback=work))
+xfrustum.cli.main.cli.add_command(click.Command("work", callback=work))
 from xfrustum.__main__ import run
 sys.exit(run())
 """

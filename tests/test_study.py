@@ -18,22 +18,23 @@ import numpy as np
 import pytest
 
 from tests.conftest import CHECKOUT
-from xfrustum.cli import main
-from xfrustum.compare.plan import plan
-from xfrustum.compare.plan_views import SEPARATION_PER_REACH, Requirement
-from xfrustum.compare.predict_depth import MISORDERED
-from xfrustum.raster.passes import drawing_order
+from xfrustum.cli.main import main
+from xfrustum.compare.planning.plan import plan
+from xfrustum.compare.planning.views import SEPARATION_PER_REACH, Requirement
+from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.reference import Reference
-from xfrustum.reports import study_grid, study_run
-from xfrustum.reports.study import DATA, DOCUMENT, IMAGES, RESULTS, StudyFiles, make_study
-from xfrustum.reports.study_document import document
-from xfrustum.reports.study_facts import buffer_facts, by_the_rule, least_near
-from xfrustum.reports.study_figures import maps, svg
-from xfrustum.reports.study_grid import BUFFERS, FULL, QUICK, Grid
-from xfrustum.reports.study_measure import SEPARATIONS, CellResult, PictureBench
-from xfrustum.reports.study_rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
-from xfrustum.reports.study_store import Store, origin_hash
-from xfrustum.reports.study_verdict import (
+from xfrustum.reports.splitting_study import grid as study_grid
+from xfrustum.reports.splitting_study import run as study_run
+from xfrustum.reports.splitting_study.document import document
+from xfrustum.reports.splitting_study.facts import buffer_facts, by_the_rule, least_near
+from xfrustum.reports.splitting_study.figures import maps, svg
+from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Grid
+from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureBench
+from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
+from xfrustum.reports.splitting_study.store import Store, origin_hash
+from xfrustum.reports.splitting_study.study import DATA, DOCUMENT, IMAGES, RESULTS, StudyFiles, make_study
+from xfrustum.reports.splitting_study.verdict import (
     MAX_DEPTH_WRONG,
     TOLERANCE_PX,
     Case,
@@ -44,7 +45,7 @@ from xfrustum.reports.study_verdict import (
     verdict,
 )
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
-from xfrustum.scenes.depth_family import CAR_RATIO, FARTHEST, cars
+from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
 
 TINY = Grid(
     nears=(1e-2, 1e-3, 1e-4, 1e-6),
@@ -273,8 +274,8 @@ CHILD = """
 import os, signal, sys
 from pathlib import Path
 from tests.test_study import ONE_SIDE
-from xfrustum.reports.study import make_study
-from xfrustum.reports.study_store import Store
+from xfrustum.reports.splitting_study.study import make_study
+from xfrustum.reports.splitting_study.store import Store
 
 left, put = int(sys.argv[2]), Store.put
 

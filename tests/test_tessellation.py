@@ -8,11 +8,11 @@ from functools import cache
 import pytest
 
 from tests.views import view
-from xfrustum.reports.best import best_setting
-from xfrustum.reports.measurement import Measurement
-from xfrustum.reports.sweep import DEFAULT_DEPTHS, default_nears, settings_grid, sweep
+from xfrustum.reports.error_report.sweep import DEFAULT_DEPTHS, default_nears, settings_grid, sweep
+from xfrustum.reports.measurements.best import best_setting
+from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.refine import refine
+from xfrustum.scenes.geometry.refine import refine
 
 LOG = logging.getLogger(__name__)
 """Figures behind the verdicts: shown with --log-cli-level=INFO."""

@@ -24,14 +24,15 @@ from tests.lit import (
     quad,
     sky,
 )
-from xfrustum.reference import Reference, transport
-from xfrustum.reference.dr_jit import backend
-from xfrustum.reference.light_paths import CLEARANCE, SINGLE, power
-from xfrustum.reference.transport import PathTracer, RadianceEstimate
+from xfrustum.reference import Reference
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.transport import transport
+from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
+from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
 from xfrustum.scenes import Scene, SceneObject
-from xfrustum.scenes.light import DirectionalLight
-from xfrustum.scenes.material import Material
-from xfrustum.scenes.sampling import Sampling, Transport
+from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
 
 APERTURE = PLATE.aperture(3, 12)
 SMALL = replace(RECENTERED, resolution=(32, 24))

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from xfrustum.compare import faults
-from xfrustum.compare.encodings import ENCODING_FAULTS
+from xfrustum.compare.diagnosis import faults
+from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 
 # Untyped, and needed here only.
 yaml: Any = import_module("yaml")

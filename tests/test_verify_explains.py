@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 
 import xfrustum
 from tests.foreign_renderers import Faulty, small
-from xfrustum.compare.claims import claims_of
-from xfrustum.compare.drawn_color import colored
-from xfrustum.compare.drawn_model import DrawnModel, Front
-from xfrustum.compare.drawn_trace import trace_drawn
-from xfrustum.compare.explained import LEAST_EXPLAINED, ExplanationTest
-from xfrustum.compare.faults import Fault
-from xfrustum.compare.geometry_fit import fit_geometry
+from xfrustum.compare.diagnosis.claims import claims_of
+from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
+from xfrustum.compare.renderer_model.drawn_color import colored
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.reference import Reference
-from xfrustum.reports.verdict import Verification
-from xfrustum.reports.verification_files import render_page, table
+from xfrustum.reports.verification.files import render_page, table
+from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, Plate, Scene
 
 SIZE = 48

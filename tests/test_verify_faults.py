@@ -10,8 +10,8 @@ import pytest
 
 import xfrustum
 from tests.foreign_renderers import Faulty, small
-from xfrustum.compare.orientations import Orientation
-from xfrustum.reports.verdict import Verification
+from xfrustum.compare.renderer_model.orientations import Orientation
+from xfrustum.reports.verification.verdict import Verification
 
 TURNED = Orientation(True, False, True)
 REVERSED = Orientation(False, True, False)

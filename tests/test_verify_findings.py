@@ -11,13 +11,13 @@ import pytest
 
 import xfrustum
 from tests.foreign_renderers import Faulty, small
-from xfrustum.compare.drawn_model import Culled, DrawnModel, Front
-from xfrustum.compare.drawn_trace import trace_drawn
-from xfrustum.compare.explained import LEAST_EXPLAINED, ExplanationTest
-from xfrustum.compare.faults import Fault
-from xfrustum.compare.judged import Compared, Judging
+from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.judging.judged import Compared, Judging
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.reference import Reference
-from xfrustum.reports.verdict import Verification
+from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import NOTHING, Aperture, HogelImage, Scene, open_scene
 from xfrustum.scenes.errors import InputError
 

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import xfrustum
-from xfrustum.cli import main
-from xfrustum.compare.encodings import ENCODING_FAULTS
-from xfrustum.compare.outline_shift import outline_displacement, steps_of
+from xfrustum.cli.main import main
+from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
+from xfrustum.compare.judging.outline_shift import outline_displacement, steps_of
 from xfrustum.raster import Rasterizer
-from xfrustum.reports.verdict import Verification
+from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, Scene, open_scene
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.foreign_images import Encoding, Reading
+from xfrustum.scenes.files.foreign_images import Encoding, Reading
 
 SCENE = """
 name = "three parts"

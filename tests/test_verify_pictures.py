@@ -8,7 +8,7 @@ import pytest
 
 import xfrustum
 from tests.foreign_renderers import Faulty, small
-from xfrustum.compare.orientations import Orientation
+from xfrustum.compare.renderer_model.orientations import Orientation
 
 TURNED, EXCHANGED = Orientation(False, True, True), Orientation(True, False, True)
 

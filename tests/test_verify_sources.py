@@ -15,11 +15,11 @@ from PIL import Image
 
 import xfrustum
 from tests.foreign_renderers import Faulty, small
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Scene, open_scene
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.exr import write_image
+from xfrustum.scenes.files.openexr.images import write_image
 
 SCENE = """
 name = "three parts"

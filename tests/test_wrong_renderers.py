@@ -23,7 +23,7 @@ import xfrustum
 from tests.wrong_renderers.outcomes import Case, Outcome, Studio, cases, table, world_of
 from tests.wrong_renderers.ray_caster import draw
 from tests.wrong_renderers.toys import ENCODINGS, TOYS, TWINS
-from xfrustum.cli import main
+from xfrustum.cli.main import main
 
 LIMIT = 0.01
 """`verify`'s own limit of wrong pixels in each hogel, where nobody states another."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from xfrustum.compare.extent.layers import areas, share_between, triangles_in_chunks
 from xfrustum.compare.extent.sight import Flags, apertures_in_sight
-from xfrustum.scenes.frustum import Frustum
-from xfrustum.scenes.plate import Plate
-from xfrustum.scenes.scene import Scene, SceneObject
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Plate
 
 Point = tuple[float, float, float]
 

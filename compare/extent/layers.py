@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.scenes.frustum import Frustum
-from xfrustum.scenes.scene import TRIANGLES_AT_ONCE, SceneObject
+from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, SceneObject
+from xfrustum.scenes.plate.frustum import Frustum
 
 Floats = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.extent.layers import Layer, layers, triangles_in_chunks
-from xfrustum.scenes.frustum import Frustum
-from xfrustum.scenes.plate import Aperture, Plate
-from xfrustum.scenes.scene import SceneObject
+from xfrustum.scenes.model.scene import SceneObject
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -11,8 +11,8 @@ import numpy as np
 from xfrustum.compare.extent.facts import Point, box, share_in_reach
 from xfrustum.compare.extent.sight import apertures_in_sight, aside_of_frusta, in_sight
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.scene import Scene, SceneObject
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.plate import Aperture
 
 OBJECTS_NAMED = 3
 """Objects that one sentence speaks of, so that it stays one line; the others are counted."""

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.extent import ObjectExtent, Sight, extents, heights, length, unseen_facts, warnings
-from xfrustum.reports.outputs import Staging
+from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.scene_check.drawing import draw_view
 from xfrustum.reports.scene_check.picture_frame import View
-from xfrustum.scenes.scene import NormalsMade, Scene, SceneObject
+from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
 
 FILES = tuple(f"{view.value}.svg" for view in View)
 

@@ -18,7 +18,7 @@ from xfrustum.reports.scene_check.picture_frame import (
     shown_apertures,
 )
 from xfrustum.reports.scene_check.silhouettes import Outline, outlines
-from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.model.scene import Scene
 
 PICTURE_WIDTH = 660
 C_COLOR, C_STAR_COLOR = "#0072b2", "#d55e00"

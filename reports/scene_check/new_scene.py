@@ -10,11 +10,11 @@ from enum import StrEnum
 from pathlib import Path
 
 from xfrustum.compare.extent import box, heights, length
-from xfrustum.reports.outputs import Staging
+from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.meshes import load_mesh
-from xfrustum.scenes.patches import load_patches
-from xfrustum.scenes.scene import SceneObject
+from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.files.meshes.patches import load_patches
+from xfrustum.scenes.model.scene import SceneObject
 
 FOV_DEG = 60.0
 """Full angle of both axes, that of the built-in scenes."""

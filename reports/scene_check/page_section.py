@@ -9,7 +9,7 @@ from markupsafe import Markup
 from xfrustum.compare.extent import warnings
 from xfrustum.reports.scene_check.drawing import NAMESPACE, draw_view
 from xfrustum.reports.scene_check.picture_frame import View
-from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.model.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)

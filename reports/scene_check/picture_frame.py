@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.extent import aside_of_frusta
-from xfrustum.scenes.plate import Aperture
-from xfrustum.scenes.scene import Scene
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
 
 Box = tuple[float, float, float, float]
 """Left, bottom, right and top, scene units: z to the right, and x or y upward."""

@@ -8,7 +8,7 @@ from skimage.measure import approximate_polygon, find_contours
 
 from xfrustum.compare.extent import triangles_in_chunks
 from xfrustum.reports.scene_check.picture_frame import HEIGHT, WIDTH, PictureFrame, View
-from xfrustum.scenes.scene import SceneObject
+from xfrustum.scenes.model.scene import SceneObject
 
 FINER = 2
 """Cells of the mask per pixel of the picture, in either direction."""

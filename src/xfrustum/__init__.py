@@ -32,22 +32,22 @@ TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images
-    from xfrustum.compare.plan import Plan
-    from xfrustum.compare.plan_views import Requirement
+    from xfrustum.compare.planning.plan import Plan
+    from xfrustum.compare.planning.views import Requirement
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
-    from xfrustum.reports.budgeting import BudgetReport, budget
-    from xfrustum.reports.cost import CostReport
-    from xfrustum.reports.cost import measure_cost as cost
-    from xfrustum.reports.effects_plan import EffectsPlan, explain
-    from xfrustum.reports.planning import make_plan
-    from xfrustum.reports.planning import make_plan as plan
-    from xfrustum.reports.plate import PlateFiles, write_plate
-    from xfrustum.reports.report import ReportFiles, make_report
+    from xfrustum.reports.commands.budgeting import BudgetReport, budget
+    from xfrustum.reports.commands.planning import make_plan
+    from xfrustum.reports.commands.planning import make_plan as plan
+    from xfrustum.reports.cost.cost import CostReport
+    from xfrustum.reports.cost.cost import measure_cost as cost
+    from xfrustum.reports.effects.plan import EffectsPlan, explain
+    from xfrustum.reports.error_report.report import ReportFiles, make_report
+    from xfrustum.reports.plate.plate import PlateFiles, write_plate
     from xfrustum.reports.scene_check.checking import SceneCheck, check
     from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
-    from xfrustum.reports.verdict import Verification
-    from xfrustum.reports.verification import verify
+    from xfrustum.reports.verification.verdict import Verification
+    from xfrustum.reports.verification.verification import verify
     from xfrustum.scenes import (
         Aperture,
         Camera,
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
         Scene,
         open_scene,
     )
-    from xfrustum.scenes.exr import read_image, write_image
+    from xfrustum.scenes.files.openexr.images import read_image, write_image
 
 __all__ = [
     "Aperture",
@@ -109,30 +109,30 @@ __all__ = [
 _MODULES = {  # module, and after a colon what the name is called there
     "Comparison": "compare",
     "compare_images": "compare",
-    "BudgetReport": "reports.budgeting",
-    "budget": "reports.budgeting",
-    "CostReport": "reports.cost",
+    "BudgetReport": "reports.commands.budgeting",
+    "budget": "reports.commands.budgeting",
+    "CostReport": "reports.cost.cost",
     "cost": "reports.cost:measure_cost",
-    "EffectsPlan": "reports.effects_plan",
-    "explain": "reports.effects_plan",
-    "Plan": "compare.plan",
-    "Requirement": "compare.plan_views",
-    "make_plan": "reports.planning",
+    "EffectsPlan": "reports.effects.plan",
+    "explain": "reports.effects.plan",
+    "Plan": "compare.planning.plan",
+    "Requirement": "compare.planning.views",
+    "make_plan": "reports.commands.planning",
     "plan": "reports.planning:make_plan",
     "Rasterizer": "raster",
     "Reference": "reference",
-    "ReportFiles": "reports.report",
-    "make_report": "reports.report",
+    "ReportFiles": "reports.error_report.report",
+    "make_report": "reports.error_report.report",
     "SceneCheck": "reports.scene_check.checking",
     "check": "reports.scene_check.checking",
     "NewScene": "reports.scene_check.new_scene",
     "new_scene": "reports.scene_check.new_scene",
-    "Verification": "reports.verdict",
-    "verify": "reports.verification",
-    "read_image": "scenes.exr",
-    "write_image": "scenes.exr",
-    "PlateFiles": "reports.plate",
-    "write_plate": "reports.plate",
+    "Verification": "reports.verification.verdict",
+    "verify": "reports.verification.verification",
+    "read_image": "scenes.files.openexr.images",
+    "write_image": "scenes.files.openexr.images",
+    "PlateFiles": "reports.plate.plate",
+    "write_plate": "reports.plate.plate",
 }
 
 

@@ -1,4 +1,4 @@
-"""The program `xfrustum`, also as `python -m xfrustum`: the process around `xfrustum.cli.main`.
+"""The program `xfrustum`, also as `python -m xfrustum`: the process around `xfrustum.cli.main.main`.
 
 Signals are taken over before anything else is imported, then the standard streams.
 """
@@ -12,7 +12,7 @@ import sys
 ENDING_SIGNALS = (_signal.SIGINT, _signal.SIGTERM)
 _signal.pthread_sigmask(_signal.SIG_BLOCK, ENDING_SIGNALS)
 
-from xfrustum import cli_termination  # noqa: E402
+from xfrustum.cli import termination as cli_termination  # noqa: E402
 
 TRACEBACK_OPTION = "--traceback"
 
@@ -24,16 +24,16 @@ def run() -> int:
     """Run the command line of this process and return its exit status."""
     termination = cli_termination.of_process()
     _signal.pthread_sigmask(_signal.SIG_UNBLOCK, ENDING_SIGNALS)
-    from xfrustum import cli_streams  # noqa: PLC0415 - after the signals are taken over
+    from xfrustum.cli import streams as cli_streams  # noqa: PLC0415 - after the signals are taken over
 
     shown = TRACEBACK_OPTION in sys.argv[1:2]
     streams = cli_streams.of_process(words_of_libraries=shown)
     try:
-        from xfrustum.cli import main  # noqa: PLC0415 - likewise
+        from xfrustum.cli.main import main  # noqa: PLC0415 - likewise
 
         status = main()
     except BaseException as error:  # such as too little memory to load the program
-        from xfrustum.cli_failure import report_unexpected  # noqa: PLC0415 - only here
+        from xfrustum.cli.failure import report_unexpected  # noqa: PLC0415 - only here
 
         status = report_unexpected(error, shown=shown)
     failure = streams.failure_of_output()

@@ -31,9 +31,17 @@ BATCH = 50
 
 PREPARED = (
     *("tests.fuzz.entries", "charset_normalizer", "drjit", "lxml.etree", "networkx", "skimage.measure"),
-    *("xfrustum.cli", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
-    *("xfrustum.reports.comparison", "xfrustum.reports.plate", "xfrustum.reports.scene_check.checking"),
-    *("xfrustum.reports.tracing", "xfrustum.reports.transported", "xfrustum.reports.verification"),
+    *("xfrustum.cli.main", "xfrustum.compare", "xfrustum.raster", "xfrustum.reference"),
+    *(
+        "xfrustum.reports.commands.comparison",
+        "xfrustum.reports.plate.plate",
+        "xfrustum.reports.scene_check.checking",
+    ),
+    *(
+        "xfrustum.reports.commands.tracing",
+        "xfrustum.reports.commands.transported",
+        "xfrustum.reports.verification.verification",
+    ),
 )
 """Modules that children use, those of other libraries that are imported late among them."""
 
@@ -121,7 +129,7 @@ def import_everything() -> None:
     Dr.Jit is told that there is no LLVM: its threads do not outlive a fork, and what it compiles is the same
     whatever the input. The truth is computed with NumPy instead, as on machines without LLVM.
     """
-    from xfrustum.reference.dr_jit import LLVM_VARIABLE
+    from xfrustum.reference.devices.dr_jit import LLVM_VARIABLE
 
     os.environ[LLVM_VARIABLE] = os.devnull
     with _silent():

@@ -96,7 +96,7 @@ def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
         # Not before the fork: importing it holds signals back until it runs.
         from tests.fuzz.entries import ENTRIES
         from xfrustum.__main__ import run
-        from xfrustum.cli import cli
+        from xfrustum.cli.main import cli
 
         for entry in ENTRIES:
             cli.add_command(entry)

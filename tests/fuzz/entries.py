@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from xfrustum import cli_options as options
+from xfrustum.cli import options
 
 
 @click.command("read-scene")
@@ -19,7 +19,7 @@ from xfrustum import cli_options as options
 def read_scene(scene: str) -> None:
     """Read a scene, with its meshes, textures and maps."""
     from xfrustum.scenes import open_scene
-    from xfrustum.scenes.look import look_hash
+    from xfrustum.scenes.model.look import look_hash
 
     opened = open_scene(scene)
     for warning in opened.warnings:
@@ -34,7 +34,7 @@ def read_picture(scene: str, picture: Path) -> None:
     """Read a foreign renderer's picture of the middle aperture, as `verify` does."""
     from xfrustum.reference import Reference
     from xfrustum.scenes import open_scene
-    from xfrustum.scenes.foreign_images import Encoding, read_foreign
+    from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 
     opened = open_scene(scene)
     camera = Reference(opened).camera(opened.plate.middle)
@@ -53,9 +53,9 @@ def go_on_with_plate(scene: str, description: Path, out: Path) -> None:
     """
     import numpy as np
 
-    from xfrustum.reports.plate_store import open_store
+    from xfrustum.reports.plate.store import open_store
     from xfrustum.scenes import open_scene
-    from xfrustum.scenes.plate_content import PlateContent, PlateHogel
+    from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
 
     opened = open_scene(scene)
     content = PlateContent(ids=True)

@@ -14,12 +14,12 @@ from typing import Any
 
 # As in the program itself: signals are taken over before anything else is imported.
 from xfrustum import __main__ as program
-from xfrustum import cli_termination
+from xfrustum.cli import termination as cli_termination
 
 
 def _noted(notes: Path) -> None:
     """Let the store note what it has kept."""
-    from xfrustum.reports.study_store import Store
+    from xfrustum.reports.splitting_study.store import Store
 
     put = Store.put
     descriptor = os.open(notes, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
@@ -33,8 +33,8 @@ def _noted(notes: Path) -> None:
 
 def small(out: Path, notes: Path) -> None:
     """Measure two pictures, one of each side, with two nears and one depth buffer."""
-    from xfrustum.reports.study import make_study
-    from xfrustum.reports.study_grid import QUICK
+    from xfrustum.reports.splitting_study.grid import QUICK
+    from xfrustum.reports.splitting_study.study import make_study
 
     _noted(notes)
     make_study(
@@ -47,7 +47,7 @@ if __name__ == "__main__":
     cli_termination.of_process()
     import click
 
-    from xfrustum import cli_study
+    from xfrustum.cli.commands import study as cli_study
 
     parameters: list[click.Parameter] = [
         click.Argument([name], type=click.Path(path_type=Path)) for name in ("out", "notes")

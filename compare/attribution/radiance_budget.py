@@ -1,0 +1,236 @@
+"""The radiance error of an image, link by link: signed differences that add up.
+
+See docs/method.md, "The error budget".
+
+Through the chain's own links (near offset to depth) every image is shaded truly: as the true frustum
+shows the surface points that the image has. So each of these links tells what *showing another point*
+costs, and the eye vector's bend, which belongs to a point and not to a pixel, is counted once, in a link
+of its own:
+
+    [light transport] -> [band limiting] -> near offset -> pivot and fit -> slabs -> rasterization -> depth
+    -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
+
+Those in brackets are there where the scene asks for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.attribution.budget import VectorBudget
+from xfrustum.compare.metrics.display import through_8_bits
+from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.left_out import measure_left_out
+from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
+from xfrustum.compare.prediction.eye_vector import drawn_lines, radiance_along, true_lines
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reference.averages import points_per_side
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.shading.shading import Shader
+from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+EYE_VECTOR, SHADING = "eye vector", "shading"
+CLIPPING, OUTPUT = "clipping", "8-bit output"
+TRANSPORT, BAND_LIMITING, AVERAGING = "light transport", "band limiting", "averaging"
+LOCAL_LINKS = (*LINKS, EYE_VECTOR, SHADING)
+"""The links of one image, sampled at pixels' centers through one point of the aperture.
+
+`EYE_VECTOR` bends the eye vector to the camera that draws, at the points that are drawn. `SHADING` leaves
+double precision: the device interpolates normals, colors and texture coordinates, and evaluates the light
+model."""
+
+MOST_PIXELS = 1 << 22
+"""Of a chain's six images: bounds the memory, some 500 bytes a pixel."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RadianceBudget:
+    """The radiance error of one image, link by link.
+
+    Attributes
+    ----------
+    links
+        Names, in order.
+    change
+        What each link adds, (links, H, W, 3) linear RGB, and their total; nothing is left out, for a pixel
+        that shows no surface is black.
+    judged
+        (H, W) pixels whose truth is no tie.
+    same
+        (H, W) judged pixels that show the same triangle in all images of the chain.
+    errors
+        By link: root mean square over the pixels of the standard error of what it is measured against,
+        where that is known from samples.
+    """
+
+    links: tuple[str, ...]
+    change: VectorBudget
+    judged: NDArray[np.bool_]
+    same: NDArray[np.bool_]
+    errors: dict[str, float]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as `budget --json` prints them."""
+        return {
+            "judged": int(self.judged.sum()),
+            "same_triangle": int(self.same.sum()),
+            "links": [
+                {"name": name, **self._numbers(step), "standard_error": self.errors.get(name)}
+                for name, step in zip(self.links, self.change.steps, strict=True)
+            ],
+            "total": self._numbers(self.change.total),
+        }
+
+    def _numbers(self, change: Floats) -> dict[str, float | None]:
+        everywhere, same = change[self.judged], change[self.same]
+        return {
+            "mean": float(everywhere.mean()) if len(everywhere) else None,
+            "rms": _rms(everywhere),
+            "max": float(np.abs(everywhere).max()) if len(everywhere) else None,
+            "rms_same_triangle": _rms(same),
+            "max_same_triangle": float(np.abs(same).max()) if len(same) else None,
+        }
+
+
+def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
+    """Return the colors between the local links of a chain, (1 + links, H, W, 3) linear RGB.
+
+    The chain's images are sampled once per pixel: T0 to R1 shaded truly, then R1 with the eye vector of the
+    camera that drew each point, then R1 as the device shaded it.
+
+    Parameters
+    ----------
+    scene, chain
+        The one that the other shows.
+    side
+        Each color is the mean over so many by so many of the chain's pixels.
+    """
+    shader, drawn = Shader(scene), chain.images[-1]
+    if drawn.color is None:
+        raise ValueError("the chain's last image has no color")
+    aperture = drawn.camera.aperture
+    pixel_lines = crossed_frustum(scene.frustum, aperture).directions()
+
+    def shaded(image: HogelImage, lines: Floats) -> Floats:
+        # A point in the plate lies on every line: on that of its pixel, too.
+        lines = np.where(np.isfinite(lines), lines, pixel_lines)
+        shown = image.triangle != NOTHING
+        color, position = np.zeros(image.position.shape), image.position[shown].astype(np.float64)
+        color[shown] = radiance_along(scene, shader, image.triangle[shown], position, lines[shown])
+        return _boxes(color, side)
+
+    truly = [shaded(image, true_lines(image.position, aperture)) for image in chain.images]
+    bent = shaded(drawn, drawn_lines(drawn.position, scene.frustum, aperture, chain.settings))
+    return np.stack([*truly, bent, _boxes(drawn.color.astype(np.float64), side)])
+
+
+def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | None = None) -> RadianceBudget:
+    """Take the radiance error of a chain's last image apart.
+
+    Parameters
+    ----------
+    scene
+        With the sampling and the light transport that are asked for.
+    chain
+        Of one aperture, sampled once per pixel.
+    done
+        Called `steps` times on the way.
+    """
+    done = done or (lambda: None)
+    truth, settings = chain.images[0], chain.settings
+    aperture = truth.camera.aperture
+    links, errors = [*LOCAL_LINKS], dict[str, float]()
+    if scene.sampling == Sampling():
+        colors = local_colors(scene, chain)
+    else:
+        averaged = averaged_colors(scene, aperture, settings, done)
+        with Rasterizer(scene) as rasterizer:
+            drawn = rasterizer.render(aperture, settings, normals=False)
+        assert drawn.color is not None
+        colors = np.concatenate((averaged, drawn.color[None].astype(np.float64)))
+        links.append(AVERAGING)
+    if scene.sampling.aperture > 1:
+        links.insert(0, BAND_LIMITING)
+        found = Reference(scene).converged(aperture)
+        done()
+        errors[BAND_LIMITING] = found.error
+        colors = np.concatenate((found.color[None], colors))
+    if scene.transport.simulated:
+        left_out = measure_left_out(scene, aperture, done).difference
+        errors[TRANSPORT] = float(np.sqrt(np.mean(left_out.variance_of_mean)))
+        links.insert(0, TRANSPORT)
+        colors = np.concatenate((colors[:1] + left_out.mean, colors))
+    links += [CLIPPING, OUTPUT]
+    clipped = np.clip(colors[-1:], 0.0, 1.0)
+    colors = np.concatenate((colors, clipped, through_8_bits(clipped)))
+    judged = judged_pixels(truth)
+    numbers = np.stack([image.triangle for image in chain.images])
+    return RadianceBudget(
+        links=tuple(links),
+        change=VectorBudget.of(colors),
+        judged=judged,
+        same=judged & truth.covered & (numbers == numbers[0]).all(axis=0),
+        errors=errors,
+    )
+
+
+def steps(scene: Scene) -> int:
+    """Return how often `make_radiance_budget` says that a part of its work is done."""
+    points, transport = scene.sampling.aperture, scene.transport
+    averages = scene.sampling != Sampling()
+    return points * averages + (points > 1) + 2 * points * transport.simulated
+
+
+def averaged_colors(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, done: Callable[[], Any]
+) -> Floats:
+    """Return `local_colors`, each the mean over the samples of pixels and aperture that a scene asks for.
+
+    The device's own samples (multisample) are its own affair: they are in the link from here to its image.
+
+    Raises
+    ------
+    InputError
+        A chain would have more than `MOST_PIXELS`.
+    """
+    side = points_per_side(scene.sampling)
+    width, height = scene.frustum.resolution
+    if side * side * width * height > MOST_PIXELS:
+        raise InputError(
+            f"{width} x {height} pixels with {side} x {side} points each are too many to take apart; "
+            f"lower frustum.resolution or sampling, to {MOST_PIXELS:,} points at most"
+        )
+    fine = replace(
+        scene, frustum=replace(scene.frustum, resolution=(side * width, side * height)), sampling=Sampling()
+    )
+    reference, total = Reference(fine), np.zeros(())
+    points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
+    with Rasterizer(fine) as rasterizer:
+        for point in points:
+            total = total + local_colors(fine, make_chain(reference, rasterizer, point, settings), side)
+            done()
+    return total / len(points)
+
+
+def _boxes(color: Floats, side: int) -> Floats:
+    """Return the means over side x side pixels."""
+    height, width, _ = color.shape
+    boxes = color.reshape(height // side, side, width // side, side, 3)
+    return np.asarray(boxes.mean(axis=(1, 3))) if side > 1 else color
+
+
+def _rms(change: Floats) -> float | None:
+    return float(np.sqrt(np.mean(change**2))) if len(change) else None

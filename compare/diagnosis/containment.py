@@ -1,0 +1,105 @@
+"""Does a pixel's center lie inside the projection of the triangle that it claims to show?
+
+Whatever lies in front, a renderer shows a triangle only where it projects to. So the conventions and
+the geometry of a renderer can be found without knowing which surface is visible: under the right
+guess every claim holds, under a wrong one many fail, each by a distance in pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.diagnosis.claims import Claims
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+
+Floats = NDArray[np.float64]
+
+CROSSING = 0.5
+"""Surfaces closer to a camera than this part of near are not seen by it: halfway between the near
+plane, where drawing ends, and the camera, where projection does."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Films:
+    """Where claimed pixels lie: (u, v), apertures and shears (N, ..), half-extent, film per pixel."""
+
+    points: Floats
+    places: Floats
+    shear: Floats
+    half: Floats
+    per_px: Floats
+
+
+def inside_px(claims: Claims, scene: Scene, model: DrawnModel) -> tuple[Floats, Floats]:
+    """Return signed distances from the three edges, and how far outside pixels lie, under a guess.
+
+    Returns
+    -------
+    distances
+        (2, N, 3) in pixels, positive inside; first in C's projection, then in C*'s.
+    outside
+        (2, N) how far outside each center lies, in pixels; infinite behind the camera.
+    """
+    film = claims.film(model.orientation)
+    places = claims.apertures(model.order, scene.plate.size) * np.asarray(model.pitch)
+    places = places + np.asarray(model.aperture_offset)
+    shear, half = _windows(scene, places, model)
+    per_px = 2 / np.asarray(claims.size, dtype=np.float64)
+    sampled = film + np.asarray(model.shift) * per_px * (1, -1)
+    films = _Films(
+        points=sampled,
+        places=places,
+        shear=shear,
+        half=half,
+        per_px=per_px,
+    )
+    corners = claims.corners * model.scene_scale + np.asarray(model.scene_offset)
+    both = [_one_camera(corners, films, model, side) for side in (1, -1)]
+    return np.stack([one[0] for one in both]), np.stack([one[1] for one in both])
+
+
+def outside_px(claims: Claims, scene: Scene, model: DrawnModel, cap: float) -> Floats:
+    """Return how far outside each claimed triangle its pixel's center lies, at most `cap` pixels, (N,)."""
+    _, outside = inside_px(claims, scene, model)
+    return np.asarray(np.minimum(outside.min(axis=0), cap))
+
+
+def _windows(scene: Scene, places: Floats, model: DrawnModel) -> tuple[Floats, Floats]:
+    """Return shear (N, 2) and half-extent (2,) of films at some places, as guessed."""
+    frustum = scene.frustum
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        return np.zeros_like(places), np.tan(np.asarray(frustum.fov) / 2) * model.fov
+    behind = -frustum.screen.height
+    half = np.asarray(frustum.screen.size) / 2 / abs(behind) * model.fov
+    if model.fit is Fit.SCREEN:
+        half = half * abs(behind) / (abs(behind) + model.near)
+    return (np.asarray(frustum.screen.center) - places) / behind, half
+
+
+def _one_camera(corners: Floats, films: _Films, model: DrawnModel, side: int) -> tuple[Floats, Floats]:
+    offset = side * model.near if model.pivot is Pivot.CAMERA else 0.0
+    # Coordinate and corner first, claim last: everything below then works on whole arrays.
+    px, py, z = corners.transpose(2, 1, 0)
+    w = model.near - side * z
+    # In sheared coordinates about the aperture both cameras look straight; CONVENTIONS.md.
+    x = (px - films.places[:, 0] + films.shear[:, 0] * (z - offset)) * (side / films.half[0])
+    y = (py - films.places[:, 1] + films.shear[:, 1] * (z - offset)) * (side / films.half[1])
+    following = [1, 2, 0]
+    line_x = y * w[following] - w * y[following]
+    line_y = w * x[following] - x * w[following]
+    line_1 = x * y[following] - y * x[following]
+    values = line_x * films.points[:, 0] + line_y * films.points[:, 1] + line_1
+    volume = line_x[0] * x[2] + line_y[0] * y[2] + line_1[0] * w[2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = values / np.hypot(line_x * films.per_px[0], line_y * films.per_px[1])
+        depth = volume / values.sum(axis=0)
+    distance *= np.sign(volume)
+    outside = np.maximum(0.0, -distance.min(axis=0))
+    seen = np.isfinite(outside) & (depth > CROSSING * model.near)
+    return distance.T, np.where(seen, outside, np.inf)

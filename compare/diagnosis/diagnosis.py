@@ -1,0 +1,291 @@
+"""Diagnosis before verdict: what a renderer does otherwise than asked, from some of its hogels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from xfrustum.compare.diagnosis.claims import claims_of
+from xfrustum.compare.diagnosis.composition import exchanged_light, find_composition, unconjugated_share
+from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.faults import CONVENTIONS, MISTAKEN_UNITS, Fault, faults_of, lights_fault
+from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
+from xfrustum.compare.diagnosis.registration import register
+from xfrustum.compare.judging.judged import Judging
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import film_window
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
+
+ENOUGH = 100
+"""Claims that it takes to fit seven numbers and two symmetries, with some to spare."""
+
+
+TRIED_DEPTHS = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Shares of the scene's vertices below the heights at which pictures are tried to be explained otherwise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosis:
+    """What was found out about a renderer.
+
+    Attributes
+    ----------
+    model
+        How it draws; what was asked for, where no guess explains what it shows.
+    faults
+        What of that is otherwise than asked.
+    does_not_explain
+        What would be otherwise by the best guess, where that explains too little to be a finding.
+    means
+        What it was found by, in words.
+    """
+
+    model: DrawnModel
+    faults: tuple[Fault, ...]
+    does_not_explain: tuple[Fault, ...]
+    means: str
+
+
+def diagnose(
+    reference: Reference,
+    images: Sequence[HogelImage],
+    nominal: DrawnModel,
+    judging: Judging | None = None,
+) -> Diagnosis:
+    """Find out how a renderer draws.
+
+    Parameters
+    ----------
+    reference
+        Of the scene.
+    images
+        Some of its hogels as found, each with the camera of the aperture that its file is named after.
+    nominal
+        What its author says of it.
+    judging
+        What counts as wrong.
+    """
+    test = ExplanationTest(reference=reference, images=images, nominal=nominal, judging=judging or Judging())
+    if not images or test.wrong(nominal):
+        found = _of_wrong(test)
+    else:
+        # There is nothing to be explained: what fits a little better is noise.
+        means = f"{len(test.tested)} hogels, in which nothing is wrong"
+        found = Diagnosis(model=nominal, faults=(), does_not_explain=(), means=means)
+    # Numbers say nothing of light: where images have both, it is tested by itself.
+    lights = _lights(reference, found.model, images) if not _by_color(images) else None
+    if lights is None:
+        return found
+    if _enough(lights.explains):
+        model = replace(found.model, conjugated=False)
+        return replace(found, model=model, faults=(*found.faults, lights))
+    return replace(found, does_not_explain=(*found.does_not_explain, doubtful(lights)))
+
+
+def _of_wrong(test: ExplanationTest) -> Diagnosis:
+    """Find out how a renderer draws whose images are wrong."""
+    reference, nominal = test.reference, test.nominal
+    fit, means = _fitted(reference, test.images, nominal)
+    images = [image for image in test.images if image.camera.aperture.index not in fit.spoiled]
+    test = replace(test, images=images, known={})
+    lights = _lights(reference, fit.model, images) if _by_color(images) else None
+    if lights is not None and _enough(lights.explains):
+        fit = replace(fit, model=replace(fit.model, conjugated=False))
+    guess = fit
+    model, fit = _best(test, fit)
+    faults, share = _named(test, model, fit), test.share(model)
+    if share is None or (faults and share >= LEAST_EXPLAINED):
+        if share is None or not test.pays(model):
+            # What is wrong is excused as it is.
+            model, faults = nominal, ()
+        return Diagnosis(model=model, faults=faults, does_not_explain=(), means=means)
+    # What fits best is told, though it does not explain, and though less of it may be as good.
+    doubted = faults or _named(test, guess.model, guess)
+    doubted = tuple(map(doubtful, doubted))
+    return Diagnosis(model=nominal, faults=(), does_not_explain=doubted, means=means)
+
+
+def _named(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
+    """Return what a guess has that was not asked for, and how much of what is wrong all of it explains."""
+    faults = faults_of(test.reference.scene, test.nominal, model, fit)
+    if not model.conjugated:
+        faults = (*faults, lights_fault(*exchanged_light(test.reference, model, test.images)))
+    share = test.share(model) if faults else None
+    return tuple(replace(fault, explains=share) for fault in faults)
+
+
+def _by_color(images: Sequence[HogelImage]) -> bool:
+    return all((image.triangle == NOTHING).all() and not _names_objects(image) for image in images)
+
+
+def _fitted(
+    reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel
+) -> tuple[GeometryFit, str]:
+    """Return conventions and geometry by the best means that the images allow, and these in words."""
+    claiming = [image for image in images if _claims(image)]
+    claims = claims_of(reference.scene, claiming) if claiming else None
+    pictures = [image for image in images if image.color is not None or _names_objects(image)]
+    if claims is not None and len(claims) >= ENOUGH:
+        fit = fit_geometry(claims, reference.scene, nominal)
+        means = f"{len(claims):,} claims of {len(claiming)} hogels"
+        means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
+        return fit, means if fit.holds else f"{means}, which no convention explains"
+    if pictures:
+        fit = replace(register(reference, pictures, nominal), by_color=True)
+        return fit, f"registration of {len(pictures)} pictures"
+    none = nominal.parameters
+    fit = GeometryFit(model=nominal, low=none, high=none, free=(), noise_px=0.0)
+    return fit, "nothing: no hogel shows enough to tell"
+
+
+def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, GeometryFit]:
+    """Return the guess that explains most of what is wrong, without faults that add nothing.
+
+    First what was fitted; where that explains too little, the nominal numbers, which other faults may
+    have misled the fit about; and then scenes in wrong units, which may leave too little to fit.
+    """
+    nominal, scene = test.nominal, test.reference.scene
+    model, *others = _composed(test, fit.model)
+    if _enough(test.share(model)):
+        also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(scene, nominal, model))
+        return model, replace(fit, alternatives=also)
+    for other in fit.alternatives:
+        # Numbers that claims cannot tell apart may differ in what the reach cuts off.
+        if _enough(test.share(other)):
+            rest = (fit.model, *(one for one in fit.alternatives if one != other))
+            return other, _unbounded(fit, nominal, other, rest)
+    plain = fit.model.with_parameters(nominal.parameters)
+    tried = [[model, *others]]
+    if plain != fit.model:
+        tried.append(_composed(test, plain))
+        plain = tried[-1][0]
+    if test.hopeless and not _enough(test.share(plain)):
+        whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
+        # Where too little is seen to fit, orientation and order may be misled too.
+        for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
+            tried += [[one] for one in (size, *_twins(scene, nominal, size))]
+    found, *others = min(tried, key=lambda models: test.wrong(models[0]))
+    best = test.reduced(found)
+    others = [*(others if best == found else []), *_twins(scene, nominal, best)]
+    if (best.scene_scale, best.pitch) == (model.scene_scale, model.pitch):
+        return best, replace(fit, alternatives=(*fit.alternatives, *others))
+    # A common mistake, by which the images are right.
+    return best, _unbounded(fit, nominal, best, others)
+
+
+SAME_FACTOR = 1e-3
+"""Difference between the pitches of columns and rows that is none: a tenth of a percent."""
+
+
+def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnModel, ...]:
+    """Return guesses with other faults that show the same images, but for what the reach cuts off.
+
+    Through a centered frustum, all depends on (P - a) / s alone: apertures moved aside are a scene moved the
+    other way, and a scene so many times larger is a plate so many times smaller.
+    """
+    if scene.frustum.recentered:
+        return ()
+    found = []
+    x, y, z = model.scene_offset
+    if (x, y) != nominal.scene_offset[:2] and model.aperture_offset == nominal.aperture_offset:
+        found.append(replace(model, aperture_offset=(-x, -y), scene_offset=(0.0, 0.0, z)))
+    factor, other = model.scene_scale, model.pitch[0]
+    if factor != nominal.scene_scale and model.pitch == nominal.pitch:
+        found.append(replace(model, scene_scale=1.0, pitch=(other / factor, other / factor)))
+    elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= SAME_FACTOR:
+        found.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
+    return tuple(found)
+
+
+def _unbounded(
+    fit: GeometryFit, nominal: DrawnModel, model: DrawnModel, others: Sequence[DrawnModel]
+) -> GeometryFit:
+    """Return a fit as one of another guess, of which images do not say within which bounds it is."""
+    unknown = np.where(model.parameters == nominal.parameters, nominal.parameters, np.nan)
+    return replace(fit, low=unknown, high=unknown, alternatives=tuple(others))
+
+
+def _composed(test: ExplanationTest, model: DrawnModel) -> list[DrawnModel]:
+    """Return a guess with the halves put together as the images have them, without idle faults.
+
+    Ways to put them together that images cannot tell from it follow.
+    """
+    telling = [image for image in test.images if _shows(image)]
+    models = list(find_composition(test.reference, model, telling)) if telling else [model]
+    best = test.reduced(models[0]) if models[0] != test.nominal else models[0]
+    if best != models[0]:
+        return [best]
+    return [best, *(other for other in models[1:] if _enough(test.share(other)))]
+
+
+def _enough(share: float | None) -> bool:
+    return share is None or share >= LEAST_EXPLAINED
+
+
+def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[DrawnModel, ...]:
+    """Return guesses that explain pictures as well as a field of view or a shift does, which they may be.
+
+    At one depth, a near offset n is a field of view 1 + n / |z|, and a moved scene or plate is a shift. So
+    where colors are all there is, each is tried with the depths that the scene has.
+    """
+    nominal, scene = test.nominal, test.reference.scene
+    if not fit.by_color or model.parameters.tolist() == nominal.parameters.tolist():
+        return ()
+    heights = np.quantile(scene.vertices[:, 2], TRIED_DEPTHS)
+    plain = model.with_parameters(nominal.parameters)
+    factor = float(np.mean(model.fov))
+    _, half = film_window(scene.frustum, scene.plate.middle)
+    tilt = 2 * np.asarray(model.shift) / scene.frustum.resolution * half * (1, -1)
+    tried = []
+    for z in heights:
+        if factor != 1.0:
+            near = float(np.clip((factor - 1) * abs(z), 0.0, 0.5 * scene.frustum.longest_reach))
+            tried.append([replace(model, fov=nominal.fov, near=near)])
+        if tilt.any():
+            x, y = (float(part) for part in tilt * z)
+            moved = replace(plain, fov=model.fov, scene_offset=(x, y, 0.0))
+            tried.append([moved, replace(plain, fov=model.fov, aperture_offset=(-x, -y))])
+    return tuple(one for group in tried for one in group if _enough(test.share(one)))
+
+
+def _lights(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> Fault | None:
+    """Return the fault of lights that are not conjugated, and how much of the viewer's half it explains."""
+    if not model.plain:
+        # Another surface wins there, in its own color.
+        return None
+    back, front = exchanged_light(reference, model, images)
+    share = unconjugated_share(reference, model, images) if back > 0 > front else None
+    return None if share is None else replace(lights_fault(back, front), explains=share)
+
+
+def doubtful(fault: Fault) -> Fault:
+    """Return a fault as what it is when it explains too little."""
+    assert fault.explains is not None
+    return replace(
+        fault, words=f"{fault.words}: would explain only {100 * fault.explains:.0f} % of what is wrong"
+    )
+
+
+def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) -> DrawnModel:
+    """Return what images are judged by: the nominal guess, with what was found of accepted conventions."""
+    assert set(accepted) <= set(CONVENTIONS)
+    fields = {name: getattr(found, name) for name in accepted}
+    if "near" in accepted:
+        fields |= {"pivot": found.pivot, "fit": found.fit}
+    return replace(nominal, **fields)
+
+
+def _claims(image: HogelImage) -> bool:
+    return bool((image.triangle != NOTHING).any() or np.isfinite(image.position[..., :2]).any())
+
+
+def _shows(image: HogelImage) -> bool:
+    return bool((image.triangle != NOTHING).any() or _names_objects(image) or image.color is not None)
+
+
+def _names_objects(image: HogelImage) -> bool:
+    return bool((image.object != NOTHING).any())

@@ -1,0 +1,287 @@
+"""What is wrong with a renderer, in words with figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.diagnosis.geometry_fit import CORNER, GeometryFit
+from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
+from xfrustum.compare.renderer_model.parameters import Kind
+from xfrustum.scenes.model.scene import Scene
+
+ORIENTATION, ORDER, NEAR, PIVOT, FIT = "orientation", "aperture-order", "near", "pivot", "fit"
+SHIFT, FOV, PITCH = ("shift-x", "shift-y"), ("fov-x", "fov-y"), ("pitch-x", "pitch-y")
+APERTURE_OFFSET = ("aperture-offset-x", "aperture-offset-y")
+SCENE_OFFSET = ("scene-offset-x", "scene-offset-y", "scene-offset-z")
+SCENE_SCALE = "scene-scale"
+FRONT_MISSING, FRONT_NEAREST, NOT_OVERLAID, CULLING, LIGHTS = (
+    "front-missing",
+    "front-nearest",
+    "not-overlaid",
+    "culling",
+    "lights",
+)
+
+MISTAKEN_UNITS = {
+    10.0: "millimeters taken for centimeters",
+    0.1: "centimeters taken for millimeters",
+    25.4: "millimeters taken for inches",
+    1 / 25.4: "inches taken for millimeters",
+    2.54: "centimeters taken for inches",
+    1 / 2.54: "inches taken for centimeters",
+    100.0: "centimeters taken for meters",
+    0.01: "meters taken for centimeters",
+    1000.0: "millimeters taken for meters",
+    0.001: "meters taken for millimeters",
+}
+"""Common mistakes of units, by how many times too large they make a scene."""
+
+CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
+"""What a renderer's author may declare, so that images are judged by it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """One thing found.
+
+    Attributes
+    ----------
+    fault
+        Its short name.
+    value
+        A number, or words.
+    low, high
+        The interval of a number.
+    unit
+        Of the three.
+    words
+        One sentence.
+    alternatives
+        Names of faults that show the same images, or nearly: which of them it is, images cannot tell.
+    explains
+        Share of the wrong pixels that the whole diagnosis explains; None where none is wrong.
+    """
+
+    fault: str
+    value: float | str
+    words: str
+    low: float | None = None
+    high: float | None = None
+    unit: str | None = None
+    alternatives: tuple[str, ...] = ()
+    explains: float | None = None
+
+    def summary(self) -> dict[str, Any]:
+        """Return it as `verify --json` prints it."""
+        return {
+            "fault": self.fault,
+            "value": self.value,
+            "low": self.low,
+            "high": self.high,
+            "unit": self.unit,
+            "words": self.words,
+            "alternatives": list(self.alternatives),
+            "explains": self.explains,
+        }
+
+
+def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
+    """Name what a guess has that the nominal one has not.
+
+    Parameters
+    ----------
+    scene
+        For its units.
+    nominal, found
+        What should be, and what was found.
+    fit
+        Intervals of the numbers, and guesses that explain the images as well. A number is named where its
+        interval leaves out the nominal one, and it is worth a name.
+    """
+    return (
+        *_conventions(nominal, found),
+        *_numbers(scene, nominal, found, fit),
+        *_halves(found, fit.alternatives),
+    )
+
+
+def lights_fault(back: float, front: float) -> Fault:
+    """Return the fault of a light that is not conjugated, given both halves' correlations with the truth."""
+    return Fault(
+        fault=LIGHTS,
+        value=front,
+        unit="correlation",
+        words=(
+            "lights are not conjugated: on the viewer's side bright and dark are exchanged (correlation "
+            f"with the truth {front:.2f}, behind the plate {back:.2f}); C* needs L* = -L"
+        ),
+    )
+
+
+def _conventions(nominal: DrawnModel, found: DrawnModel) -> Iterator[Fault]:
+    if found.orientation != nominal.orientation:
+        words = found.orientation.words
+        yield Fault(fault=ORIENTATION, value=words, words=f"images are {words}")
+    if found.order != nominal.order:
+        words = found.order.order_words
+        yield Fault(fault=ORDER, value=words, words=f"apertures are in another order: {words}")
+    if found.near and found.pivot is not nominal.pivot:
+        words = f"the shear is centered in the {found.pivot}, not in the {nominal.pivot}"
+        yield Fault(fault=PIVOT, value=str(found.pivot), words=words)
+    if found.near and found.fit is not nominal.fit:
+        words = f"the film is fitted to the {found.fit}, not to the {nominal.fit}"
+        yield Fault(fault=FIT, value=str(found.fit), words=words)
+
+
+def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
+    units = {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}
+    values = zip(
+        parameters.FAULT_NAMES,
+        parameters.KINDS,
+        parameters.smallest_named(scene),
+        nominal.parameters,
+        found.parameters,
+        fit.low,
+        fit.high,
+        strict=True,
+    )
+    named = {
+        name: (units.get(kind, scene.units), float(value), float(should), float(least), float(most))
+        for name, kind, smallest, should, value, least, most in values
+        if abs(value - should) > smallest and not least <= should <= most
+    }
+    for name, (unit, value, should, least, most) in named.items():
+        others = _alternatives(name, scene, nominal, fit.alternatives, frozenset(named))
+        words = _number_words(name, scene, value, should)
+        if name == SCENE_SCALE:
+            words += _unit_words(value, least, most)
+        yield Fault(
+            fault=name,
+            value=value,
+            low=least if math.isfinite(least) else None,
+            high=most if math.isfinite(most) else None,
+            unit=unit,
+            words=f"{words}; or {', '.join(others)}: {_witnesses(fit)} cannot tell" if others else words,
+            alternatives=others,
+        )
+
+
+def _witnesses(fit: GeometryFit) -> str:
+    return "colors" if fit.by_color else "images"
+
+
+def _alternatives(
+    name: str, scene: Scene, nominal: DrawnModel, models: Sequence[DrawnModel], named: frozenset[str]
+) -> tuple[str, ...]:
+    """Return the faults that other guesses have instead of one; those along its own axis where there are."""
+    smallest = parameters.smallest_named(scene)
+    kind = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
+    ratios = (Kind.FACTOR, Kind.SIZE)
+    found: dict[str, None] = {}
+    for model in models:
+        off = np.abs(model.parameters - nominal.parameters) > smallest
+        other = [fault for fault, odd in zip(parameters.FAULT_NAMES, off, strict=True) if odd]
+        # A guess that has this fault too is no alternative to it.
+        if name in other:
+            continue
+        other = [fault for fault in other if fault not in named]
+        # Of several, a ratio stands for a ratio, and a length for a length along the same axis.
+        alike = [fault for fault in other if (kind[fault] in ratios) == (kind[name] in ratios)] or other
+        along = [fault for fault in alike if _axis(fault) in ("", _axis(name)) or not _axis(name)]
+        found |= dict.fromkeys(along or alike)
+    return tuple(found)
+
+
+def _axis(fault: str) -> str:
+    return fault[-1] if fault[-2:] in ("-x", "-y", "-z") else ""
+
+
+def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
+    if name in SHIFT:
+        side = (("left", "right"), ("above", "below"))[SHIFT.index(name)][value > 0]
+        side = f"{side} their centers" if name == SHIFT[1] else f"to the {side} of their centers"
+        return f"pixels are sampled {abs(value):.3f} px {side} (images upright)"
+    if name in FOV:
+        return _fov_words(FOV.index(name), scene, value)
+    if name in PITCH:
+        axis = PITCH.index(name)
+        size = scene.plate.size[axis]
+        return (
+            f"apertures are {value:.5g} times as far apart in {'xy'[axis]}: as on a plate of "
+            f"{value * size:.5g} {scene.units} instead of {size:.5g}"
+        )
+    if name in APERTURE_OFFSET:
+        return _aperture_words(APERTURE_OFFSET.index(name), scene, value)
+    if name in SCENE_OFFSET or name == SCENE_SCALE:
+        return _scene_words(name, scene, value)
+    stated = f", not by {should:.5g}" if should else ", which nobody mentioned"
+    return f"both cameras step back by a near offset of {value:.5g} {scene.units}{stated}"
+
+
+def _scene_words(name: str, scene: Scene, value: float) -> str:
+    if name in SCENE_OFFSET:
+        toward = (("the left", "the right"), ("below", "above"), ("the back", "the viewer"))
+        side = toward[SCENE_OFFSET.index(name)][value > 0]
+        return f"the scene is moved by {abs(value):.5g} {scene.units} {_to(side)}"
+    return f"the scene is {value:.5g} times as large as asked, about the origin"
+
+
+def _to(side: str) -> str:
+    return {"below": "downward", "above": "upward", "the viewer": "toward the viewer"}.get(side, f"to {side}")
+
+
+def _fov_words(axis: int, scene: Scene, value: float) -> str:
+    text = f"the film is {value:.5g} times as {('wide', 'high')[axis]} as the scene's"
+    if scene.frustum.fov is None:
+        return text
+    angle = scene.frustum.fov[axis]
+    drawn = math.degrees(2 * math.atan(math.tan(angle / 2) * value))
+    return f"{text}: {drawn:.4g} degrees instead of {math.degrees(angle):.4g}"
+
+
+def _aperture_words(axis: int, scene: Scene, value: float) -> str:
+    side = (("to the left", "to the right"), ("downward", "upward"))[axis][value > 0]
+    words = f"all apertures are moved by {abs(value):.5g} {scene.units} {side}"
+    half = scene.plate.size[axis] / scene.plate.hogels[axis] / 2
+    if abs(abs(value) - half) <= CORNER * 2 * half:
+        words += ": half a pitch, as at the corners of hogels instead of their centers"
+    return words
+
+
+def _unit_words(value: float, low: float, high: float) -> str:
+    """Return which mistake of units has a factor inside an interval, as words to append."""
+    if not math.isfinite(low + high):
+        low = high = value
+    for factor, mistake in MISTAKEN_UNITS.items():
+        if low <= factor <= high:
+            return f": {mistake}"
+    return ""
+
+
+def _halves(found: DrawnModel, models: Sequence[DrawnModel]) -> Iterator[Fault]:
+    named = [[name for name, _, _ in _of_halves(model)] for model in models]
+    for name, value, words in _of_halves(found):
+        # A guess that has this fault too is no alternative to it.
+        others = list(dict.fromkeys(other for names in named if name not in names for other in names))
+        also = f"; or {', '.join(others)}: images cannot tell" if others else ""
+        yield Fault(fault=name, value=value, words=words + also, alternatives=tuple(others))
+
+
+def _of_halves(found: DrawnModel) -> Iterator[tuple[str, str, str]]:
+    """Yield name, value and words of what became of the halves."""
+    if found.front is Front.MISSING:
+        yield FRONT_MISSING, "missing", "the half on the viewer's side is missing: only C is drawn"
+    if found.front is Front.NEAREST:
+        words = "on the viewer's side the surface nearest to the plate wins; C* must keep the farthest"
+        yield FRONT_NEAREST, "nearest wins", words
+    if not found.overlaid:
+        yield NOT_OVERLAID, "back over front", "C is drawn over C*; the viewer's half must cover the other"
+    if found.culled is not Culled.NONE:
+        words = f"faces whose corners run {found.culled} as the viewer sees them are left out"
+        yield CULLING, str(found.culled), words

@@ -1,0 +1,101 @@
+"""The interval of each parameter of a guess: all values under which no claim fails.
+
+A claim bounds a guess from one side only: the pixel's center lies inside the triangle, by at least
+nothing. What all claims leave is a convex cell, after linearizing; its extent along each axis
+is found by linear programming.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from xfrustum.compare.diagnosis.claims import Claims
+from xfrustum.compare.diagnosis.containment import inside_px
+from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.scenes.model.scene import Scene
+
+Floats = NDArray[np.float64]
+
+SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
+"""By how much rasterizers move edges, in pixels: half the diagonal of a step of 8 subpixel bits, which
+is what graphics hardware has."""
+
+NEIGHBORHOOD_PX = 0.5
+"""Only edges this near to a pixel's center can bound a fit that is right to a fraction of a pixel."""
+
+
+def feasible_interval(
+    claims: Claims, scene: Scene, model: DrawnModel, free: Sequence[int], noise_px: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return middle, lowest and highest values (P,) under which no claim fails by more than noise.
+
+    Parameters
+    ----------
+    claims
+        That hold under the guess, but for a few, which bound nothing.
+    scene
+        What was drawn.
+    model
+        The guess that fits.
+    free
+        Places of the parameters that may move; the others keep their values.
+    noise_px
+        By how much claims fail under the guess; at least `SNAP_PX` is allowed for.
+    """
+    values = model.parameters
+    low, high = values.copy(), values.copy()
+    if not free or not len(claims):
+        return values, low, high
+    allowed = SNAP_PX + noise_px
+    here, rows = _bounding(claims, scene, model, allowed)
+    steps = parameters.derivative_steps(scene, values)[list(free)]
+    slopes = np.empty((len(here), len(free)))
+    for column, (place, step) in enumerate(zip(free, steps, strict=True)):
+        moved = values.copy()
+        moved[place] += step
+        slopes[:, column] = _distances(claims, scene, model.with_parameters(moved), rows) - here
+    finite = np.isfinite(slopes).all(axis=1)
+    # here + slopes . x >= -allowed, with x in steps; near must not become negative.
+    least, most = (limit[list(free)] - values[list(free)] for limit in parameters.bounds(scene))
+    box = np.stack((least / steps, most / steps), axis=1)
+    middle = values.copy()
+    for column, (place, step) in enumerate(zip(free, steps, strict=True)):
+        ends = []
+        for sign in (1.0, -1.0):
+            cost = np.zeros(len(free))
+            cost[column] = sign
+            found = linprog(cost, A_ub=-slopes[finite], b_ub=here[finite] + allowed, bounds=box)
+            ends.append(found.x[column] * step if found.status == 0 else -sign * np.inf)
+        low[place], high[place] = values[place] + ends[0], values[place] + ends[1]
+        if np.isfinite(ends).all():
+            middle[place] = (low[place] + high[place]) / 2
+    return middle, low, high
+
+
+def _bounding(
+    claims: Claims, scene: Scene, model: DrawnModel, allowed: float
+) -> tuple[Floats, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
+    """Return the distances that can bound the fit, and their places: camera, claim, edge."""
+    distance, outside = inside_px(claims, scene, model)
+    camera = np.argmin(outside, axis=0)
+    number = np.arange(len(claims))
+    held = outside[camera, number] <= allowed
+    own = distance[camera, number]
+    claim, edge = np.nonzero(held[:, None] & (np.abs(own) < NEIGHBORHOOD_PX))
+    return own[claim, edge], (camera[claim], claim, edge)
+
+
+def _distances(
+    claims: Claims,
+    scene: Scene,
+    model: DrawnModel,
+    rows: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+) -> Floats:
+    distance, _ = inside_px(claims, scene, model)
+    return np.asarray(distance[rows])

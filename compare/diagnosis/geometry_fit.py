@@ -1,0 +1,421 @@
+"""Conventions and geometry of a renderer, from what its images claim: searched, fitted, bounded.
+
+First the discrete conventions, by how far claims fail on the average. Then the numbers of
+`xfrustum.compare.renderer_model.parameters` by robust least squares, with as few groups of them off their nominal values as
+will do; where others will do as well, they are alternatives. Last an interval for each: all values under
+which no claim fails by more than drawing rounds.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from xfrustum.compare.diagnosis.claims import Claims
+from xfrustum.compare.diagnosis.containment import outside_px
+from xfrustum.compare.diagnosis.feasible import SNAP_PX, feasible_interval
+from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+
+Floats = NDArray[np.float64]
+
+SEARCHED, FITTED, BOUNDED = 1200, 2500, 16000
+"""Claims that the search, the fit and the intervals look at: enough for either, and quick."""
+
+MISPLACED = 0.01
+"""Share of claims that may fail under the right guess, for reasons of their own."""
+
+ALIKE = 2.0
+"""A simpler guess is as good when its claims fail by no more than this many times what the best
+leaves: two noises of one size, the guess's and the measure's."""
+
+FAR_OFF_PX, SPOILED = 1.0, 0.1
+"""A hogel is left out when more than this share of its claims fail by more than a pixel; and where that
+holds of all that is left, no convention explains the images."""
+
+MAX_SPOILED_HOGELS = 0.5
+"""Largest part of the hogels that may be left out: what holds in fewer than half of them is no convention."""
+
+NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
+"""Starting points for near, parts of the reach."""
+
+START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
+"""Starting points for the size of the scene. Places on the film go with its inverse, so that beyond the last
+one nothing new is seen."""
+
+START_FILMS = (0.5, 2.0, 3.0)
+"""Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
+
+USUAL_GROUPS = ("shift", "fov", "pitch", "near")
+"""Groups that are tried first."""
+
+MAX_GROUPS = 4
+"""Groups that may be off nominal together: with more of them free, noise is fitted too."""
+
+SCREENED, SCREENING = 600, 2.0
+"""Claims that a guess is tried on first, and how far above the limit it may stay there: two fits of fewer
+claims differ by noise of the limit's own size."""
+
+ATTRACTION_PX = 1.0
+"""Failures of claims up to which the first fit counts their squares, to find the second one's start."""
+
+CORNER = 0.01
+"""Part of a pitch within which apertures are taken to be at the corners of their hogels."""
+
+STARTS = 4
+"""Best starting points of the search that are fitted."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeometryFit:
+    """What was found.
+
+    Attributes
+    ----------
+    model
+        The simplest guess under which the claims hold.
+    low, high
+        (P,) ends of the intervals of its parameters; the nominal value where a parameter was not free.
+    free
+        Names of the groups that had to be off their nominal values.
+    noise_px
+        By how much all claims but `MISPLACED` fail under it, at most.
+    alternatives
+        Other guesses, as simple, with other groups off nominal, under which the claims hold as well.
+    spoiled
+        Column and row of the hogels that were left out, as their files are named.
+    by_color
+        Whether it rests on colors alone.
+    """
+
+    model: DrawnModel
+    low: Floats
+    high: Floats
+    free: tuple[str, ...]
+    noise_px: float
+    alternatives: tuple[DrawnModel, ...] = ()
+    spoiled: frozenset[tuple[int, int]] = frozenset()
+    by_color: bool = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether the claims hold at all."""
+        return self.noise_px <= FAR_OFF_PX
+
+
+def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryFit:
+    """Find the simplest guess about conventions and geometry under which claims hold.
+
+    Parameters
+    ----------
+    claims
+        From several hogels: one leaves their order and pitch open.
+    scene
+        What was to be drawn.
+    nominal
+        What the renderer's author says of it, `DrawnModel()` if nothing.
+    """
+    few, some = claims.thinned(SEARCHED), claims.thinned(FITTED)
+    found = _Found(model=nominal, free=(), alternatives=())
+    spoiled: frozenset[tuple[int, int]] = frozenset()
+    # The plain guess is nearly always right or nearly right: it spares the search.
+    if _noise(some, scene, nominal) > SNAP_PX:
+        starts = _search(few, scene, nominal)
+        limit = ALIKE * SNAP_PX
+        one = _simplest(some, scene, nominal, starts, range(2), limit)
+        if one is None:
+            freest = _freest(few, scene, nominal, starts)
+            claims, spoiled = _without_spoiled(claims, scene, freest)
+            some = claims.thinned(FITTED)
+            freest = _fitted(some, scene, nominal, freest, _freest_groups(claims))
+            noise = _noise(some, scene, freest)
+            if noise <= FAR_OFF_PX:
+                limit, counts = ALIKE * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
+                one = _simplest(some, scene, nominal, [freest], counts, limit)
+            starts = [freest, *starts]
+        found = one or _least_wrong(some, scene, nominal, starts)
+    best = found.model
+    noise = _noise(some, scene, best)
+    index = [place for name in found.free for place in parameters.places(name)]
+    values, low, high = feasible_interval(claims.thinned(BOUNDED), scene, best, index, noise)
+    return GeometryFit(
+        model=best.with_parameters(values),
+        low=low,
+        high=high,
+        free=found.free,
+        noise_px=noise,
+        alternatives=found.alternatives,
+        spoiled=spoiled,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """A guess, its groups off nominal, and other guesses that are as simple and as good."""
+
+    model: DrawnModel
+    free: tuple[str, ...]
+    alternatives: tuple[DrawnModel, ...]
+
+
+def _without_spoiled(
+    claims: Claims, scene: Scene, model: DrawnModel
+) -> tuple[Claims, frozenset[tuple[int, int]]]:
+    """Return the claims of those hogels in which most of them hold, nearly, and the other hogels.
+
+    One file of noise must not decide about the others; but where most hogels would be left out, the
+    guess is wrong and not they: all are kept.
+    """
+    off = outside_px(claims, scene, model, np.inf) > FAR_OFF_PX
+    hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    spoiled = np.bincount(which, off) / np.bincount(which) >= SPOILED
+    if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGELS:
+        return claims, frozenset()
+    return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
+
+
+def _noise(claims: Claims, scene: Scene, model: DrawnModel) -> float:
+    outside = outside_px(claims, scene, model, max(claims.size))
+    return float(np.quantile(outside, 1 - MISPLACED)) if len(outside) else 0.0
+
+
+def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnModel]:
+    """Return the best few discrete conventions and starting points for near."""
+    cap = scene.frustum.resolution[0] / 2
+    reach = scene.frustum.longest_reach
+    ranked = []
+    # Coarsely in near and scale, for every orientation and order; then finely for the best of these.
+    several = len(np.unique(claims.hogel, axis=0)) > 1
+    orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
+    for orientation, order in itertools.product(orientations(claims.size), orders):
+        upright = replace(nominal, orientation=orientation, order=order)
+        tried = [replace(upright, near=near) for near in {nominal.near, *(reach * n for n in NEARS[::4])}]
+        tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
+        tried += [replace(upright, fov=(film, film)) for film in START_FILMS]
+        ranked += [(float(outside_px(claims, scene, model, cap).mean()), model) for model in tried]
+    ranked.sort(key=lambda pair: (pair[0], pair[1].orientation.changes + pair[1].order.changes))
+    conventions = {(model.orientation, model.order): model for _, model in reversed(ranked[:6])}
+    finely = [
+        (float(outside_px(claims, scene, fine, cap).mean()), fine)
+        for model in conventions.values()
+        for near in {nominal.near, *(reach * part for part in NEARS)}
+        for fine in (replace(model, near=near),)
+    ]
+    finely.sort(key=lambda pair: pair[0])
+    scaled = [model for _, model in ranked if model.scene_scale != nominal.scene_scale]
+    filmed = [model for _, model in ranked if model.fov != nominal.fov]
+    best = [model for _, model in finely[:STARTS]]
+    # Of each group that is searched for, at least one.
+    return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1], *filmed[:1]]))
+
+
+def _groups(claims: Claims) -> tuple[str, ...]:
+    """Return the groups that claims can tell anything about: points say themselves where the scene is."""
+    moved = {"scene-offset", "scene-scale"} if claims.of_points else set()
+    return tuple(name for name in parameters.GROUP_NAMES if name not in moved)
+
+
+def _freest_groups(claims: Claims) -> tuple[str, ...]:
+    """Return the groups that are free together at first.
+
+    Moved apertures are a moved scene, seen through a moved film: only one of the two is free.
+    """
+    groups = _groups(claims)
+    same = "aperture-offset" if "scene-offset" in groups else ""
+    return tuple(name for name in groups if name != same)
+
+
+def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> DrawnModel:
+    """Return the best guess with everything free."""
+    usual = tuple(name for name in _freest_groups(claims) if name in USUAL_GROUPS)
+    fits = []
+    # The usual groups first: where they suffice, less has to be fitted, and to better-conditioned ends.
+    for free in (usual, _freest_groups(claims)):
+        for start in starts:
+            fits.append(_fitted(claims, scene, nominal, start, free))
+            kept, _ = _without_spoiled(claims, scene, fits[-1])
+            if _noise(kept, scene, fits[-1]) <= ALIKE * SNAP_PX:
+                return fits[-1]
+        fits.sort(key=lambda model: _misfit(claims, scene, model))
+        starts = [*fits[:1], *starts[:1]]
+    freest = min(fits, key=lambda model: _misfit(claims, scene, model))
+    best = freest
+    if scene.frustum.recentered:
+        best = min(
+            (
+                _fitted(claims, scene, nominal, replace(freest, pivot=pivot, fit=fit), _freest_groups(claims))
+                for pivot in Pivot
+                for fit in (Fit.ANGLE, Fit.SCREEN)
+            ),
+            key=lambda model: _misfit(claims, scene, model),
+        )
+    return best
+
+
+def _simplest(
+    claims: Claims,
+    scene: Scene,
+    nominal: DrawnModel,
+    starts: Sequence[DrawnModel],
+    counts: Iterable[int],
+    limit_px: float,
+) -> _Found | None:
+    """Return the guess with the fewest groups off nominal whose noise stays below a limit, if there is one.
+
+    Where several sets of so many groups will do, the images cannot tell them apart: the preferred one is
+    returned, with the others as alternatives.
+    """
+    few = claims.thinned(SCREENED)
+    for count in counts:
+        passing: dict[tuple[str, ...], tuple[tuple[float, ...], DrawnModel]] = {}
+        for free in itertools.combinations(_groups(claims), count):
+            for start in _variants(scene, nominal, starts, free):
+                # Most sets are far off, which little work on few claims shows.
+                model = _fitted(few, scene, nominal, start, free, roughly=True)
+                if _noise(few, scene, model) > max(FAR_OFF_PX, limit_px):
+                    continue
+                model = _fitted(few, scene, nominal, model, free)
+                if _noise(few, scene, model) > SCREENING * limit_px:
+                    continue
+                model = _fitted(claims, scene, nominal, model, free)
+                if _noise(claims, scene, model) > limit_px:
+                    continue
+                rank = _rank(claims, scene, model, nominal, free)
+                if free not in passing or rank < passing[free][0]:
+                    passing[free] = rank, model
+                if not scene.frustum.recentered:
+                    break
+        if passing:
+            (free, (_, model)), *others = sorted(passing.items(), key=lambda item: item[1][0])
+            alternatives = tuple(other for _, (_, other) in others)
+            return _Found(model=model, free=free, alternatives=alternatives)
+    return None
+
+
+def _least_wrong(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> _Found:
+    """Return the best guess with one group off nominal, where no guess is good."""
+    fits = [
+        (free, _fitted(claims, scene, nominal, start, free))
+        for free in ((), *((name,) for name in _groups(claims)))
+        for start in _variants(scene, nominal, starts[:1], free)
+    ]
+    free, model = min(fits, key=lambda found: _misfit(claims, scene, found[1]))
+    return _Found(model=model, free=free, alternatives=())
+
+
+def _rank(
+    claims: Claims, scene: Scene, model: DrawnModel, nominal: DrawnModel, free: tuple[str, ...]
+) -> tuple[float, ...]:
+    """Return what the preferred one of several guesses has least of."""
+    odd = _oddity(scene, model, nominal)
+    preference = sum(parameters.PREFERENCE.index(name) for name in free)
+    if "aperture-offset" in free and at_corner(scene, model):
+        preference = -1
+    return (*odd, preference, _misfit(claims, scene, model))
+
+
+def at_corner(scene: Scene, model: DrawnModel) -> bool:
+    """Return whether a guess has apertures at corners or edges of hogels, half a pitch from their centers."""
+    offset = np.abs(model.aperture_offset)
+    pitch = np.asarray(scene.plate.size) / scene.plate.hogels
+    off = np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER * pitch
+    return bool(off.all() and (offset > CORNER * pitch).any())
+
+
+def _oddity(scene: Scene, model: DrawnModel, nominal: DrawnModel) -> tuple[int, int]:
+    """Return how many numbers are off nominal by more than has a name, and how many choices are.
+
+    A fit to the screen is a field of view: of two ways to say the same, the one with fewer numbers.
+    """
+    off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
+    choices = int(model.pivot is not nominal.pivot) + int(model.fit is not nominal.fit)
+    return int(off.sum()), choices
+
+
+def _variants(
+    scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel], free: tuple[str, ...]
+) -> list[DrawnModel]:
+    """Return where fits of some groups begin: the values that starting points have for them.
+
+    What a starting point says in terms of another group is translated: the freest guess has a moved scene
+    for moved apertures, and may have another pitch for another size.
+    """
+    variants: dict[tuple[object, ...], DrawnModel] = {}
+    for start in starts:
+        x, y, _ = start.scene_offset
+        spoken = start
+        if "scene-offset" not in free and start.aperture_offset == nominal.aperture_offset:
+            spoken = replace(spoken, aperture_offset=(-x, -y))
+        if "pitch" not in free:
+            spoken = replace(
+                spoken, scene_scale=start.scene_scale / float(np.clip(start.pitch[0], 0.01, 1e3))
+            )
+        values = nominal.parameters
+        for name in free:
+            index = list(parameters.places(name))
+            values[index] = spoken.parameters[index]
+        model = replace(start, pivot=nominal.pivot, fit=nominal.fit).with_parameters(values)
+        choices = [model]
+        if scene.frustum.recentered and model.near:
+            choices = [
+                replace(model, pivot=pivot, fit=fit) for pivot in Pivot for fit in (Fit.ANGLE, Fit.SCREEN)
+            ]
+        for choice in choices:
+            variants.setdefault((choice.orientation, choice.order, choice.pivot, choice.fit, *values), choice)
+    return list(variants.values())
+
+
+def _misfit(claims: Claims, scene: Scene, model: DrawnModel) -> float:
+    """Return the mean distance by which claims fail, none counting more than a pixel."""
+    return float(outside_px(claims, scene, model, 1.0).mean())
+
+
+def _fitted(
+    claims: Claims,
+    scene: Scene,
+    nominal: DrawnModel,
+    start: DrawnModel,
+    free: tuple[str, ...],
+    *,
+    roughly: bool = False,
+) -> DrawnModel:
+    """Return a guess with some groups of parameters fitted, the others nominal; roughly, to about a pixel."""
+    values = nominal.parameters
+    index = np.array([place for name in free for place in parameters.places(name)], dtype=np.int64)
+    if not len(index):
+        return start.with_parameters(values)
+    values[index] = start.parameters[index]
+    scales = parameters.fit_scales(scene, values)[index]
+    low, high = (limit[index] for limit in parameters.bounds(scene))
+    cap = scene.frustum.resolution[0] / 2
+
+    def failures(scaled: Floats) -> Floats:
+        values[index] = scaled * scales
+        return outside_px(claims, scene, start.with_parameters(values), cap)
+
+    # Outlines that lie pixels apart attract each other first; then they are told apart finely.
+    scaled = np.clip(values[index], low, high) / scales
+    for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
+        found = least_squares(
+            failures,
+            scaled,
+            bounds=(low / scales, high / scales),
+            x_scale="jac",
+            loss="soft_l1",
+            f_scale=attraction_px,
+            ftol=1e-6,
+            xtol=1e-7,
+            max_nfev=trials,
+        )
+        scaled = found.x
+    values[index] = scaled * scales
+    return start.with_parameters(values)

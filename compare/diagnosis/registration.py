@@ -1,0 +1,246 @@
+"""Conventions and geometry from pictures without numbers of triangles: registered with the reference's own.
+
+Orientation and order by normalized correlation; the sampling point and the field of view by moving a
+finer picture of the reference until its squared difference from the image is least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.optimize import least_squares, minimize
+from scipy.stats import t as student
+from scipy.stats.qmc import Halton
+from skimage.registration import phase_cross_correlation
+
+from xfrustum.compare.diagnosis.geometry_fit import GeometryFit
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
+from xfrustum.compare.renderer_model.pictures import as_gray, picture_of
+from xfrustum.reference import Reference
+from xfrustum.scenes.model.hogel_image import HogelImage
+
+Floats = NDArray[np.float64]
+
+FINER = 8
+"""Reference pixels for each pixel of an image, along each side: between them it is interpolated."""
+
+WIDER = 1.25
+"""How much farther than the film the reference looks, so that another field of view finds something there."""
+
+CONFIDENCE = 0.99
+"""Of the intervals, over hogels."""
+
+SEVERAL = 3
+"""Hogels that it takes to say how far apart they lie."""
+
+REGISTERED = 16
+"""Hogels that are fitted: more would tell the same."""
+
+COARSE = 0.25
+"""Steps of derivatives in pixels: outlines are steps themselves, whose slopes are seen from afar only."""
+
+SETTLED_PX = 1e-3
+"""The search for the best shift ends when it moves by no more."""
+
+BLUR_PX = 1.5
+"""Standard deviation of the filter under which outlines that lie pixels apart still attract each other."""
+
+SMALL_DIFFERENCE = 0.05
+"""Differences in brightness beyond which a pixel shows another surface, and by how much says nothing."""
+
+AWAY = 1e3
+"""Where the scaled parameters start: steps of derivatives are relative to values, and shall all be one."""
+
+NOMINAL = np.array([0.0, 0.0, 1.0, 1.0])
+"""Shift and fov where nothing is wrong."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pair:
+    """An image, upright, and a finer and wider picture of the same by the reference.
+
+    The latter's grid is off by some fraction of its own pixels, columns and rows in pixels of the image,
+    another one for each hogel: else the best shift would be whole numbers of them.
+    """
+
+    image: Floats
+    wide: Floats
+    offset: Floats
+
+    def blurred(self) -> _Pair:
+        """Return both under the same filter."""
+        return _Pair(
+            image=gaussian_filter(self.image, BLUR_PX),
+            wide=gaussian_filter(self.wide, BLUR_PX * FINER),
+            offset=self.offset,
+        )
+
+
+def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> GeometryFit:
+    """Find orientation, order, shift and field of view of pictures.
+
+    Parameters
+    ----------
+    reference
+        Of the scene.
+    images
+        As found, with colors or numbers of objects; several, else order and intervals stay open.
+    nominal
+        What the renderer's author says of it.
+    """
+    grays = [as_gray(image) for image in images]
+    told = [index for index, gray in enumerate(grays) if np.ptp(gray) > 0]
+    values = nominal.parameters
+    unknown = GeometryFit(model=nominal, low=values, high=values, free=(), noise_px=0.0)
+    if not told:
+        return unknown
+    images, grays = [images[index] for index in told], [grays[index] for index in told]
+    model = _conventions(reference, images, grays, nominal)
+    chosen = np.unique(np.linspace(0, len(images) - 1, REGISTERED).astype(int))
+    # Halton's sequence in two dimensions: even, and without a period.
+    offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / FINER
+    pairs = [
+        _pair(reference, model, images[index], grays[index], offset)
+        for index, offset in zip(chosen, offsets, strict=True)
+    ]
+    blurred = [pair.blurred() for pair in pairs]
+    best = _least(blurred, _start(pairs), COARSE)
+    best = _closest(pairs, _least(pairs, best, COARSE))
+    values, low, high = model.parameters, model.parameters, model.parameters
+    half = _uncertainty(pairs, best)
+    low[:4], high[:4] = best - half, best + half
+    # What is not off for sure is taken to be right.
+    values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
+    return GeometryFit(
+        model=model.with_parameters(values), low=low, high=high, free=("shift", "fov"), noise_px=0.0
+    )
+
+
+def _conventions(
+    reference: Reference, images: Sequence[HogelImage], grays: Sequence[Floats], nominal: DrawnModel
+) -> DrawnModel:
+    """Return the orientation and order under which images correlate best with the reference."""
+    scene = reference.scene
+    truths: dict[tuple[int, int], Floats] = {}
+    best, found = -np.inf, nominal
+    several = len({image.camera.aperture.index for image in images}) > 1
+    for order in orientations(scene.plate.hogels) if several else (UPRIGHT,):
+        for orientation in orientations(scene.frustum.resolution):
+            model = replace(nominal, orientation=orientation, order=order)
+            agreement = 0.0
+            for image, gray in zip(images, grays, strict=True):
+                aperture = model.answers(scene, image.camera.aperture)
+                if aperture.index not in truths:
+                    truth = reference.trace(aperture)
+                    if image.color is None:
+                        truth = replace(truth, color=None)
+                    truths[aperture.index] = as_gray(truth)
+                agreement += _correlation(orientation.upright(gray), truths[aperture.index])
+            # Equal pictures of a symmetric scene decide for what needs no change.
+            if agreement > best + 1e-6 * len(images):
+                best, found = agreement, model
+    return found
+
+
+def _correlation(a: Floats, b: Floats) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    norm = float(np.sqrt((a**2).sum() * (b**2).sum()))
+    return float((a * b).sum()) / norm if norm > 0 else 0.0
+
+
+def _pair(reference: Reference, model: DrawnModel, image: HogelImage, gray: Floats, offset: Floats) -> _Pair:
+    aperture = model.answers(reference.scene, image.camera.aperture)
+    shifted = replace(model, shift=(float(offset[0]), float(offset[1])))
+    wide = picture_of(reference, shifted, aperture, FINER, WIDER)
+    if image.color is None:
+        wide = replace(wide, color=None)
+    return _Pair(image=model.orientation.upright(gray), wide=as_gray(wide), offset=offset)
+
+
+def _start(pairs: Sequence[_Pair]) -> Floats:
+    """Return shift (columns, rows) and fov (x, y) to begin with, the shift by phase correlation."""
+    moved = np.array(
+        [
+            phase_cross_correlation(pair.image, _sampled(pair, NOMINAL), upsample_factor=20)[0]
+            for pair in pairs
+        ]
+    )
+    # What moved to the right was sampled to the left.
+    down, right = -np.median(moved, axis=0)
+    small = min(pairs[0].image.shape) / 8
+    return np.array([right if abs(right) < small else 0.0, down if abs(down) < small else 0.0, 1.0, 1.0])
+
+
+def _least(pairs: Sequence[_Pair], start: Floats, step_px: float) -> Floats:
+    """Return shift and fov at which the pictures differ least, moved by steps that size at their borders."""
+    height, width = pairs[0].image.shape
+    scales = step_px / np.array([1.0, 1.0, width / 2, height / 2])
+
+    def at(units: Floats) -> Floats:
+        return np.asarray(start + (units - AWAY) * scales)
+
+    def differences(units: Floats) -> Floats:
+        values = at(units)
+        return np.concatenate([(_sampled(pair, values) - pair.image).ravel() for pair in pairs])
+
+    found = least_squares(
+        differences,
+        np.full(4, AWAY),
+        jac="3-point",
+        diff_step=1 / AWAY,
+        loss="soft_l1",
+        f_scale=SMALL_DIFFERENCE,
+        max_nfev=20,
+    )
+    return at(found.x)
+
+
+def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
+    """Return shift and fov at which fewest pixels show something else, from a start that is nearly right.
+
+    Without derivatives, which steps do not have, and without interpolating between surfaces.
+    """
+    height, width = pairs[0].image.shape
+    scales = 1 / np.array([1.0, 1.0, width / 2, height / 2])
+
+    def different(units: Floats) -> float:
+        values = start + units * scales
+        errors = [np.abs(_sampled(pair, values, 0) - pair.image) for pair in pairs]
+        return float(np.mean([np.minimum(error, SMALL_DIFFERENCE).mean() for error in errors]))
+
+    simplex = np.vstack([np.zeros(4), COARSE * np.eye(4)])
+    settings = {"initial_simplex": simplex, "xatol": SETTLED_PX, "fatol": 1e-9, "maxfev": 300}
+    found = minimize(different, np.zeros(4), method="Nelder-Mead", options=settings)
+    return np.asarray(start + found.x * scales)
+
+
+def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:
+    """Return half the width of the intervals: the jackknife over hogels; infinite for too few."""
+    count = len(pairs)
+    if count < SEVERAL:
+        return np.full(4, np.inf)
+    without = np.array([_closest([*pairs[:out], *pairs[out + 1 :]], best) for out in range(count)])
+    variance = (count - 1) / count * np.square(without - without.mean(axis=0)).sum(axis=0)
+    height, width = pairs[0].image.shape
+    # Each fine picture places outlines to half of its pixels, independently of the others.
+    grid = 1 / (2 * FINER * np.sqrt(count)) / np.array([1.0, 1.0, width / 2, height / 2])
+    return np.asarray(grid + student.ppf((1 + CONFIDENCE) / 2, count - 1) * np.sqrt(variance))
+
+
+def _sampled(pair: _Pair, values: Floats, order: int = 1) -> Floats:
+    """Return the reference's picture as an image with some shift and field of view would have it."""
+    height, width = pair.image.shape
+    fine = []
+    for count, total, shift, factor, offset in zip(
+        (height, width), pair.wide.shape, values[1::-1], values[:1:-1], pair.offset[::-1], strict=True
+    ):
+        # Pixels from the film's middle, where factors act; then the fine picture's own pixels.
+        place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
+        fine.append(place * FINER + total / 2 - 0.5)
+    rows, columns = np.meshgrid(*fine, indexing="ij")
+    return np.asarray(map_coordinates(pair.wide, (rows, columns), order=order, mode="nearest"))

@@ -1,0 +1,365 @@
+"""Stored pixels beside what the truth would have stored: what kind of damage explains the difference?"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation, orientations
+from xfrustum.compare.renderer_model.pictures import as_gray
+from xfrustum.reference import Reference
+from xfrustum.scenes.files.foreign_images import Encoding, ForeignImage, Reading, read_again, stored_rgb
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+
+Numbers = NDArray[np.int32]
+Bytes = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
+FIRST = "first"
+"""What is lost where number 0 and nothing are stored alike."""
+
+COMPARED_HOGELS = 3
+"""Hogels that are compared with the truth; more do not change what kind of damage it is."""
+
+COMPARED_PX = 100
+"""Columns and rows of each that are looked at, at most, evenly spread."""
+
+EXPLAINED = 0.9
+"""Share of the pixels that show something which a kind of damage must account for."""
+
+REPEATED = 0.15
+"""Share of columns and of rows that repeat the ones before, from which on pictures were enlarged, by about a
+sixth or more: of what is drawn at its own size, few lines are alike."""
+
+BLENDED = 0.01
+"""Share of pixels between the numbers around them from which on pictures are resampled: fewer are
+accidents."""
+
+NEW_VALUES = 1.2
+"""How many times as many different integers as the truth has, mixed or compressed pictures store at least:
+what lies between two numbers is new. Numbers that are merely wrong, as of objects in another order, are as
+many as the right ones."""
+
+LOSSY_STEPS = 24
+"""How far lossy compression may move a byte: the coarsest quantization that JPEG's quality 75 has for
+brightness, its low frequencies, is 16; chroma adds half of its own."""
+
+SHADES = 3
+"""Different gray values that a shaded picture has, at least."""
+
+CORRELATED = 0.5
+"""Correlation of brightness with the truth's, within surfaces, from which on colored pixels are a picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """Share of pixels that agree with the truth, and the conventions under which most do."""
+
+    share: float
+    orientation: Orientation = UPRIGHT
+    order: Orientation = UPRIGHT
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Beside:
+    """Stored bytes (h, w, 3), upright, beside the truth's numbers of the same pixels and their neighbors.
+
+    Numbers are (9, h, w); the first of the nine is the pixel itself. `gray` is the truth's brightness (h, w).
+    """
+
+    rgb: Bytes
+    triangle: Numbers
+    object: Numbers
+    gray: NDArray[np.float64]
+
+    def shown(self) -> Mask:
+        """Pixels where either shows something."""
+        return np.asarray((self.rgb != 0).any(axis=-1) | (self.triangle[0] != NOTHING))
+
+    def stored(self, reading: Reading) -> Numbers:
+        """Return what the truth would have stored, (9, h, w)."""
+        named = self.object if reading.encoding is Encoding.OBJECT_ID else self.triangle
+        return reading.stored(named)
+
+
+Matching = Callable[[_Beside], Mask]
+
+
+class StoredTruth:
+    """Some images of a renderer beside the truth, under any orientation and order.
+
+    Parameters
+    ----------
+    reference
+        Of the scene.
+    images
+        As found.
+    """
+
+    def __init__(self, reference: Reference, images: Sequence[HogelImage]) -> None:
+        self.reference = reference
+        count = min(COMPARED_HOGELS, len(images))
+        chosen = np.unique(np.linspace(0, max(len(images) - 1, 0), count).astype(int)).tolist()
+        self.images = [images[index] for index in chosen]
+        self.several = len({image.camera.aperture.index for image in images}) > 1
+        self._truths: dict[tuple[int, int], HogelImage] = {}
+
+    def agreement(self, reading: Reading) -> Agreement:
+        """Return the share of pixels that store what the truth would, at the pixel itself or beside it."""
+
+        def matching(beside: _Beside) -> Mask:
+            return np.asarray((reading.packed(beside.rgb) == beside.stored(reading)).any(axis=0))
+
+        return self.best(matching, background=reading.background)
+
+    def best(self, matching: Matching, background: int = 0) -> Agreement:
+        """Return the conventions under which most pixels that show something match, and their share."""
+        size = self.reference.scene.frustum.resolution
+        best = Agreement(share=0.0)
+        for order, orientation in itertools.product(self._orders(), orientations(size)):
+            shown = matched = 0
+            for image in self.images:
+                beside = self.beside(image, orientation, order)
+                some = beside.shown() if not background else beside.triangle[0] != NOTHING
+                shown += int(some.sum())
+                matched += int((matching(beside) & some).sum())
+            share = matched / shown if shown else 0.0
+            # Equal agreement decides for what needs no change.
+            if share > best.share + 1e-6:
+                best = Agreement(share=share, orientation=orientation, order=order)
+        return best
+
+    def _orders(self) -> list[Orientation]:
+        return list(orientations(self.reference.scene.plate.hogels)) if self.several else [UPRIGHT]
+
+    def truth(self, index: tuple[int, int]) -> HogelImage:
+        """Return the truth of an aperture."""
+        if index not in self._truths:
+            self._truths[index] = self.reference.trace(self.reference.scene.plate.aperture(*index))
+        return self._truths[index]
+
+    def beside(
+        self, image: HogelImage, orientation: Orientation, order: Orientation, *, thinned: bool = True
+    ) -> _Beside:
+        """Return an image's pixels beside the truth's."""
+        truth = self.truth(order.index(image.camera.aperture.index, self.reference.scene.plate.hogels))
+        step = max(1, min(truth.triangle.shape) // COMPARED_PX) if thinned else 1
+        return _Beside(
+            rgb=orientation.upright(stored_rgb(image))[::step, ::step],
+            triangle=_around(truth.triangle, step),
+            object=_around(truth.object, step),
+            gray=as_gray(truth)[::step, ::step],
+        )
+
+    def colors(self) -> Reading | None:
+        """Return how to read pixels that are colors of the scene; None where they are not."""
+        found = self.best(_covers)
+        if found.share < EXPLAINED:
+            return None
+        parts = [self.beside(image, found.orientation, found.order) for image in self.images]
+        inner = [(part.rgb != 0).any(axis=-1) & (part.triangle[0] != NOTHING) for part in parts]
+        rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
+        gray = np.concatenate([part.gray[some] for part, some in zip(parts, inner, strict=True)])
+        shades = rgb.astype(np.float64).mean(axis=1)
+        if len(np.unique(shades)) < SHADES:
+            return None
+        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= EXPLAINED
+        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < CORRELATED):
+            return None
+        return Reading(encoding=Encoding.RGB)
+
+
+def _around(numbers: Numbers, step: int) -> Numbers:
+    """Return numbers of pixels and of their neighbors, (9, h, w), the pixel itself first."""
+    height, width = numbers.shape
+    padded = np.pad(numbers, 1, mode="edge")
+    places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
+    return np.stack([padded[r : r + height : step, c : c + width : step] for r, c in places])
+
+
+def _covers(beside: _Beside) -> Mask:
+    """Return the pixels that are black where the truth shows nothing, and only there, to within a pixel."""
+    lit = (beside.rgb != 0).any(axis=-1)
+    return np.asarray(((beside.triangle != NOTHING) == lit).any(axis=0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restoring:
+    """Tells which numbers were meant where stored ones are damaged, with the truth's help.
+
+    It serves the figures after correction only; nothing passes by it.
+
+    Attributes
+    ----------
+    truth
+        Of the scene.
+    kind
+        The damage.
+    reading
+        What was stated.
+    agreement
+        The conventions under which images were compared.
+    bits
+        How many of each number were kept; of `OVERFLOW` only.
+    """
+
+    truth: StoredTruth
+    kind: str
+    reading: Reading
+    agreement: Agreement
+    bits: int = 24
+
+    def read(self, image: HogelImage) -> HogelImage:
+        """Return an image with the truth's number wherever the damage explains what is stored instead."""
+        orientation = self.agreement.orientation
+        beside = self.truth.beside(image, orientation, self.agreement.order, thinned=False)
+        as_read = read_again(image, self.reading)
+        name = "object" if self.reading.encoding is Encoding.OBJECT_ID else "triangle"
+        numbers = np.array(orientation.upright(getattr(as_read, name)))
+        meant = beside.object if name == "object" else beside.triangle
+        candidates: Iterable[tuple[Mask, Numbers]]
+        if self.kind == FIRST:
+            first = self.reading.packed(beside.rgb) == self.reading.background
+            candidates = [(first & (meant[0] == 0), meant[0])]
+        elif self.kind == OVERFLOW:
+            candidates = zip(_overflown(beside, self.reading, self.bits), meant, strict=True)
+        else:
+            margin = LOSSY_STEPS if self.kind == LOSSY else 0
+            candidates = zip([_between(beside, self.reading, margin)], meant[:1], strict=True)
+        open_pixels = np.ones(numbers.shape, dtype=np.bool_)
+        for explained, number in candidates:
+            numbers[open_pixels & explained] = number[open_pixels & explained]
+            open_pixels &= ~explained
+        restored = orientation.applied(numbers)
+        if name == "object":
+            return replace(as_read, object=restored)
+        return replace(as_read, triangle=restored)
+
+
+def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
+    """Return how to tell number 0 from nothing, where both are stored alike."""
+    return Restoring(truth=truth, kind=FIRST, reading=reading, agreement=truth.agreement(reading))
+
+
+def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
+    """Find damage after which numbers are lost: high bits cut off, neighbors mixed, lossy compression.
+
+    Parameters
+    ----------
+    truth
+        With the renderer's images.
+    stated
+        How they should have been stored.
+    """
+    count = len(truth.reference.scene.faces)
+    for bits in (8, 16):
+        if stated.encoding is not Encoding.TRIANGLE_ID or count < 2**bits:
+            continue
+        kept = bits
+
+        def overflown(beside: _Beside, kept: int = kept) -> Mask:
+            return np.asarray(_overflown(beside, stated, kept).any(axis=0))
+
+        found = truth.best(overflown)
+        if found.share >= EXPLAINED:
+            words = (
+                f"only the low {bits} bits of each number are stored, of {count:,} triangles: others are lost"
+            )
+            fault = Fault(fault=OVERFLOW, value=float(bits), unit="bits", words=words)
+            return fault, Restoring(truth=truth, kind=OVERFLOW, reading=stated, agreement=found, bits=bits)
+    return _mixed(truth, stated)
+
+
+def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
+    """Find numbers that were averaged with those beside them, or compressed with loss."""
+    named_lossy = any(
+        isinstance(i, ForeignImage) and i.stored is not None and i.stored.lossy for i in truth.images
+    )
+    for kind, margin in ((RESAMPLED, 0), (LOSSY, LOSSY_STEPS)):
+        if kind == RESAMPLED and named_lossy:
+            continue
+        space = margin
+
+        def between(beside: _Beside, space: int = space) -> Mask:
+            return _between(beside, stated, space)
+
+        found = truth.best(between)
+        parts = [truth.beside(image, found.orientation, found.order) for image in truth.images]
+        exact = [(stated.packed(part.rgb) == part.stored(stated)).any(axis=0)[part.shown()] for part in parts]
+        mixed = 1 - float(np.concatenate(exact).mean()) if parts else 0.0
+        stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
+        should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
+        new = len(np.unique(stored)) >= NEW_VALUES * len(np.unique(should))
+        explained = found.share >= EXPLAINED and mixed >= BLENDED and new
+        if explained or (kind == LOSSY and named_lossy):
+            words = {
+                RESAMPLED: f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
+                "by filtering, resizing or anti-aliasing: numbers have no averages",
+                LOSSY: "numbers went through lossy compression, such as JPEG: write PNG",
+            }[kind]
+            fault = Fault(fault=kind, value=mixed, unit="share", words=words)
+            return fault, Restoring(truth=truth, kind=kind, reading=stated, agreement=found)
+    return None
+
+
+def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
+    """Find pictures that were drawn smaller and enlarged by repeating columns and rows.
+
+    Parameters
+    ----------
+    truth
+        With the renderer's images.
+    stated
+        How they store numbers.
+    """
+    images = [stated.packed(stored_rgb(image)) for image in truth.images]
+    expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
+    repeated = [_repeated(images, axis) for axis in (0, 1)]
+    if any(mine < REPEATED or _repeated(expected, axis) > mine / 2 for axis, mine in enumerate(repeated)):
+        return None
+    share = float(np.mean(repeated))
+    words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
+    fault = Fault(fault=RESAMPLED, value=share, unit="share", words=words)
+    agreement = truth.agreement(stated)
+    return fault, Restoring(truth=truth, kind=RESAMPLED, reading=stated, agreement=agreement)
+
+
+def _repeated(images: Sequence[Numbers], axis: int) -> float:
+    """Return the share of rows (axis 0) or columns that repeat the ones before, of those not all alike."""
+    repeated = telling = 0
+    for image in images:
+        lines = np.moveaxis(image, axis, 0)
+        several = (lines[:-1] != lines[:-1, :1]).any(axis=1)
+        telling += int(several.sum())
+        repeated += int((several & (lines[1:] == lines[:-1]).all(axis=1)).sum())
+    return repeated / telling if telling else 0.0
+
+
+def _overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:
+    """Return where pixels hold the low bits of the numbers that the truth shows there or beside, (9, h, w).
+
+    Eight bits may be in blue, with red and green black, or in all three.
+    """
+    low = beside.stored(stated) & (2**bits - 1)
+    packed = stated.packed(beside.rgb)
+    matching = packed == low
+    if bits == 8:
+        matching |= packed == low * 0x010101
+    return np.asarray(matching)
+
+
+def _between(beside: _Beside, stated: Reading, margin: int) -> Mask:
+    """Return where every byte lies between those of the truth's numbers there and beside, (h, w)."""
+    around = beside.stored(stated)
+    matching = np.ones(around.shape[1:], dtype=np.bool_)
+    for channel, shift in zip(stated.channels, (16, 8, 0), strict=True):
+        parts = around >> shift & 255
+        byte = beside.rgb[..., channel].astype(np.int32)
+        matching &= (byte >= parts.min(axis=0) - margin) & (byte <= parts.max(axis=0) + margin)
+    return matching

@@ -1,0 +1,199 @@
+"""How far have the outlines of a picture moved? Registration step by step, where no pixel names a triangle.
+
+An outline runs between two neighboring pixels: a step. The picture's contrast is looked up at the truth's
+steps, moved by every whole number of pixels up to `FARTHEST_PX`; where it is largest, the outlines lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+
+from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare.prediction.contours import Kind, contours
+from xfrustum.scenes.model.hogel_image import HogelImage
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FARTHEST_PX = 8
+"""Largest displacement that is searched, along each axis; what has moved farther has no peak here."""
+
+FEWEST_STEPS = 40
+"""Steps that a displacement is taken from, at least: their chance agreements elsewhere stay below half."""
+
+MOST_STEPS = 4000
+"""Steps that are looked up, at most: more do not change the result."""
+
+STEPS_OF_A_TILE = 300
+"""Steps that each tile of a picture has on the average, where a picture is cut into tiles."""
+
+MOST_TILES = 4
+"""Tiles along each side, at most."""
+
+CLEAR_PEAK = 1.3
+"""How many times the median contrast over all displacements the largest must be: noise, in which contrast is
+as large everywhere, stays below 1.2 with `FEWEST_STEPS`."""
+
+SAME_PEAK = 0.98
+"""Displacements whose contrast is at least this part of the largest cannot be told from it, as along a
+straight outline; the smallest of them is taken."""
+
+FOUND_WITHIN_PX = 1
+"""How near to a true outline a picture must have contrast, for the outline to be there: the outline runs
+between two pixels, and rounding puts it on either side of a center."""
+
+CONTRAST = 4 / 255
+"""Difference between two neighboring pixels that is an edge, of the square root of the radiance, which is
+nearly what a display encodes: what 8 bits and dithering make of one brightness differs by 2 steps at most on
+either side."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Steps:
+    """A quantity between neighboring pixels.
+
+    Attributes
+    ----------
+    across, down
+        (H, W - 1) between the columns and (H - 1, W) between the rows.
+    """
+
+    across: Floats
+    down: Floats
+
+
+def steps_of(values: NDArray[np.generic]) -> Steps:
+    """Return absolute differences of neighboring pixels of numbers (H, W); of labels, 1 where they differ."""
+    if np.issubdtype(values.dtype, np.floating):
+        return Steps(across=np.abs(np.diff(values, axis=1)), down=np.abs(np.diff(values, axis=0)))
+    return Steps(
+        across=(values[:, 1:] != values[:, :-1]).astype(np.float64),
+        down=(values[1:] != values[:-1]).astype(np.float64),
+    )
+
+
+def contrast(image: HogelImage) -> Steps:
+    """Return a picture's contrast as it is seen: differences of the square root of its mean radiance."""
+    assert image.color is not None
+    gray = np.nan_to_num(image.color.astype(np.float64), posinf=1.0, neginf=0.0).mean(axis=-1)
+    return steps_of(np.sqrt(np.clip(gray, 0.0, 1.0)))
+
+
+def true_outlines(answer: HogelImage) -> Steps:
+    """Return 1 where outlines of objects, or of one part of an object before another, run; else 0."""
+    found = contours(answer)
+    height, width = answer.triangle.shape
+    chosen = found.kind != Kind.SEAM
+    first, second = np.minimum(found.front, found.back)[chosen], np.maximum(found.front, found.back)[chosen]
+    across, down = np.zeros((height, width)), np.zeros((height, width))
+    beside = second - first == 1
+    across.flat[first[beside]] = 1.0
+    down.flat[first[~beside]] = 1.0
+    return Steps(across=across[:, :-1], down=down[:-1])
+
+
+def missing_outlines(outlines: Steps, shown: Steps) -> Mask:
+    """Return the pixels (H, W) beside an outline where a picture has no edge within `FOUND_WITHIN_PX`."""
+    height, width = outlines.down.shape[0] + 1, outlines.across.shape[1] + 1
+    strongest = np.zeros((height, width))
+    for some, place in _both(shown):
+        strongest[place] = np.maximum(strongest[place], some)
+    strongest = maximum_filter(strongest, size=2 * FOUND_WITHIN_PX + 1)
+    missing = np.zeros((height, width), dtype=np.bool_)
+    for some, place in _both(outlines):
+        missing[place] |= (some > 0) & (strongest[place] < CONTRAST)
+    return missing
+
+
+def _both(steps: Steps) -> Iterator[tuple[Floats, tuple[slice, slice]]]:
+    """Yield the steps of both axes, with the pixels before them."""
+    yield steps.across, (slice(None), slice(0, steps.across.shape[1]))
+    yield steps.down, (slice(0, steps.down.shape[0]), slice(None))
+
+
+def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
+    """Measure by how much outlines have moved, over a picture as a whole and each of its tiles.
+
+    Parameters
+    ----------
+    expected
+        How strong outlines should be, where the question has them.
+    shown
+        Contrast of the picture that is judged, capped where it is high: an edge is an edge.
+
+    Returns
+    -------
+    Spread of the lengths of displacements, px; None where no displacement has clearly the most contrast.
+    """
+    places, axis, weights = _strongest(expected)
+    if len(places) < FEWEST_STEPS:
+        return None
+    height, width = expected.down.shape[0] + 1, expected.across.shape[1] + 1
+    whole = _peak(places, axis, weights, shown)
+    if whole is None:
+        return None
+    found = [whole]
+    side = int(np.clip(np.sqrt(len(places) / STEPS_OF_A_TILE), 1, MOST_TILES))
+    tile = places * side // (height, width)
+    for number in range(side * side) if side > 1 else ():
+        here = tile[:, 0] * side + tile[:, 1] == number
+        if here.sum() >= FEWEST_STEPS:
+            moved = _peak(places[here], axis[here], weights[here], shown)
+            found += [] if moved is None else [moved]
+    return Spread.of(np.hypot(*np.array(found).T))
+
+
+def _strongest(expected: Steps) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+    """Return row and column (N, 2), axis and weight of the `MOST_STEPS` strongest steps."""
+    rows, weights = [], []
+    for axis, some in enumerate((expected.across, expected.down)):
+        here = np.argwhere(some > 0)
+        rows.append(np.column_stack((here, np.full(len(here), axis))))
+        weights.append(some[some > 0])
+    places, weight = np.concatenate(rows), np.concatenate(weights)
+    if len(places) > MOST_STEPS and np.ptp(weight) > 0:
+        kept = weight >= np.partition(weight, -MOST_STEPS)[-MOST_STEPS]
+        places, weight = places[kept], weight[kept]
+    every = -(-len(places) // MOST_STEPS) if len(places) else 1
+    return places[::every, :2], places[::every, 2], weight[::every]
+
+
+def _peak(
+    places: NDArray[np.int64], axis: NDArray[np.int64], weights: Floats, shown: Steps
+) -> tuple[float, float] | None:
+    """Return the displacement (rows, columns) with the most contrast at steps; None if none stands out."""
+    reach = FARTHEST_PX
+    scores = np.zeros((2 * reach + 1, 2 * reach + 1))
+    counted = np.zeros_like(scores)
+    for number, grid in enumerate((shown.across, shown.down)):
+        mine = places[axis == number] + reach
+        weight = weights[axis == number]
+        padded = np.pad(grid, reach)
+        inside = np.pad(np.ones_like(grid), reach)
+        for row, column in np.ndindex(*scores.shape):
+            at = (mine[:, 0] + row - reach, mine[:, 1] + column - reach)
+            scores[row, column] += weight @ padded[at]
+            counted[row, column] += weight @ inside[at]
+    scores /= np.maximum(counted, counted.max() / 2)
+    best = float(scores.max())
+    if best <= 0 or best < CLEAR_PEAK * float(np.median(scores)):
+        return None
+    alike = np.argwhere(scores >= SAME_PEAK * best)
+    row, column = alike[np.argmin(np.square(alike - reach).sum(axis=1))].tolist()
+    down = row - reach + _between(scores[max(row - 1, 0) : row + 2, column])
+    right = column - reach + _between(scores[row, max(column - 1, 0) : column + 2])
+    return down, right
+
+
+def _between(three: Floats) -> float:
+    """Return where a parabola through a peak and its two neighbors is highest, from -0.5 to 0.5."""
+    if len(three) < 3:
+        return 0.0
+    before, here, after = three.tolist()
+    bend = before - 2 * here + after
+    return float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend < 0 else 0.0

@@ -1,0 +1,115 @@
+"""Each error as an image, pixel by pixel (docs/method.md, "What is compared")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.metrics.displacement import displacement, lengths
+from xfrustum.compare.metrics.pixel_bands import in_bands
+from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.reference import Reference
+from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorMaps:
+    """Each error as an image.
+
+    Attributes
+    ----------
+    judged
+        (H, W) pixels whose truth is no tie.
+    surface
+        (H, W) pixels that show the wrong surface; None where the scene was not at hand.
+    triangle
+        (H, W) pixels that show another triangle number.
+    displacement
+        (H, W, 2) columns and rows in pixels, NaN where undefined.
+    height
+        (H, W) raster minus truth, NaN where they do not show the same triangle.
+    radiance
+        (H, W, 3) raster minus truth, NaN where it is not judged; None where it was not compared.
+    """
+
+    judged: NDArray[np.bool_]
+    surface: NDArray[np.bool_] | None
+    triangle: NDArray[np.bool_]
+    displacement: NDArray[np.float64]
+    height: NDArray[np.float64]
+    radiance: NDArray[np.float64] | None
+
+
+def error_maps(
+    truth: HogelImage, raster: HogelImage, reference: Reference | None, *, numbered: bool
+) -> tuple[ErrorMaps, NDArray[np.float64]]:
+    """Return the error maps but that of radiance, and the lengths of all displacements, (N,) px.
+
+    Parameters
+    ----------
+    truth, raster
+        Of the same size, aperture and scene.
+    reference
+        Of that scene; without it there is no `surface`.
+    numbered
+        Whether the raster image names triangles.
+    """
+    bands = in_bands(truth, raster, partial(_judge, truth.camera, reference, numbered))
+    maps = [band.maps for band in bands]
+    surface = [part.surface for part in maps if part.surface is not None]
+    joined = ErrorMaps(
+        judged=np.concatenate([part.judged for part in maps]),
+        surface=np.concatenate(surface) if surface else None,
+        triangle=np.concatenate([part.triangle for part in maps]),
+        displacement=np.concatenate([part.displacement for part in maps]),
+        height=np.concatenate([part.height for part in maps]),
+        radiance=None,
+    )
+    return joined, np.concatenate([band.lengths for band in bands])
+
+
+def judged_pixels(truth: HogelImage) -> NDArray[np.bool_]:
+    """Return the pixels whose truth is no tie, (H, W)."""
+    if truth.certainty is None:
+        return np.ones(truth.triangle.shape, dtype=np.bool_)
+    return np.not_equal(truth.certainty, Certainty.TIE)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Band:
+    """Some rows of the error maps, and how long their displacements are."""
+
+    maps: ErrorMaps
+    lengths: NDArray[np.float64]
+
+
+def _judge(
+    camera: HogelCamera,
+    reference: Reference | None,
+    numbered: bool,
+    truth: HogelImage,
+    raster: HogelImage,
+    rows: slice,
+) -> _Band:
+    judged = judged_pixels(truth)
+    shift = displacement(raster, camera, rows)
+    maps = ErrorMaps(
+        judged=judged,
+        surface=wrong_surface(truth, raster, reference) & judged if reference else None,
+        triangle=(truth.triangle != raster.triangle) & judged & numbered,
+        displacement=shift,
+        height=_height_map(truth, raster, judged),
+        radiance=None,
+    )
+    return _Band(maps=maps, lengths=lengths(shift)[raster.off_plate])
+
+
+def _height_map(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NDArray[np.float64]:
+    same = truth.covered & (truth.triangle == raster.triangle) & judged
+    same &= np.isfinite(raster.height)
+    # What is not the same may be anything.
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.where(same, raster.height - truth.height.astype(np.float64), np.nan)

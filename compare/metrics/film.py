@@ -1,0 +1,43 @@
+"""Where on the true film does a surface point belong? (CONVENTIONS.md, film coordinates)"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.model.hogel_image import HogelCamera
+
+
+def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> NDArray[np.float64]:
+    """Project surface points through the true frustum of an aperture.
+
+    Parameters
+    ----------
+    points
+        (..., 3) scene units.
+    camera
+        Only its aperture, shear, half-extent and resolution matter, not who drew the image.
+
+    Returns
+    -------
+    (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
+    points in the plane of the plate, which the film does not show anywhere in particular.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    z = points[..., 2]
+    depth = np.where(z == 0, np.nan, -z)
+    u = ((points[..., 0] - camera.aperture.x) / depth - camera.shear[0]) / camera.half_extent[0]
+    v = ((points[..., 1] - camera.aperture.y) / depth - camera.shear[1]) / camera.half_extent[1]
+    width, height = camera.resolution
+    place = np.empty((*z.shape, 2))
+    place[..., 0], place[..., 1] = (u + 1) * width / 2 - 0.5, (1 - v) * height / 2 - 0.5
+    return place
+
+
+def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> NDArray[np.float64]:
+    """Return column and row of every pixel, (H, W, 2), or of some rows."""
+    width, height = camera.resolution
+    down = np.arange(height, dtype=np.float64)[rows]
+    centers = np.empty((len(down), width, 2))
+    centers[..., 0], centers[..., 1] = np.arange(width), down[:, None]
+    return centers

@@ -1,0 +1,123 @@
+"""What a rasterizer leaves out: shadows and interreflection, measured by light paths.
+
+Truth with and without them by the same tracer, so that nothing else differs; each with its noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.metrics.noise import NoiseTest, compare_with_noise
+from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
+from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeftOut:
+    """What shadows and interreflection do to an image.
+
+    Attributes
+    ----------
+    transport
+        Which of them were traced, and with how many light paths.
+    difference
+        The truth with them minus the truth without; its samples are light paths of one of the two.
+    noise
+        Of the hypothesis that they do nothing: `differs` are the pixels that a rasterizer misses.
+    without
+        The truth without them, (H, W, 3).
+    """
+
+    transport: Transport
+    difference: RadianceEstimate
+    noise: NoiseTest
+    without: NDArray[np.float64]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as reports have them; radiance is positive where the raster lacks light."""
+        change, differs = self.difference.mean, self.noise.differs
+        brightness = float(np.mean(self.without))
+        mean = float(np.mean(change))
+        # Noise adds its variance to the mean square, whether or not anything changes.
+        noise = float(np.mean(self.difference.variance_of_mean))
+        return {
+            "shadows": self.transport.shadows,
+            "interreflection": self.transport.interreflection,
+            "light_paths": self.difference.samples,
+            "pixels": int(differs.sum()),
+            "darker": int((differs & (change.mean(axis=-1) < 0)).sum()),
+            "brighter": int((differs & (change.mean(axis=-1) > 0)).sum()),
+            "mean": mean,
+            "mean_of_image": mean / brightness if brightness else None,
+            "rms": float(np.sqrt(max(float(np.mean(change**2)) - noise, 0.0))),
+            "rms_noise": float(np.sqrt(noise)),
+            "alpha": self.noise.summary()["alpha"],
+        }
+
+
+def transported(
+    scene: Scene,
+    aperture: Aperture,
+    transport: Transport,
+    *,
+    seed: int = 0,
+    done: Callable[[], Any] | None = None,
+) -> RadianceEstimate:
+    """Return the color of an aperture by light paths, averaged over its sub-apertures.
+
+    Parameters
+    ----------
+    scene
+        Its sampling says where light paths start.
+    transport
+        Instead of the scene's own.
+    seed
+        Of the first sub-aperture; each has another.
+    done
+        Called after each sub-aperture.
+    """
+    points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
+    tracer = PathTracer(scene)
+    mean, variance = np.zeros(()), np.zeros(())
+    for number, point in enumerate(points):
+        part = tracer.render(point, transport, seed=seed + number)
+        mean = mean + part.mean / len(points)
+        variance = variance + part.variance_of_mean / len(points) ** 2
+        if done is not None:
+            done()
+    # The mean of several estimates is nearer to normal than each of them.
+    return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=transport.samples)
+
+
+def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], Any] | None = None) -> LeftOut:
+    """Measure what the light transport that a scene asks for does to an image.
+
+    Parameters
+    ----------
+    done
+        Called twice for each sub-aperture.
+    """
+    local = replace(scene.transport, shadows=False, interreflection=False)
+    full = transported(scene, aperture, scene.transport, done=done)
+    without = transported(scene, aperture, local, seed=scene.sampling.aperture, done=done)
+    # Welch's degrees of freedom are at least the smaller of the two.
+    difference = RadianceEstimate(
+        mean=full.mean - without.mean,
+        variance_of_mean=full.variance_of_mean + without.variance_of_mean,
+        samples=min(full.samples, without.samples),
+    )
+    everywhere = np.ones(difference.mean.shape[:2], dtype=np.bool_)
+    nothing = np.zeros(difference.mean.shape)
+    return LeftOut(
+        transport=scene.transport,
+        difference=difference,
+        noise=compare_with_noise(nothing, difference, everywhere),
+        without=without.mean,
+    )

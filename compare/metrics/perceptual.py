@@ -1,0 +1,73 @@
+"""How different two pictures look: FLIP and SSIM.
+
+Both judge pictures as they are shown, clipped and in sRGB (`display.encoded`), never the radiance
+itself: FLIP in its mode for such pictures (LDR), SSIM with the window of its inventors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import flip_evaluator
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
+
+from xfrustum.compare.metrics.display import encoded
+
+PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
+"""FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, from 0.7 m. It stands for a
+picture looked at on a screen; through a plate one aperture's picture is not seen as a whole."""
+
+SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
+"""Of the Gaussian window (Wang, Bovik, Sheikh, Simoncelli, 2004)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PerceptualDifference:
+    """How different two pictures look.
+
+    Attributes
+    ----------
+    flip
+        Mean over the picture, 0 (the same) to 1 (Andersson et al., 2020).
+    ssim
+        Mean structural similarity over the picture and its channels, 1 for equal pictures; None for
+        pictures smaller than its window.
+    flip_map
+        (H, W) float32.
+    """
+
+    flip: float
+    ssim: float | None
+    flip_map: NDArray[np.float32]
+
+
+def perceptual_difference(truth: NDArray[np.floating], raster: NDArray[np.floating]) -> PerceptualDifference:
+    """Return how different two pictures look.
+
+    Parameters
+    ----------
+    truth, raster
+        (H, W, 3) linear RGB.
+    """
+    shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
+    # FLIP's neighborhoods reach over the whole picture, so nothing can be left out of it.
+    flip_map, _, _ = flip_evaluator.evaluate(
+        *shown, "LDR", applyMagma=False, computeMeanError=False, parameters={"ppd": PIXELS_PER_DEGREE}
+    )
+    flip_map = np.asarray(flip_map, dtype=np.float32)[..., 0]
+    ssim = None
+    if min(flip_map.shape) >= SSIM_WINDOW_PX:
+        ssim = float(
+            structural_similarity(
+                *shown,
+                data_range=1.0,
+                channel_axis=-1,
+                gaussian_weights=True,
+                sigma=SSIM_SIGMA_PX,
+                use_sample_covariance=False,
+            )
+        )
+    return PerceptualDifference(flip=float(flip_map.mean(dtype=np.float64)), ssim=ssim, flip_map=flip_map)

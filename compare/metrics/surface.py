@@ -1,0 +1,68 @@
+"""Surface: which pixels show the wrong one? (docs/method.md, "What is compared")
+
+Independent of how finely a mesh is tessellated, hence the headline. A picture merely displaced
+is not a wrong surface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
+from xfrustum.reference import Reference, SurfacePoints
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.model.scene import Scene
+
+
+def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> NDArray[np.int32]:
+    """Return the object that each raster pixel shows; where that is not said, the truth's."""
+    objects = np.where(raster.object != NOTHING, raster.object, truth.object)
+    unnamed = np.flatnonzero((raster.object == NOTHING) & (raster.triangle != NOTHING))
+    objects.flat[unnamed] = scene.object_of_triangle[raster.triangle.ravel()[unnamed]]
+    return objects
+
+
+def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> NDArray[np.bool_]:
+    """Return the pixels that show the wrong surface, (H, W).
+
+    Wrong is hit against miss, another object, or a surface point that the true frustum does not
+    see: something else is in front of it on its own true line. A point in the plate is seen by
+    the true frustum only through the aperture, where every line meets it.
+    """
+    objects = shown_objects(truth, raster, reference.scene)
+    wrong: NDArray[np.bool_] = truth.covered != raster.covered
+    wrong |= (truth.object != objects) & truth.covered
+    at_plate = raster.covered & (raster.height == 0)
+    wrong |= at_plate & ~(truth.covered & (truth.height == 0))
+
+    asked = raster.off_plate & ~wrong
+    asked.flat[_surely_seen(truth, raster, asked, reference.scene)] = False
+    other = np.flatnonzero(asked)
+    position = raster.position.reshape(-1, 3).take(other, axis=0).astype(np.float64)
+    number = raster.triangle.ravel()[other]
+    tolerance = position_tolerance(reference.scene, number, position)
+    points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
+    wrong.flat[other] = reference.hidden(truth.camera.aperture, points)
+    return wrong
+
+
+def _surely_seen(
+    truth: HogelImage, raster: HogelImage, asked: NDArray[np.bool_], scene: Scene
+) -> NDArray[np.int64]:
+    """Return which of the pixels asked for show, as exactly as that is known, the point that the truth shows.
+
+    What the truth has proven to be seen need not be asked again: most of a picture with a small near.
+    """
+    if truth.certainty is None:
+        return np.zeros(0, dtype=np.int64)
+    same = asked & (truth.certainty <= Certainty.EXACT) & (truth.triangle == raster.triangle)
+    # Most that are farther apart are so in height already: only the others need all coordinates.
+    with np.errstate(invalid="ignore", over="ignore"):
+        same &= np.abs(raster.height - truth.height) <= largest_tolerance(scene)
+    pixels = np.flatnonzero(same & (raster.triangle != NOTHING))
+    triangle = raster.triangle.ravel()[pixels]
+    tolerance = position_tolerance(scene, triangle, np.empty((len(pixels), 3)))
+    drawn = raster.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
+    apart = drawn - truth.position.reshape(-1, 3).take(pixels, axis=0)
+    return np.asarray(pixels[np.einsum("ij,ij->i", apart, apart) <= tolerance**2])

@@ -1,0 +1,177 @@
+"""The planner: the fewest slabs, and then the largest near, that keep what is required."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from typing import Any
+
+from xfrustum.compare.planning.measure import measured, meets
+from xfrustum.compare.planning.reason import Outcome, disproved, why, why_not
+from xfrustum.compare.planning.search import MOST_CUTS, SEPARATION_MARGIN, Attempt, DepthBuffer, Search
+from xfrustum.compare.planning.views import Quality, Requirement, Views
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
+WRITTEN_BY_FRAGMENT = (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR)
+"""Mappings that cost the early depth test."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What to draw with, and what that keeps.
+
+    Attributes
+    ----------
+    near
+        Scene units; None where there is no plan.
+    slabs
+        Heights |z| of the cuts, ascending.
+    depth, mapping
+        Of the depth buffer; None where there is no plan and more than one was to be chosen from.
+    predicted, measured
+        Of these settings, at the worst aperture; None where there is no plan.
+    within
+        Whether everything that is required was measured to hold.
+    reason
+        Why this and nothing simpler, in words.
+    """
+
+    near: float | None
+    slabs: tuple[float, ...]
+    depth: DepthFormat | None
+    mapping: DepthMapping | None
+    predicted: Quality | None
+    measured: Quality | None
+    within: bool
+    reason: str
+
+    @property
+    def settings(self) -> DoubleFrustum | None:
+        """The settings to draw with; None where there is no plan."""
+        if self.near is None or self.depth is None or self.mapping is None:
+            return None
+        return DoubleFrustum(near=self.near, slabs=self.slabs, depth=self.depth, mapping=self.mapping)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the plan as `plan --json` prints it."""
+        unknown = dict.fromkeys(Quality.__dataclass_fields__)
+        return {
+            "near": self.near,
+            "slabs": list(self.slabs),
+            "depth": self.depth,
+            "mapping": self.mapping,
+            "predicted": asdict(self.predicted) if self.predicted else unknown,
+            "measured": asdict(self.measured) if self.measured else unknown,
+            "within": self.within,
+            "reason": self.reason,
+        }
+
+
+def depth_buffers(
+    depth: DepthFormat | None = None, mapping: DepthMapping | None = None
+) -> tuple[DepthBuffer, ...]:
+    """Return the depth buffers to choose from: all, or all of one format, of one mapping, or the one."""
+    return tuple(product([depth] if depth else DepthFormat, [mapping] if mapping else DepthMapping))
+
+
+def plan(
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    requirement: Requirement | None = None,
+    choices: Sequence[DepthBuffer] | None = None,
+    done: Callable[[int], object] = lambda steps: None,
+) -> Plan:
+    """Plan how to draw some apertures of a scene, and measure the plan.
+
+    Parameters
+    ----------
+    apertures
+        At least one; the worst counts.
+    requirement
+        None for the usual.
+    choices
+        Depth buffers to choose from, None for all. The fewest slabs count, then the largest near, then
+        what is cheapest (depth that no fragment writes, then fewer bytes), then what is most accurate.
+    done
+        Called with the number of steps that are done, out of `steps`.
+
+    Raises
+    ------
+    InputError
+        There is no usable OpenGL.
+    """
+    requirement = requirement or Requirement()
+    choices = choices or depth_buffers()
+    views = Views.of(scene, apertures, done)
+    found = search(Search(views, requirement), choices, done)
+    best = found.best
+    if best is None:
+        only = choices[0] if len(choices) == 1 else (None, None)
+        return Plan(
+            near=None,
+            slabs=(),
+            depth=only[0],
+            mapping=only[1],
+            predicted=None,
+            measured=None,
+            within=False,
+            reason=why_not(found, views, requirement),
+        )
+    result = measured(views, best.settings, requirement, done)
+    reason = why(found, views, requirement)
+    within = meets(result, requirement)
+    return Plan(
+        near=best.settings.near,
+        slabs=best.settings.slabs,
+        depth=best.settings.depth,
+        mapping=best.settings.mapping,
+        predicted=best.predicted,
+        measured=result,
+        within=within,
+        reason=reason if within else f"{reason} {disproved(result, requirement)}",
+    )
+
+
+def steps(apertures: int) -> int:
+    """Return the number of steps of a plan for some apertures: traced, searched, measured."""
+    return 2 * apertures + MOST_CUTS + 1
+
+
+def search(
+    searched: Search, choices: Sequence[DepthBuffer], done: Callable[[int], object] = lambda steps: None
+) -> Outcome:
+    """Look for the best of some depth buffers, with one cut more at a time.
+
+    Parameters
+    ----------
+    searched
+        What makes attempts.
+    choices
+        At least one.
+    done
+        Called with the number of steps that are done, out of `MOST_CUTS` + 1.
+    """
+    finest = {choice: searched.cutter.finest(*choice) for choice in choices}
+    possible = [choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= searched.separation]
+    failed: list[Attempt] = []
+    holding: list[Attempt] = []
+    cuts = 0
+    while possible and not searched.displaces_too_much and not holding and cuts <= MOST_CUTS:
+        attempts = [searched.attempt(*choice, cuts) for choice in possible]
+        holding = sorted((one for one in attempts if one.holds), key=_rank)
+        failed = failed if holding else attempts
+        cuts += 1
+        done(1)
+    done(MOST_CUTS + 1 - cuts)
+    return Outcome(choices=choices, finest=min(finest.values()), failed=failed, holding=holding)
+
+
+def _rank(attempt: Attempt) -> tuple[float, bool, int, float]:
+    """Return what is to be smallest: see `plan`."""
+    settings = attempt.settings
+    written = settings.mapping in WRITTEN_BY_FRAGMENT
+    return -settings.near, written, BYTES[settings.depth], attempt.predicted.separation

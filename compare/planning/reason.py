@@ -1,0 +1,170 @@
+"""Why a plan is what it is, or why there is none, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
+from xfrustum.compare.planning.displacement import PERCENTILE
+from xfrustum.compare.planning.numbers import index_below, round_number
+from xfrustum.compare.planning.search import (
+    MOST_CUTS,
+    SEPARATION_MARGIN,
+    Attempt,
+    DepthBuffer,
+)
+from xfrustum.compare.planning.views import Quality, Requirement, Views
+from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+MOST_SPELLED = 4
+"""Heights in a sentence."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a search came to.
+
+    Attributes
+    ----------
+    choices
+        Depth buffers to choose from.
+    finest
+        The smallest separation that any of them orders at the farthest surface, however it is cut.
+    failed
+        Attempts with one cut less, or with the most there may be; empty where nothing was tried.
+    holding
+        Those that are predicted to hold, the best first.
+    """
+
+    choices: Sequence[DepthBuffer]
+    finest: float
+    failed: Sequence[Attempt]
+    holding: Sequence[Attempt]
+
+    @property
+    def best(self) -> Attempt | None:
+        """The plan; None where there is none."""
+        return self.holding[0] if self.holding else None
+
+
+def why(found: Outcome, views: Views, requirement: Requirement) -> str:
+    """Say why the plan is the best there is."""
+    assert found.best is not None
+    settings = found.best.settings
+    sentences = [_of_slabs(found, views, requirement), _of_near(settings, views, requirement)]
+    return " ".join([*sentences, _of_depth(found, settings)])
+
+
+def why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
+    """Say which requirement fails, and what can be had instead."""
+    separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
+    if found.finest * SEPARATION_MARGIN > separation:
+        return (
+            f"No plan: sheets {separation:.3g} {units} apart are not ordered at the farthest visible "
+            "surface, however it is cut, for want of digits; from "
+            f"{SEPARATION_MARGIN * found.finest:.2g} {units} on they could be."
+        )
+    if not found.failed:
+        return (
+            f"No plan: displacement exceeds {requirement.tolerance_px:g} px at any near. {_at_plate(views)}"
+        )
+    nearest = min(found.failed, key=lambda attempt: attempt.excess)
+    return (
+        f"No plan with up to {MOST_CUTS} cuts: even {_spelled(nearest.settings, units)} "
+        f"would {_shortfall(nearest, requirement, separation, units)}."
+    )
+
+
+def disproved(measured: Quality, requirement: Requirement) -> str:
+    """Say which requirement a plan that was predicted to hold does not meet when it is measured."""
+    parts = []
+    if measured.displacement_p99_px > requirement.tolerance_px:
+        parts.append(
+            f"one pixel in a hundred is displaced by {measured.displacement_p99_px:.2g} px "
+            "(the rounding of 32-bit positions is in it)"
+        )
+    if measured.depth_wrong > requirement.max_wrong:
+        parts.append(f"{measured.depth_wrong:.2g} of all pixels are wrong by depth")
+    if measured.misordered > MISORDERED:
+        parts.append(f"{measured.misordered:.2g} of the sheets' pixels are out of order")
+    return f"But measured it does not hold: {' and '.join(parts)}."
+
+
+def _at_plate(views: Views) -> str:
+    """Say what is so close to the plate that no near is small enough."""
+    shares = (float(np.mean(view.truth.height[view.truth.covered] == 0)) for view in views.views)
+    share = max(shares, default=0.0)
+    if share > 1 - PERCENTILE / 100:
+        return (
+            f"In up to {share:.0%} of the picture a surface passes through the aperture itself, "
+            "and there whatever lies closer than near is drawn."
+        )
+    smallest = SMALLEST_PER_REACH * views.scene.frustum.longest_reach
+    return f"What is seen lies closer to the plate than the smallest cut, {smallest:.2g} {views.scene.units}."
+
+
+def _of_slabs(found: Outcome, views: Views, requirement: Requirement) -> str:
+    assert found.best is not None
+    count = len(found.best.settings.slabs)
+    if not count:
+        return "One pair of frusta is enough."
+    nearest = min(found.failed, key=lambda attempt: attempt.excess)
+    separation, units = requirement.separation_in(views.scene.frustum), views.scene.units
+    fewer = ("Without cuts", "With one cut")[count - 1] if count <= 2 else f"With {count - 1} cuts"
+    shortfall = _shortfall(nearest, requirement, separation, units)
+    return f"{fewer}, even {_spelled(nearest.settings, units)} would {shortfall}."
+
+
+def _of_near(settings: DoubleFrustum, views: Views, requirement: Requirement) -> str:
+    if settings.slabs and settings.near == settings.slabs[0]:
+        lowest, highest = views.scene.height_ranges
+        if np.any((highest >= -settings.near) & (lowest <= settings.near)):
+            return "near is as large as the first cut, which is the most that makes sense."
+        return "The first slab is empty and is not drawn: near, as large as it, displaces nothing."
+    larger = round_number(index_below(settings.near) + 1)
+    if larger >= views.scene.frustum.longest_reach:
+        return "near is as large as the reach allows."
+    return (
+        f"With a larger near more than one pixel in a hundred might be displaced by over "
+        f"{requirement.tolerance_px:g} px."
+    )
+
+
+def _of_depth(found: Outcome, settings: DoubleFrustum) -> str:
+    if len(found.choices) == 1:
+        return f"{settings.depth_label} as asked for."
+    equal = sum(one.settings.near == settings.near for one in found.holding)
+    if equal == 1:
+        return f"Of {len(found.choices)} depth buffers only {settings.depth_label} can do with this."
+    return (
+        f"Of {len(found.choices)} depth buffers {equal} can do with this: {settings.depth_label} is the "
+        "cheapest, and of those as cheap the most accurate."
+    )
+
+
+def _shortfall(attempt: Attempt, requirement: Requirement, separation: float, units: str) -> str:
+    """Say what an attempt that does not hold would get wrong."""
+    predicted, parts = attempt.predicted, []
+    if predicted.displacement_p99_px > requirement.tolerance_px:
+        parts.append(f"displace one pixel in a hundred by {predicted.displacement_p99_px:.2g} px")
+    if predicted.depth_wrong > requirement.max_wrong:
+        parts.append(f"show up to {predicted.depth_wrong:.2g} of all pixels wrongly by depth")
+    if predicted.separation * SEPARATION_MARGIN > separation:
+        parts.append(
+            f"order sheets {predicted.separation:.2g} {units} apart, "
+            f"but not {separation / SEPARATION_MARGIN:.2g} {units} (half of what is asked for, to be sure)"
+        )
+    return " and ".join(parts)
+
+
+def _spelled(settings: DoubleFrustum, units: str) -> str:
+    heights = [f"{height:g}" for height in settings.slabs]
+    listed = f"{', '.join(heights)} {units}"
+    if len(heights) > MOST_SPELLED:
+        listed = f"{heights[0]} {units} and {len(heights) - 1} times beyond"
+    cuts = f", cut at {listed}," if heights else ""
+    return f"{settings.depth_label} with near {settings.near:g} {units}{cuts}"

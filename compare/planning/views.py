@@ -1,0 +1,217 @@
+"""What a plan must hold for: a requirement, and what some apertures of a scene truly show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.planning.displacement import displacement_bound, traced_displacement
+from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
+from xfrustum.compare.prediction.share import Slab, depth_wrong_share, slabs
+from xfrustum.compare.prediction.stacks import Stacks
+from xfrustum.reference import Reference
+from xfrustum.scenes.arguments import real, settle
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture
+
+Floats = NDArray[np.float64]
+
+SEPARATION_PER_REACH = 1e-3
+"""Of the larger reach: the separation that is asked for where none is given."""
+
+SAME_HEIGHT = 1e-9
+"""Relative: a surface this close to a cut counts on both sides of it. Rounding moves the surfaces of a
+refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Requirement:
+    """What a picture must keep.
+
+    Attributes
+    ----------
+    tolerance_px
+        Largest 99th percentile of displacement, pixels.
+    separation
+        Of two sheets that must be ordered at the farthest visible surface, scene units; None for
+        `SEPARATION_PER_REACH` of the larger reach.
+    max_wrong
+        Largest share of judged pixels whose wrong surface is charged to depth.
+
+    Raises
+    ------
+    InputError
+        One of them is not positive, or the share is not below one.
+    """
+
+    tolerance_px: float = 0.5
+    separation: float | None = None
+    max_wrong: float = 1e-3
+
+    def __post_init__(self) -> None:
+        tolerance, share = real(self.tolerance_px), real(self.max_wrong)
+        separation = None if self.separation is None else real(self.separation)
+        if not (math.isfinite(tolerance) and tolerance > 0):
+            raise InputError(f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}")
+        if separation is not None and not (math.isfinite(separation) and separation > 0):
+            raise InputError(f"separation must be a positive length, not {self.separation!r}")
+        if not 0 < share < 1:
+            raise InputError(
+                f"the largest share of wrong pixels must lie between 0 and 1, not {self.max_wrong!r}"
+            )
+        settle(self, tolerance_px=tolerance, separation=separation, max_wrong=share)
+
+    def separation_in(self, frustum: Frustum) -> float:
+        """Return the separation in scene units."""
+        return SEPARATION_PER_REACH * frustum.longest_reach if self.separation is None else self.separation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality:
+    """How well some settings do, at the worst of some apertures: predicted, or measured.
+
+    Attributes
+    ----------
+    displacement_p99_px
+        99th percentile of displacement; 0 where nothing is displaced. A prediction is an upper bound in
+        closed form, or what the traced model has where that is more (`plan_displacement`).
+    depth_wrong
+        Share of judged pixels whose wrong surface is charged to depth. A prediction assumes the most
+        unlucky draw order.
+    misordered
+        Share of pixels in which the wrong one of two parallel sheets shows, as far apart as is asked for,
+        at the farthest visible surface of each camera and slab; the worst.
+    separation
+        The smallest separation there of which no more than `MISORDERED` are wrong, scene units; the
+        largest of all cameras and slabs, 0 where no two surfaces can be misordered.
+    """
+
+    displacement_p99_px: float
+    depth_wrong: float
+    misordered: float
+    separation: float
+
+    @classmethod
+    def worst(cls, found: Sequence[Quality]) -> Quality:
+        """Return the largest of each number."""
+        return cls(**{item.name: max(getattr(one, item.name) for one in found) for item in fields(cls)})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class View:
+    """What one aperture truly shows.
+
+    Attributes
+    ----------
+    aperture, truth, gaps
+        See `Reference.trace` and `Reference.gaps`.
+    """
+
+    aperture: Aperture
+    truth: HogelImage
+    gaps: Floats
+
+    @cached_property
+    def seen(self) -> dict[Camera, Floats]:
+        """Heights |z| of all visible surfaces by the camera that sees them, ascending."""
+        height = self.truth.height[self.truth.covered].astype(np.float64)
+        return {
+            Camera.C: np.sort(np.abs(height[height <= 0])),
+            Camera.C_STAR: np.sort(height[height > 0]),
+        }
+
+    @cached_property
+    def stacks(self) -> Stacks:
+        """What depth buffers have to tell apart."""
+        return Stacks.of(self.truth, self.gaps)
+
+    def farthest(self, camera: Camera, low: float, high: float) -> float | None:
+        """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
+        seen = self.seen[camera]
+        count = int(np.searchsorted(seen, high * (1 + SAME_HEIGHT), side="right"))
+        if not count or seen[count - 1] < low * (1 - SAME_HEIGHT):
+            return None
+        return min(float(seen[count - 1]), high)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Views:
+    """What some apertures of a scene truly show, and what any settings are predicted to make of it."""
+
+    reference: Reference
+    views: tuple[View, ...]
+
+    @classmethod
+    def of(
+        cls, scene: Scene, apertures: Sequence[Aperture], done: Callable[[int], object] = lambda steps: None
+    ) -> Views:
+        """Trace the apertures.
+
+        Parameters
+        ----------
+        done
+            Called after each, with 1.
+        """
+        reference = Reference(scene)
+        views = []
+        for aperture in apertures:
+            truth, gaps = reference.trace(aperture), reference.gaps(aperture)
+            views.append(View(aperture=aperture, truth=truth, gaps=gaps))
+            done(1)
+        return cls(reference=reference, views=tuple(views))
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        return self.reference.scene
+
+    def displaced(self, settings: DoubleFrustum) -> Iterator[float]:
+        """Yield the 99th percentile of displacement that each aperture's picture is not to exceed."""
+        for view in self.views:
+            yield displacement_bound(view.truth, self.scene.frustum, settings)
+
+    def traced_displacement(self, settings: DoubleFrustum) -> float:
+        """Return the 99th percentile of displacement of the cameras' exact model, at the worst aperture."""
+        found = (traced_displacement(self.reference, view.truth, settings) for view in self.views)
+        return max(found, default=0.0)
+
+    def depth_wrong(self, settings: DoubleFrustum) -> float:
+        """Return the predicted share of pixels shown wrongly by depth, for the most unlucky draw order."""
+        frustum = self.scene.frustum
+        shares = (depth_wrong_share(view.stacks, frustum, settings, unlucky=True) for view in self.views)
+        return max(shares, default=0.0)
+
+    def separation(self, settings: DoubleFrustum) -> float:
+        """Return the predicted smallest separation at the farthest surface of the worst camera and slab."""
+        found = (self.separation_in(slab, settings) for slab in slabs(self.scene.frustum, settings))
+        return max(found, default=0.0)
+
+    def separation_in(self, slab: Slab, settings: DoubleFrustum) -> float:
+        """Return the predicted smallest separation at the farthest surface seen in a slab; 0 without any."""
+        ends = [view.farthest(slab.camera, slab.low, slab.high) for view in self.views]
+        seen = np.array([end for end in ends if end is not None])
+        if not len(seen):
+            return 0.0
+        w = np.clip(seen + slab.step, slab.near, slab.far)
+        return float(smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping).max())
+
+    def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
+        """Return what settings are predicted to do, with sheets as far apart as is asked for."""
+        smallest = self.separation(settings)
+        certain = NormalDist().inv_cdf(1 - MISORDERED)
+        return Quality(
+            displacement_p99_px=max(self.displaced(settings), default=0.0),
+            depth_wrong=self.depth_wrong(settings),
+            misordered=NormalDist().cdf(-certain * separation / smallest) if smallest else 0.0,
+            separation=smallest,
+        )

@@ -1,0 +1,113 @@
+"""Closed form of the smallest separation of two surfaces that a depth buffer still orders.
+
+Two errors limit it, and they are independent, so their squares add.
+
+ * The step: distinct depths are stored as equal ones up to one step of the format, and strict tests
+   then keep the wrong surface where that was drawn first (docs/method.md).
+ * Float32: whatever the format, depth is computed in float32 before it is stored. Each of its
+   roundings is uniform within half a unit in the last place of the number that is rounded, a variance
+   of a twelfth of a unit squared. Two surfaces have twice that; their sum is close to normal.
+"""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+
+Floats = NDArray[np.float64]
+
+MISORDERED = 0.01
+"""Share of pixels in which the wrong surface may show, for a separation to count as ordered."""
+
+CLIP_ROUNDINGS = 3
+"""Of clip depth's product and sum, and of clip w: relative to w."""
+
+PLANE_ROUNDINGS = 2
+"""The steps of a triangle's plane equation along x and y."""
+
+W_ROUNDINGS = 6
+"""Of a fragment's w: the surface's position, clip w, its reciprocal, the two steps of the plane
+equation of 1 / w, and the reciprocal of that."""
+
+EXPRESSION_ROUNDINGS = {DepthMapping.LINEAR: 3, DepthMapping.LOGARITHMIC: LOG_ULPS}
+"""Roundings of what the fragment computes from w: a difference, a division, and storing; for the
+logarithm its half units in the last place. What a logarithm's approximation gets wrong beyond
+rounding is the same for two depths so near to each other, and cancels."""
+
+
+def smallest_separation(
+    w: Floats, near_plane: float, far_plane: float, depth: DepthFormat, mapping: DepthMapping
+) -> Floats:
+    """Return the smallest separation of two surfaces that a depth buffer still orders.
+
+    Depth resolution does not depend on which surface wins: for C (nearest wins) and C* (farthest
+    wins) the same w, the distance from the camera, has the same separation. A C* keeps the surfaces
+    of largest w, where hyperbolic depth is coarsest.
+
+    Parameters
+    ----------
+    w
+        Distances of the surfaces from the camera along its axis, scene units, between the planes.
+    near_plane, far_plane
+        Distances of the camera's near and far plane: n, and n + the reach of that side without slabs.
+    depth, mapping
+        Format and mapping of the depth buffer.
+
+    Returns
+    -------
+    The difference of two surfaces' w, scene units, at which `MISORDERED` of the pixels still show the
+    wrong one, where equal depths count as wrong; the shape of `w`.
+
+    Notes
+    -----
+    Steps alone, by depth b bits deep (docs/method.md): w^2 (f - n) / (f n 2^b) for the hyperbolic
+    mappings, w ln(f / n) / 2^b logarithmic, (f - n) / 2^b linear; for D32F the spacing of float32 at
+    the stored value, which near one is that of 24 bits, and 2^-24 to 2^-23 of w reversed.
+    """
+    w = np.asarray(w, dtype=np.float64)
+    stored, slope = stored_depth(w, near_plane, far_plane, mapping)
+    step = STEP[depth] or float32_spacing(stored)
+    chance = NormalDist().inv_cdf(1 - MISORDERED)
+    rounding = chance * np.sqrt(2 * depth_variance(w, stored, near_plane, far_plane, mapping))
+    return np.asarray(np.hypot(step, rounding) / slope)
+
+
+def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[Floats, Floats]:
+    """Return the stored value before rounding, and the absolute value of its derivative by w."""
+    match mapping:
+        case DepthMapping.LOGARITHMIC:
+            octaves = np.log(f / n)
+            return np.log(w / n) / octaves, 1 / (w * octaves)
+        case DepthMapping.LINEAR:
+            return (w - n) / (f - n), np.full_like(w, 1 / (f - n))
+    near_one = f * (w - n) / (w * (f - n))
+    slope = f * n / ((f - n) * w**2)
+    return (n * (f - w) / (w * (f - n)) if mapping is DepthMapping.REVERSED else near_one), slope
+
+
+def depth_variance(w: Floats, stored: Floats, n: float, f: float, mapping: DepthMapping) -> Floats:
+    """Return the variance of one surface's depth from the roundings of float32."""
+    _, slope = stored_depth(w, n, f, mapping)
+    position = (slope * float32_spacing(w)) ** 2
+    if mapping in EXPRESSION_ROUNDINGS:
+        after = EXPRESSION_ROUNDINGS[mapping] * float32_spacing(stored) ** 2
+        return np.asarray((W_ROUNDINGS * position + after) / 12)
+    # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
+    largest = f * n / ((f - n) * w) if mapping is DepthMapping.REVERSED else f / (f - n)
+    clip = CLIP_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
+    if mapping is DepthMapping.GL:
+        # What is rounded from -1 to 1 is halved, and once more rounded when it is moved by a half.
+        divided = float32_spacing(2 * stored - 1) ** 2
+        moved = (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2
+        return np.asarray((position + (clip + divided) / 4 + moved) / 12)
+    return np.asarray((position + clip + (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2) / 12)
+
+
+def float32_spacing(values: Floats) -> Floats:
+    """Return the distance of neighboring float32 numbers at some values."""
+    return np.spacing(np.abs(values).astype(np.float32)).astype(np.float64)

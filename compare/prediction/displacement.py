@@ -1,0 +1,159 @@
+"""Closed form of displacement: where each point is drawn, from the truth alone.
+
+See docs/method.md, "The two cameras".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.metrics.displacement import lengths
+from xfrustum.compare.metrics.film import pixel_centers
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
+from xfrustum.scenes.plate.frustum import Frustum
+
+Floats = NDArray[np.float64]
+
+
+def displacement_field(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return the true minus the drawn position of the surface point that each truth pixel shows.
+
+    Parameters
+    ----------
+    truth
+        The true image of an aperture.
+    frustum
+        The scene's: its reach and screen.
+    settings
+        How the two cameras draw; the depth buffer plays no part.
+
+    Returns
+    -------
+    (H, W, 2) columns to the right and rows down, in pixels, with the sign of `displacement`; NaN
+    where the truth shows no surface, where it lies in the plate, and where no camera draws it: the
+    other side of a camera alone, and closer than n without an offset.
+    """
+    return displacements(TruePoints.of(truth), frustum, settings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TruePoints:
+    """Surface points where the truth shows them.
+
+    Attributes
+    ----------
+    height
+        (...) signed heights z in scene units; NaN where there is no surface off the plate.
+    from_middle
+        (..., 2) columns and rows from the middle of the film: W/2 u and -H/2 v.
+    camera
+        The true frustum.
+    """
+
+    height: Floats
+    from_middle: Floats
+    camera: HogelCamera
+
+    @classmethod
+    def of(cls, truth: HogelImage) -> TruePoints:
+        """Return the points of all pixels, (H, W)."""
+        width, rows = truth.camera.resolution
+        return cls(
+            height=np.where(truth.off_plate, truth.height, np.nan).astype(np.float64),
+            from_middle=pixel_centers(truth.camera) - [(width - 1) / 2, (rows - 1) / 2],
+            camera=truth.camera,
+        )
+
+    @cached_property
+    def radius(self) -> Floats:
+        """Distances (...) from the middle of the film, pixels."""
+        return lengths(self.from_middle)
+
+    def at(self, pixels: NDArray[Any]) -> TruePoints:
+        """Return some of them, by a mask or by indices of the flattened image."""
+        chosen = pixels.ravel()
+        return TruePoints(
+            height=self.height.ravel()[chosen],
+            from_middle=self.from_middle.reshape(-1, 2)[chosen],
+            camera=self.camera,
+        )
+
+    def shown(self) -> TruePoints:
+        """Return those that are surface points off the plate."""
+        return self.at(np.isfinite(self.height))
+
+
+def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return the displacement of some points, (..., 2) in pixels; see `displacement_field`.
+
+    Notes
+    -----
+    Both cameras see a point at height z from a distance w = |z| + n. In coordinates sheared about
+    the aperture the point lies |z| t u off the axis, so that it is drawn at
+
+        u_d = u |z| / w                     fit angle; fit zf multiplies by (zf + n) / zf
+        u_d = (u |z| - n k / t) / w         pivot camera, likewise
+
+    The camera's own center, by the second line, misses the axis by n k: C sees the point at
+    x' - n k, and C* at -(x' + n k), which with its turned film is the same shift. True minus drawn is
+    therefore, without a difference of nearly equal numbers,
+
+        u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
+
+    All that holds in the first slab. The cameras of the others stand in the aperture: no displacement.
+    """
+    bent = _bent(points, frustum, settings)
+    fitted = settings.fitted_height(frustum)
+    per_fit = 0.0 if fitted is None else 1 / fitted
+    field = points.from_middle * (bent * (1 - np.abs(points.height) * per_fit))[..., None]
+    if settings.pivot is Pivot.CAMERA:
+        camera = points.camera
+        sides = [camera.resolution[0] / 2, -camera.resolution[1] / 2]
+        film_units = np.asarray(camera.shear) / camera.half_extent * sides
+        field += (bent * (1 + settings.near * per_fit))[..., None] * film_units
+    return field
+
+
+def displacement_lengths(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return the lengths of the displacements of some points, (...) in pixels; see `displacements`."""
+    if settings.pivot is Pivot.CAMERA:
+        return lengths(displacements(points, frustum, settings))
+    # Away from the middle of the film, or toward it.
+    moved = points.radius * _bent(points, frustum, settings)
+    fitted = settings.fitted_height(frustum)
+    return moved if fitted is None else moved * np.abs(1 - np.abs(points.height) / fitted)
+
+
+def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
+    """Return n / w of some points, (...); 0 outside the first slab, NaN where no camera draws."""
+    near = settings.near if settings.offset is Offset.PLATE else 0.0
+    bent = near / (np.abs(points.height) + near)
+    if settings.slabs:
+        bent[np.isfinite(points.height) & ~in_first_slab(points.height, frustum, settings)] = 0.0
+    if settings.camera is not Camera.BOTH or settings.offset is Offset.NONE:
+        bent[~is_drawn(points.height, settings)] = np.nan
+    return np.asarray(bent)
+
+
+def in_first_slab(
+    height: NDArray[np.floating], frustum: Frustum, settings: DoubleFrustum
+) -> NDArray[np.bool_]:
+    """Return which surfaces at some heights the slab that touches the plate draws."""
+    toward, behind = (settings.sections(reach)[0][1] for reach in frustum.reach)
+    return np.asarray((height <= toward) & (height >= -behind))
+
+
+def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> NDArray[np.bool_]:
+    """Return which surfaces at some heights off the plate some camera draws."""
+    drawn: NDArray[np.bool_] = np.isfinite(height)
+    if settings.camera is not Camera.BOTH:
+        drawn &= (height < 0) == (settings.camera is Camera.C)
+    if settings.offset is Offset.NONE:
+        drawn &= np.abs(height) >= settings.near
+    return drawn

@@ -1,0 +1,54 @@
+"""What the bent eye vector costs at an image's surface points: predicted and measured.
+
+See docs/method.md, "Light".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.prediction.eye_vector import bend, radiance_along, shading_normals, true_lines
+from xfrustum.compare.prediction.shading import bent_eye, mirror_change, specular_change
+from xfrustum.reference.shading.shading import Shader
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
+    """Return, in closed form to first order, how much brighter the points of an image are drawn, (N, 3).
+
+    Parameters
+    ----------
+    image
+        Any that shows surface points, such as the truth: those off the plate count.
+    near
+        Offset of both cameras (pivot aperture, fit angle, no slabs).
+    """
+    where = image.off_plate
+    triangle, position = image.triangle[where], image.position[where].astype(np.float64)
+    lines = true_lines(position, image.camera.aperture)
+    eye = bent_eye(lines, bend(position, image.camera, near))
+    normal = shading_normals(scene, triangle, position, lines)
+    return specular_change(scene, triangle, normal, eye) + mirror_change(scene, triangle, normal, eye)
+
+
+def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Floats:
+    """Return how much brighter a device drew the points of its image than they truly are, (N, 3).
+
+    Parameters
+    ----------
+    shader
+        Of the scene.
+    drawn
+        With color, sampled once per pixel. What double precision computes otherwise than float32 is in
+        the difference, too.
+    """
+    assert drawn.color is not None
+    where = drawn.off_plate
+    position = drawn.position[where].astype(np.float64)
+    lines = true_lines(position, drawn.camera.aperture)
+    truly = radiance_along(scene, shader, drawn.triangle[where], position, lines)
+    return np.asarray(drawn.color[where] - truly)

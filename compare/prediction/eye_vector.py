@@ -1,0 +1,97 @@
+"""Which way a surface point is looked at: truly, and by the camera that draws it (docs/method.md, "Light").
+
+At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another
+surface point is met. At one *surface point* the two lines differ: the eye vector bends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reference.shading.interpolation import places, smooth_normals
+from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.scenes.model.hogel_image import HogelCamera
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture
+
+Floats = NDArray[np.float64]
+
+
+def true_lines(position: NDArray[np.floating], aperture: Aperture) -> Floats:
+    """Return d = (.., .., -1) of the true line through each surface point, (..., 3).
+
+    NaN for points in the plate, through which no line in particular passes.
+    """
+    return _through(position, (aperture.x, aperture.y, 0.0))
+
+
+def drawn_lines(
+    position: NDArray[np.floating], frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
+) -> Floats:
+    """Return d = (.., .., -1) of the line on which each surface point is drawn, (..., 3).
+
+    NaN where no camera draws the point's height.
+    """
+    lines = np.full(position.shape, np.nan)
+    for camera in model_cameras(frustum, aperture, settings):
+        low, high = camera.heights
+        # Where two slabs meet, the one drawn later covers the other.
+        here = (position[..., 2] >= low) & (position[..., 2] <= high)
+        lines[here] = _through(position[here], camera.pencil.center)
+    return lines
+
+
+def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Floats:
+    """Return the closed form of drawn minus true line, d of each as above: (..., 3).
+
+    A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit angle),
+    and pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n) toward the middle of the film.
+    """
+    position = np.asarray(position, dtype=np.float64)
+    d = true_lines(position, camera.aperture)
+    from_axis = d[..., :2] - np.asarray(camera.shear)
+    height = np.abs(position[..., 2:])
+    bent = np.zeros_like(d)
+    bent[..., :2] = -from_axis * near / (height + near)
+    return bent
+
+
+def radiance_along(
+    scene: Scene, shader: Shader, triangle: NDArray[np.int32], position: Floats, lines: Floats
+) -> Floats:
+    """Return linear RGB (N, 3), by the reference's shading, of surface points seen along any lines.
+
+    Parameters
+    ----------
+    shader
+        Of the scene.
+    triangle, position
+        (N,) numbers and (N, 3) points.
+    lines
+        (N, 3) d of a line through each point, from the viewer to the back.
+    """
+    hits = Hits(triangle=triangle, normal=scene.normals[triangle], position=position, direction=lines)
+    return np.broadcast_to(shader.radiance(hits), position.shape)
+
+
+def shading_normals(scene: Scene, triangle: NDArray[np.int32], position: Floats, lines: Floats) -> Floats:
+    """Return the unit normals that surface points are shaded with, turned to the viewer, (N, 3).
+
+    Parameters as in `radiance_along`.
+    """
+    flat = scene.normals[triangle]
+    back = np.einsum("ij,ij->i", flat, lines) > 0
+    normal = flat
+    if scene.surface.vertex_normals is not None:
+        normal = smooth_normals(scene, places(scene, triangle, position), flat)
+    return np.where(back[:, None], -normal, normal)
+
+
+def _through(position: NDArray[np.floating], center: tuple[float, float, float]) -> Floats:
+    offset = position.astype(np.float64) - center
+    depth = -offset[..., 2:]
+    return np.asarray(offset / np.where(depth == 0, np.nan, depth))

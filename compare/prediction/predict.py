@@ -1,0 +1,166 @@
+"""Closed forms of every error, from the scene's geometry alone (docs/method.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.metrics.displacement import Spread, lengths
+from xfrustum.compare.prediction.chain import traced_settings
+from xfrustum.compare.prediction.depth import smallest_separation
+from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
+from xfrustum.compare.prediction.share import depth_wrong_share, slabs
+from xfrustum.compare.prediction.silhouettes import Silhouettes
+from xfrustum.compare.prediction.stacks import Stacks
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Separations:
+    """The smallest separation of two surfaces that is ordered at the farthest visible one, scene units.
+
+    Of C and of C*; None where that side shows no surface.
+    """
+
+    c: float | None
+    c_star: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """What is to be expected of one setting.
+
+    Attributes
+    ----------
+    displacement_px
+        None where the truth shows no surface off the plate that is drawn.
+    silhouettes, snapped, depth
+        Shares of the judged pixels that show a wrong surface: along silhouettes because of
+        displacement, there because edges snap to subpixels, and because of the depth buffer.
+    separation
+        What the depth buffer still orders.
+    """
+
+    displacement_px: Spread | None
+    silhouettes: float
+    snapped: float
+    depth: float
+    separation: Separations
+
+    @property
+    def surface_fraction(self) -> float:
+        """Share of the judged pixels with a wrong surface, from causes that know nothing of each other."""
+        return 1 - (1 - self.silhouettes) * (1 - self.snapped) * (1 - self.depth)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkPrediction:
+    """What is to be expected of one link of the chain; None where nothing is known in closed form.
+
+    Attributes
+    ----------
+    displacement_rms_px
+        Root mean square length of what the link adds to displacement.
+    surface_pixels
+        Judged pixels with a wrong surface that are charged to it.
+    """
+
+    displacement_rms_px: float | None
+    surface_pixels: float | None
+
+
+class Predictor:
+    """All closed forms for the true image of one aperture.
+
+    Parameters
+    ----------
+    truth
+        The true image.
+    gaps
+        (H, W) see `Reference.gaps`.
+    frustum
+        The scene's.
+    subpixel_bits
+        Of the device that draws.
+    """
+
+    def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
+        self._frustum = frustum
+        self._subpixel_bits = subpixel_bits
+        self._points = TruePoints.of(truth).shown()
+        self._stacks = Stacks.of(truth, gaps)
+        self._silhouettes = Silhouettes(truth, frustum)
+        self._without_depth: dict[DoubleFrustum, tuple[Spread | None, float, float]] = {}
+
+    def predict(self, settings: DoubleFrustum) -> Prediction:
+        """Return what is to be expected of a setting."""
+        # The depth buffer displaces nothing: what many settings share is computed once.
+        cameras = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+        if cameras not in self._without_depth:
+            moved = _spread(displacement_lengths(self._points, self._frustum, cameras))
+            judged = max(self._stacks.judged, 1)
+            wrong = self._silhouettes.wrong_pixels(cameras) / judged
+            snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / judged
+            self._without_depth[cameras] = (moved, wrong, snapped)
+        displacement_px, silhouettes, snapped = self._without_depth[cameras]
+        return Prediction(
+            displacement_px=displacement_px,
+            silhouettes=silhouettes,
+            snapped=snapped,
+            depth=depth_wrong_share(self._stacks, self._frustum, settings),
+            separation=self.separations(settings),
+        )
+
+    def links(self, settings: DoubleFrustum) -> tuple[LinkPrediction, ...]:
+        """Return what is to be expected of each link of the chain, in the order of `LINKS`.
+
+        Rasterization and depth displace nothing but by the rounding of positions.
+        """
+        traced = traced_settings(settings, self._frustum)
+        fields = [displacements(self._points, self._frustum, link) for link in traced]
+        steps = [fields[0], *(after - before for before, after in pairwise(fields))]
+        moved = [_spread(lengths(step)) for step in steps]
+        share = depth_wrong_share(self._stacks, self._frustum, settings)
+        wrong = [
+            *self._silhouettes.charged_pixels(traced),
+            self._silhouettes.snapped_pixels(settings, self._subpixel_bits),
+            share * self._stacks.judged,
+        ]
+        return tuple(
+            LinkPrediction(displacement_rms_px=spread.rms if spread else None, surface_pixels=pixels)
+            for spread, pixels in zip([*moved, None, None], wrong, strict=True)
+        )
+
+    def separations(self, settings: DoubleFrustum) -> Separations:
+        """Return the smallest separation that is ordered at the farthest visible surface of each side."""
+        height = self._points.height
+        farthest = {
+            Camera.C: -float(height.min(initial=0)),
+            Camera.C_STAR: float(height.max(initial=0)),
+        }
+        found: dict[Camera, float] = {}
+        for slab in slabs(self._frustum, settings):
+            if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:
+                w = np.array([farthest[slab.camera] + slab.step])
+                there = smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping)
+                # A surface at a cut is drawn by both slabs, by one of them as its nearest.
+                found[slab.camera] = min(found.get(slab.camera, np.inf), float(there[0]))
+        return Separations(c=found.get(Camera.C), c_star=found.get(Camera.C_STAR))
+
+
+def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
+    """Return the spread of displacement over the surfaces that the truth shows; None without any."""
+    return _spread(displacement_lengths(TruePoints.of(truth).shown(), frustum, settings))
+
+
+def _spread(moved: Floats) -> Spread | None:
+    """Return how those lengths (N,) are spread that are known."""
+    known = np.isfinite(moved)
+    return Spread.of(moved if known.all() else moved[known])

@@ -1,0 +1,178 @@
+"""A guess at how somebody drew a plate: conventions, geometry, and which camera wins where.
+
+Every quantity has the value at which nothing is wrong as its default. What a guess says about lines is
+what `xfrustum.reference.lines.lines` says, with the guessed numbers in place of the scene's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
+from xfrustum.reference.lines.lines import Pencil, film_window
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+from xfrustum.scenes.plate.plate import Aperture
+
+Floats = NDArray[np.float64]
+
+
+class Front(StrEnum):
+    """What became of the half on the viewer's side, which C* draws."""
+
+    FARTHEST = "farthest"
+    """The farthest surface wins, as it must."""
+    NEAREST = "nearest"
+    MISSING = "missing"
+
+
+class Culled(StrEnum):
+    """Which faces are left out: those whose corners run around in this sense along the lines of the pencil.
+
+    Both cameras of a crossed frustum look along the same lines in one direction, from the viewer's side to
+    the back.
+    """
+
+    NONE = "none"
+    COUNTERCLOCKWISE = "counterclockwise"
+    CLOCKWISE = "clockwise"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnModel:
+    """How a plate was drawn.
+
+    Attributes
+    ----------
+    orientation, order
+        What brings its images upright, and its apertures in order.
+    shift
+        Where in an upright image's pixels it samples: columns to the right and rows down from the
+        pixel's center, in pixels.
+    fov
+        Half-extents of its film over those of the scene, in x and y.
+    pitch
+        Distances between its apertures over those of the scene, in x and y.
+    near
+        Offset of both cameras in scene units; 0 for cameras in the aperture itself.
+    aperture_offset
+        By how much all apertures are moved, x and y, scene units.
+    scene_offset, scene_scale
+        How the scene lies to plate and cameras: a point p of it is drawn where scene_scale p + scene_offset
+        belongs.
+    pivot, fit
+        As in the design; they mean nothing at near 0.
+    front, overlaid
+        What became of the viewer's half, and whether it covers the other.
+    culled
+        Which faces its cameras leave out.
+    conjugated
+        Whether the lights of the viewer's half are conjugated.
+    """
+
+    orientation: Orientation = UPRIGHT
+    order: Orientation = UPRIGHT
+    shift: tuple[float, float] = (0.0, 0.0)
+    fov: tuple[float, float] = (1.0, 1.0)
+    pitch: tuple[float, float] = (1.0, 1.0)
+    near: float = 0.0
+    aperture_offset: tuple[float, float] = (0.0, 0.0)
+    scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scene_scale: float = 1.0
+    pivot: Pivot = Pivot.APERTURE
+    fit: Fit = Fit.ANGLE
+    front: Front = Front.FARTHEST
+    overlaid: bool = True
+    culled: Culled = Culled.NONE
+    conjugated: bool = True
+
+    @property
+    def plain(self) -> bool:
+        """Whether all faces are drawn, and the farthest surface of the viewer's half wins over the other."""
+        return self.front is Front.FARTHEST and self.overlaid and self.culled is Culled.NONE
+
+    @property
+    def parameters(self) -> Floats:
+        """All numbers as one vector (P,), in the order of `parameters.FAULT_NAMES`."""
+        return np.concatenate([np.ravel(getattr(self, group.field)) for group in parameters.GROUPS])
+
+    @property
+    def plate_height(self) -> float:
+        """Where along z the plate lies in the scene's own coordinates, before it is moved."""
+        return -self.scene_offset[2] / self.scene_scale
+
+    def with_parameters(self, values: Floats) -> DrawnModel:
+        """Return the same guess with other numbers, in the order of `parameters`."""
+        fields: dict[str, float | tuple[float, ...]] = {}
+        for group in parameters.GROUPS:
+            numbers = tuple(float(values[place]) for place in parameters.places(group.name))
+            fields[group.field] = numbers if len(numbers) > 1 else numbers[0]
+        return replace(self, **fields)  # type: ignore[arg-type]
+
+    def answers(self, scene: Scene, aperture: Aperture) -> Aperture:
+        """Return the aperture of the scene that a file named after one aperture shows."""
+        return scene.plate.aperture(*self.order.index(aperture.index, scene.plate.hogels))
+
+    def placed(self, aperture: Aperture) -> Aperture:
+        """Return an aperture where the guess has it."""
+        return replace(
+            aperture,
+            x=aperture.x * self.pitch[0] + self.aperture_offset[0],
+            y=aperture.y * self.pitch[1] + self.aperture_offset[1],
+        )
+
+    def pencil(self, scene: Scene, aperture: Aperture, side: int) -> Pencil:
+        """Return the lines of C (side 1), of C* (side -1), or of both where near is 0 (side 0).
+
+        They are lines of the scene as it was asked for: where a renderer has moved it or made it larger,
+        the cameras are moved and made smaller instead.
+        """
+        frustum, there = scene.frustum, self.placed(aperture)
+        shear, half = film_window(frustum, there)
+        step = 0.0 if side == 0 else side * self.near
+        aside = step if self.pivot is Pivot.APERTURE else 0.0
+        fit = 1.0
+        if self.fit is Fit.SCREEN and frustum.screen is not None:
+            fit = abs(frustum.screen.height) / (abs(frustum.screen.height) + self.near)
+        half = (half[0] * self.fov[0] * fit, half[1] * self.fov[1] * fit)
+        width, height = frustum.resolution
+        # A shifted sampling point is a shear of the film: u grows to the right, v up.
+        sampled = (
+            shear[0] + 2 * self.shift[0] / width * half[0],
+            shear[1] - 2 * self.shift[1] / height * half[1],
+        )
+        viewer, back = frustum.reach
+        ranges = {
+            1: (self.near, self.near + back),
+            -1: (-self.near - viewer, -self.near),
+            0: (-viewer, back),
+        }
+        first, last = ranges[side]
+        center = (there.x - aside * shear[0], there.y - aside * shear[1], step)
+        x, y, z = (
+            (place - moved) / self.scene_scale for place, moved in zip(center, self.scene_offset, strict=True)
+        )
+        return Pencil(
+            center=(x, y, z),
+            shear=sampled,
+            half_extent=half,
+            resolution=frustum.resolution,
+            s_range=(first / self.scene_scale, last / self.scene_scale),
+        )
+
+    def project(self, scene: Scene, aperture: Aperture, points: Floats) -> Floats:
+        """Return column and row (.., 2) where surface points are drawn; NaN in the plane of the plate."""
+        found = np.full((*points.shape[:-1], 2), np.nan)
+        plate = self.plate_height
+        for side, here in ((1, points[..., 2] < plate), (-1, points[..., 2] > plate)):
+            pencil = self.pencil(scene, aperture, side)
+            relative = points[here] - np.asarray(pencil.center)
+            film = (relative[:, :2] / -relative[:, 2:] - np.asarray(pencil.shear)) / pencil.half_extent
+            width, height = pencil.resolution
+            found[here] = (film * (1, -1) + 1) * (width / 2, height / 2) - 0.5
+        return found

@@ -1,0 +1,117 @@
+"""What a guess about a renderer makes of a scene, traced and decided like the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
+from xfrustum.reference import Reference
+from xfrustum.reference.certify.certify import Certifier
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layer:
+    """What one camera shows.
+
+    Attributes
+    ----------
+    triangle
+        (H, W) int32, `NOTHING` where it shows none.
+    position
+        (H, W, 3) scene units, NaN likewise.
+    certainty
+        (H, W) uint8 `Certainty`.
+    """
+
+    triangle: NDArray[np.int32]
+    position: Floats
+    certainty: NDArray[np.uint8]
+
+
+def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
+    """Return the upright image that a guess predicts for an aperture of the scene, with no color."""
+    layers = drawn_layers(reference.scene, model, aperture)
+    return as_image(reference, aperture, overlaid(layers))
+
+
+def drawn_layers(scene: Scene, model: DrawnModel, aperture: Aperture) -> list[Layer]:
+    """Return what the cameras of a guess show, in drawing order: what comes later covers."""
+    if model.plain and not model.near:
+        return [layer(scene, model.pencil(scene, aperture, 0))]
+    back = layer(scene, model.pencil(scene, aperture, 1), culled=model.culled)
+    if model.front is Front.MISSING:
+        return [back]
+    nearest = model.front is Front.NEAREST
+    front = layer(scene, model.pencil(scene, aperture, -1), nearest=nearest, culled=model.culled)
+    return [back, front] if model.overlaid else [front, back]
+
+
+def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled = Culled.NONE) -> Layer:
+    """Return what is first along a camera's lines; with `nearest`, what is last along those of a C*."""
+    rows, triangles = range(pencil.resolution[1]), scene.triangles
+    drawn = np.arange(len(triangles))
+    if culled is not Culled.NONE:
+        drawn = np.flatnonzero(_facing(scene, pencil) != _CULLED_SIGN[culled])
+        triangles = triangles[drawn]
+    if nearest:
+        # Seen through a point mirror in its center, what was last along a line is first.
+        low, high = pencil.s_range
+        mirrored = 2 * np.asarray(pencil.center) - triangles
+        decided = Certifier(mirrored, replace(pencil, s_range=(-high, -low))).decide(rows)
+        s = -decided.s
+    else:
+        decided = Certifier(triangles, pencil).decide(rows)
+        s = decided.s
+    triangle = np.append(drawn, NOTHING).astype(np.int32)[decided.triangle]
+    position = np.asarray(pencil.center) + s[..., None] * pencil.directions()
+    return Layer(triangle=triangle, position=position, certainty=decided.certainty)
+
+
+_CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1.0, Culled.CLOCKWISE: -1.0}
+"""Of what `_facing` returns."""
+
+
+def _facing(scene: Scene, pencil: Pencil) -> Floats:
+    """Return 1 for triangles (F,) whose corners run counterclockwise as the viewer sees them, else -1.
+
+    All lines of a pencil meet a triangle on the side on which its center lies, before it or behind.
+    """
+    toward = np.asarray(pencil.center) - scene.triangles[:, 0]
+    corners = scene.triangles
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    side = np.sign(np.einsum("ij,ij->i", normals, toward))
+    # Before the plate the lines leave the center backward: what the center sees, the viewer does not.
+    return np.asarray(np.where(pencil.s_range[0] < 0, -side, side))
+
+
+def overlaid(layers: Sequence[Layer]) -> Layer:
+    """Return layers on top of each other, the last on top."""
+    triangle, position, certainty = layers[0].triangle, layers[0].position, layers[0].certainty
+    for upper in layers[1:]:
+        covers = upper.triangle != NOTHING
+        triangle = np.where(covers, upper.triangle, triangle)
+        position = np.where(covers[..., None], upper.position, position)
+        certainty = np.where(covers, upper.certainty, np.maximum(certainty, upper.certainty))
+    return Layer(triangle=triangle, position=position, certainty=certainty)
+
+
+def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:
+    """Return a layer as the image of an aperture."""
+    objects = np.append(reference.scene.object_of_triangle, np.int32(NOTHING))
+    return HogelImage(
+        camera=reference.camera(aperture),
+        triangle=shown.triangle,
+        object=objects[shown.triangle],
+        position=shown.position,
+        certainty=shown.certainty,
+    )

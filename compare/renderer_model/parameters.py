@@ -1,0 +1,165 @@
+"""The numbers of a guess about a renderer, in groups that go wrong together: one table for all who use them.
+
+A new group needs a row here, a field of the same name in `DrawnModel`, what it does to the lines in
+`DrawnModel.pencil` and in `xfrustum.compare.diagnosis.containment`, and its words in `xfrustum.compare.diagnosis.faults`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.model.scene import Scene
+
+Floats = NDArray[np.float64]
+
+SMALLEST_SHIFT_PX = 0.05
+"""Smallest shift that has a name: half of the tenth of a pixel to which a sampling point is asked for."""
+
+SMALLEST_FACTOR = 5e-4
+"""Smallest deviation of a factor from one that has a name: half of a tenth of a percent."""
+
+NEARBY = 0.1
+"""Part of the reach at which moved apertures and scenes must be seen to move, to have a name."""
+
+
+class Kind(StrEnum):
+    """What a number is, which decides its unit and how finely it is searched for."""
+
+    PIXELS = "pixels"
+    """A length on the film."""
+    FACTOR = "factor"
+    """A ratio about one."""
+    SIZE = "size"
+    """A ratio of any magnitude."""
+    OFFSET = "offset"
+    """A length of the scene, of either sign."""
+    NEAR = "near"
+    """A length of the scene, not negative, of any magnitude."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Numbers of a guess that go wrong together.
+
+    Attributes
+    ----------
+    name
+        As users accept it, and a field of `DrawnModel` with - for _.
+    faults
+        Short name of each of its numbers being off.
+    kind
+        What its numbers are.
+    nominal
+        Their value where nothing is wrong.
+    """
+
+    name: str
+    faults: tuple[str, ...]
+    kind: Kind
+    nominal: float
+
+    @property
+    def field(self) -> str:
+        """Name of the field of `DrawnModel`."""
+        return self.name.replace("-", "_")
+
+
+GROUPS = (
+    Group(name="shift", faults=("shift-x", "shift-y"), kind=Kind.PIXELS, nominal=0.0),
+    Group(name="fov", faults=("fov-x", "fov-y"), kind=Kind.FACTOR, nominal=1.0),
+    Group(name="pitch", faults=("pitch-x", "pitch-y"), kind=Kind.FACTOR, nominal=1.0),
+    Group(name="near", faults=("near",), kind=Kind.NEAR, nominal=0.0),
+    Group(
+        name="aperture-offset",
+        faults=("aperture-offset-x", "aperture-offset-y"),
+        kind=Kind.OFFSET,
+        nominal=0.0,
+    ),
+    Group(
+        name="scene-offset",
+        faults=("scene-offset-x", "scene-offset-y", "scene-offset-z"),
+        kind=Kind.OFFSET,
+        nominal=0.0,
+    ),
+    Group(name="scene-scale", faults=("scene-scale",), kind=Kind.SIZE, nominal=1.0),
+)
+"""All groups, in the order of `DrawnModel.parameters`."""
+
+GROUP_NAMES = tuple(group.name for group in GROUPS)
+FAULT_NAMES = tuple(fault for group in GROUPS for fault in group.faults)
+KINDS = tuple(group.kind for group in GROUPS for _ in group.faults)
+
+PREFERENCE = ("shift", "fov", "near", "scene-offset", "aperture-offset", "pitch", "scene-scale")
+"""Which of several groups that explain images equally well is named, the first one first."""
+
+
+def places(name: str) -> tuple[int, ...]:
+    """Return the places of a group's numbers in `DrawnModel.parameters`."""
+    return tuple(FAULT_NAMES.index(fault) for group in GROUPS if group.name == name for fault in group.faults)
+
+
+def pixel_length(scene: Scene) -> float:
+    """Return the width of a pixel at `NEARBY` of the reach, scene units."""
+    frustum = scene.frustum
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        half = math.tan(frustum.fov[0] / 2)
+    else:
+        half = frustum.screen.size[0] / 2 / abs(frustum.screen.height)
+    return NEARBY * frustum.longest_reach * 2 * half / frustum.resolution[0]
+
+
+def smallest_named(scene: Scene) -> Floats:
+    """Return by how much each number must be off nominal to be worth a name."""
+    smallest = {
+        Kind.PIXELS: SMALLEST_SHIFT_PX,
+        Kind.FACTOR: SMALLEST_FACTOR,
+        Kind.SIZE: SMALLEST_FACTOR,
+        Kind.OFFSET: SMALLEST_SHIFT_PX * pixel_length(scene),
+        Kind.NEAR: 0.0,
+    }
+    return np.array([smallest[kind] for kind in KINDS])
+
+
+def fit_scales(scene: Scene, values: Floats) -> Floats:
+    """Return the size of a small step of each number for the least squares."""
+    reach = scene.frustum.longest_reach
+    steps = {Kind.PIXELS: 0.1, Kind.FACTOR: 1e-3, Kind.OFFSET: 1e-2 * reach}
+    relative = {Kind.SIZE: (0.03, 0.0), Kind.NEAR: (0.03, 1e-6 * reach)}
+    return np.array([_step(steps, relative, kind, value) for kind, value in zip(KINDS, values, strict=True)])
+
+
+def derivative_steps(scene: Scene, values: Floats) -> Floats:
+    """Return steps for derivatives by each number, small against what is to be told apart."""
+    reach = scene.frustum.longest_reach
+    steps = {Kind.PIXELS: 1e-4, Kind.FACTOR: 1e-6, Kind.OFFSET: 1e-4 * pixel_length(scene)}
+    relative = {Kind.SIZE: (1e-6, 0.0), Kind.NEAR: (1e-4, 1e-9 * reach)}
+    return np.array([_step(steps, relative, kind, value) for kind, value in zip(KINDS, values, strict=True)])
+
+
+def bounds(scene: Scene) -> tuple[Floats, Floats]:
+    """Return the least and the largest value of each number."""
+    reach = scene.frustum.longest_reach
+    limits = {
+        Kind.PIXELS: (-np.inf, np.inf),
+        Kind.FACTOR: (0.01, np.inf),
+        Kind.SIZE: (1e-6, 1e6),
+        Kind.OFFSET: (-np.inf, np.inf),
+        Kind.NEAR: (0.0, 0.9 * reach),
+    }
+    low, high = np.array([limits[kind] for kind in KINDS]).T
+    return low, high
+
+
+def _step(
+    steps: dict[Kind, float], relative: dict[Kind, tuple[float, float]], kind: Kind, value: float
+) -> float:
+    if kind in steps:
+        return steps[kind]
+    share, least = relative[kind]
+    return float(max(share * value, least))

@@ -1,0 +1,142 @@
+"""How exactly does a depth buffer know the depth of a triangle at a pixel?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.rounding.edges import PixelIndex, film_points, film_vertices
+from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+
+Floats = NDArray[np.float64]
+
+DEPTH_ROUNDINGS = 8
+"""Roundings of 2^-24 in a float32 depth, relative to its largest term.
+
+Four in the clip coordinate, one each for the division by w, the viewport, and the two steps of
+the plane equation along x and y.
+"""
+
+LOG_ULPS, LOG_NEAR_ONE = 6, 2.0**-21
+"""Errors that GLSL allows a logarithm: 3 units in the last place (6 half units), or 2^-21 near one."""
+
+STEP = {DepthFormat.D16: 2.0**-16, DepthFormat.D24: 2.0**-24, DepthFormat.D32F: 0.0}
+"""Distance of neighboring stored values of the fixed-point formats."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Depths:
+    """Depth of one triangle at each of some pixels, and how exactly a buffer knows it.
+
+    Attributes
+    ----------
+    depth
+        (N,) stored value 0..1 before rounding, NaN where there is no triangle.
+    tolerance
+        (N,) how far the stored value may lie from it.
+    clear
+        (N,) what the buffer holds before anything is drawn.
+    """
+
+    depth: Floats
+    tolerance: Floats
+    clear: Floats
+
+    @classmethod
+    def nothing(cls, count: int) -> Depths:
+        """Return no depths at all."""
+        return cls(depth=np.full(count, np.nan), tolerance=np.zeros(count), clear=np.full(count, np.nan))
+
+    def put(self, where: NDArray[np.int64], other: Depths) -> None:
+        """Fill in some pixels."""
+        self.depth[where], self.tolerance[where] = other.depth, other.tolerance
+        self.clear[where] = other.clear
+
+    def indistinguishable_from(self, other: Depths) -> NDArray[np.bool_]:
+        """Return where a buffer may order two triangles either way."""
+        return np.asarray(np.abs(self.depth - other.depth) <= self.tolerance + other.tolerance)
+
+    def lost(self) -> NDArray[np.bool_]:
+        """Return where a surface may not beat the clear value."""
+        return np.asarray(np.abs(self.depth - self.clear) <= self.tolerance)
+
+
+def depths(
+    corners: Floats, pencil: Pencil, pixels: PixelIndex, settings: DoubleFrustum, subpixel_bits: int
+) -> Depths:
+    """Return the depths of one triangle (N, 3, 3) at each pixel, as a camera's buffer stores them.
+
+    With w the distance along the axis, 1 / w is linear on the film. A shift by half a subpixel step
+    along each axis changes depth by its slope; 1 / w, or the depth that is linear in it, is known
+    within the float32 roundings of its plane equation, which starts at a corner of the image.
+    """
+    n, f = sorted(abs(s) for s in pencil.s_range)
+    orthoscopic = pencil.s_range[0] > 0
+    vertices, _ = film_vertices(corners, pencil)
+    w = vertices[:, :, 2] if orthoscopic else -vertices[:, :, 2]
+    plane = sum(np.cross(vertices[:, i], vertices[:, (i + 1) % 3]) for i in range(3))
+    volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
+    resolution = np.asarray(pencil.resolution, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        over_w = (1.0 if orthoscopic else -1.0) * plane / volume[:, None]
+        inverse = np.einsum("ij,ij->i", over_w, film_points(pencil, pixels))
+        slope_px = np.abs(over_w[:, :2]) * (2 / resolution)
+        shift = slope_px.sum(axis=1) * 2.0 ** -(subpixel_bits + 1)
+        ends = 1 / np.clip(np.stack((w.min(axis=1), w.max(axis=1))), n, f)
+        depth, per_inverse, rounding = _mapped(settings.mapping, inverse, ends, slope_px @ resolution, n, f)
+        # A corner that the far plane cuts off is made anew from one with errors relative to its own w.
+        beyond = np.maximum(w.max(axis=1, initial=0.0) / f, 1.0)
+        tolerance = shift * per_inverse + rounding * beyond
+    tolerance += STEP[settings.depth] / 2 + FLOAT32_ROUNDING * np.abs(depth)
+    undefined = ~np.isfinite(depth)
+    starts_far = orthoscopic != (settings.mapping is DepthMapping.REVERSED)
+    return Depths(
+        depth=np.where(undefined, np.nan, depth),
+        tolerance=np.where(undefined, 0.0, tolerance),
+        # C starts from its far value, C* from its near value.
+        clear=np.full(len(corners), 1.0 if starts_far else 0.0),
+    )
+
+
+def _mapped(
+    mapping: DepthMapping, inverse: Floats, ends: Floats, extent: Floats, n: float, f: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return depth, its derivative by 1 / w, and the bound of its float32 roundings.
+
+    Parameters
+    ----------
+    inverse
+        (N,) 1 / w at the pixel.
+    ends
+        (2, N) 1 / w at the nearest and farthest corner, or where near plane and reach cut.
+    extent
+        (N,) by how much 1 / w changes over the image.
+    """
+    if mapping in (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR):
+        # The fragment takes w from the interpolated 1 / w.
+        w = 1 / inverse
+        of_w = w * DEPTH_ROUNDINGS * FLOAT32_ROUNDING * (ends.max(axis=0) + extent) * w
+        if mapping is DepthMapping.LINEAR:
+            span = f - n
+            rounding = (of_w + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * w) / span
+            return (w - n) / span, w**2 / span, rounding
+        octaves = np.log(f / n)
+        log = np.log(np.maximum(w, n) / n)
+        rounding = (of_w / w + np.maximum(LOG_ULPS * FLOAT32_ROUNDING * log, LOG_NEAR_ONE)) / octaves
+        return (
+            np.log(w / n) / octaves,
+            w / octaves,
+            rounding + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * log / octaves,
+        )
+    reversed_depth = mapping is DepthMapping.REVERSED
+    a, b = (-n / (f - n), n * f / (f - n)) if reversed_depth else (f / (f - n), -n * f / (f - n))
+    largest = np.abs(a + b * ends).max(axis=0) + np.abs(b) * extent
+    if mapping is DepthMapping.GL:
+        # Clip depth -1..1 is halved and moved by a half: its roundings are relative to one.
+        largest = np.maximum(largest, 1.0)
+    rounding = DEPTH_ROUNDINGS * FLOAT32_ROUNDING * largest
+    return a + b * inverse, np.full_like(inverse, abs(b)), rounding

@@ -1,0 +1,181 @@
+"""How near is a pixel's center to an edge that rounding may move across it?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.plate.double_frustum import DepthMapping
+
+Floats = NDArray[np.float64]
+PixelIndex = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Columns and rows."""
+
+CLIP_ROUNDINGS = 16
+"""Roundings of 2^-24 in a float32 clip coordinate, relative to the sum of its absolute terms.
+
+One in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up to
+three planes (near and two sides) makes new vertices, each with three more: 9. One to spare.
+"""
+
+
+def film_vertices(corners: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
+    """Return homogeneous film coordinates (x, y, s) of corners, and their float32 error bounds.
+
+    u = x / s and v = y / s on the film; s is the distance from the center along the axis, negative
+    for C*. Both (N, 3, 3).
+    """
+    relative = corners - np.asarray(pencil.center)
+    s = -relative[..., 2]
+    shear, half = np.asarray(pencil.shear), np.asarray(pencil.half_extent)
+    lateral = (relative[..., :2] - shear * s[..., None]) / half
+    # The terms that the transform adds up, before they cancel.
+    terms = np.abs(corners[..., :2]) + np.abs(pencil.center[:2]) + np.abs(shear * s[..., None])
+    bound = np.concatenate(
+        (terms / half, (np.abs(corners[..., 2]) + abs(pencil.center[2]))[..., None]), axis=-1
+    )
+    return np.concatenate((lateral, s[..., None]), axis=-1), CLIP_ROUNDINGS * FLOAT32_ROUNDING * bound
+
+
+def film_points(pencil: Pencil, pixels: PixelIndex) -> Floats:
+    """Return (u, v, 1) of pixel centers, (N, 3)."""
+    width, height = pencil.resolution
+    columns, rows = pixels
+    u, v = (2 * columns + 1) / width - 1, 1 - (2 * rows + 1) / height
+    return np.stack((u, v, np.ones(len(u))), axis=-1)
+
+
+FAR_ROUNDINGS = 4
+"""Roundings of 2^-24 w in w - z, whose sign is the far plane's test: two in z, one in w, one between."""
+
+
+def far_cut_rounding(w: Floats, pencil: Pencil, mapping: DepthMapping) -> Floats:
+    """Return by how much 1 / w of the far cut of triangles may be off, given their largest w.
+
+    Where clip depth runs up to w at the far plane, w - z = n (f - w) / (f - n), once or twice, is a
+    small difference of large numbers, and the cut is interpolated between corners where it has an
+    error relative to their w: for n below 2^-24 w it is nothing but rounding, and nothing is
+    cut. Reversed clip depth is zero at the far plane and has no such difference.
+    """
+    if mapping is DepthMapping.REVERSED:
+        return np.zeros_like(w)
+    n, f = sorted(abs(s) for s in pencil.s_range)
+    share = FAR_ROUNDINGS * FLOAT32_ROUNDING * np.maximum(w, f) / f * (f - n) / n
+    return np.asarray(np.minimum(1.0, share) / f)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """Where pixel centers lie on the triangles that a camera drew there, one for each.
+
+    Attributes
+    ----------
+    possible
+        (N,) inside the triangle, or outside by no more than rounding moves its edges.
+    near_edge
+        (N,) of these, where rounding may have put the center on the wrong side of an edge, or of
+        a cut by the near plane or the reach.
+    """
+
+    possible: NDArray[np.bool_]
+    near_edge: NDArray[np.bool_]
+
+
+def placement(
+    corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits: int, mapping: DepthMapping
+) -> Placement:
+    """Place pixel centers on triangles as a rasterizer's roundings may see them.
+
+    Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
+    before that their clip coordinates are rounded in float32, which moves the homogeneous edge
+    function by up to a sum of products.
+
+    Parameters
+    ----------
+    corners
+        (N, 3, 3) one triangle for each pixel.
+    pencil
+        The camera that drew it.
+    pixels
+        Columns and rows.
+    subpixel_bits
+        Of the device.
+    mapping
+        Of depth: it decides how exactly the far plane cuts.
+    """
+    far = max(pencil.s_range, key=abs)
+    snap_px = math.sqrt(2) / 2 * 2.0**-subpixel_bits
+    vertices, bound = film_vertices(corners, pencil)
+    far_rounding = far_cut_rounding(np.abs(vertices[..., 2]).max(axis=1, initial=0.0), pencil, mapping)
+    points = film_points(pencil, pixels)
+
+    sides, margins = np.empty((3, len(corners))), np.empty((3, len(corners)))
+    plane, plane_bound = np.zeros((len(corners), 3)), np.zeros(len(corners))
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
+        line = np.cross(vertices[:, i], vertices[:, j])
+        shift = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j], points)
+        sides[k] = np.einsum("ij,ij->i", line, points)
+        margins[k] = snap_px * _per_pixel(line, pencil.resolution) + shift
+        plane += line
+        plane_bound += shift
+    possible = (sides >= -margins).all(axis=0) | (sides <= margins).all(axis=0)
+    near = (np.abs(sides) <= margins).any(axis=0)
+
+    volume, volume_bound = _volume(vertices, bound)
+    for cut in pencil.s_range:
+        # The triangle's plane has 1/s = plane . (u, v, 1) / volume.
+        value = np.einsum("ij,ij->i", plane, points) - volume / cut
+        margin = snap_px * _per_pixel(plane, pencil.resolution) + plane_bound + volume_bound / abs(cut)
+        if cut == far:
+            margin = margin + np.abs(volume) * far_rounding
+        near |= np.abs(value) <= margin
+    return Placement(possible=np.asarray(possible), near_edge=np.asarray(possible & near))
+
+
+def covers(corners: Floats, pencil: Pencil, pixels: PixelIndex) -> NDArray[np.bool_]:
+    """Return which pixel centers a camera's triangles (N, 3, 3), one for each pixel, cover."""
+    vertices, _ = film_vertices(corners, pencil)
+    points = film_points(pencil, pixels)
+    sides = [
+        np.einsum("ij,ij->i", np.cross(vertices[:, i], vertices[:, (i + 1) % 3]), points) for i in range(3)
+    ]
+    return np.asarray((np.min(sides, axis=0) >= 0) | (np.max(sides, axis=0) <= 0))
+
+
+def _per_pixel(line: Floats, resolution: tuple[int, int]) -> Floats:
+    """Return by how much a linear function of (u, v) changes per pixel."""
+    return np.hypot(line[:, 0] * 2 / resolution[0], line[:, 1] * 2 / resolution[1])
+
+
+def _volume(vertices: Floats, bound: Floats) -> tuple[Floats, Floats]:
+    """Return the determinants of the corners (N, 3, 3), and their bounds when corners move."""
+    volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
+    moved = _magnitude(vertices[:, 1], bound[:, 2]) + _magnitude(bound[:, 1], vertices[:, 2])
+    moved += _magnitude(bound[:, 1], bound[:, 2])
+    volume_bound = np.einsum("ij,ij->i", np.abs(vertices[:, 0]) + bound[:, 0], moved)
+    volume_bound += np.einsum("ij,ij->i", bound[:, 0], _magnitude(vertices[:, 1], vertices[:, 2]))
+    return volume, volume_bound
+
+
+def _magnitude(a: Floats, b: Floats) -> Floats:
+    """Return the sums of absolute products in a x b."""
+    a, b = np.abs(a), np.abs(b)
+    return np.stack(
+        (
+            a[:, 1] * b[:, 2] + a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] + a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0],
+        ),
+        axis=-1,
+    )
+
+
+def _perturbation(a: Floats, b: Floats, a_bound: Floats, b_bound: Floats, points: Floats) -> Floats:
+    """Return how far (a x b) . point moves when a and b move within their bounds."""
+    moved = _magnitude(a, b_bound) + _magnitude(a_bound, b) + _magnitude(a_bound, b_bound)
+    return np.asarray(np.einsum("ij,ij->i", np.abs(points), moved))

@@ -1,0 +1,52 @@
+"""How exactly a rasterizer in float32 can know the surface point that it draws."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.scene import Scene
+
+POSITION_ROUNDINGS = 16
+"""Roundings of 2^-24 of a triangle's largest coordinate L in a drawn surface point.
+
+Our own rasterizer computes the point in double precision and rounds it once, in x and in z; seen
+from an aperture a that is 1 + |x - a| / L roundings, 2 to 4 on the plates and objects of practice.
+Renderers that interpolate the point as a varying need 16.
+
+The vertex is stored with one. Perspective interpolation forms sum(b_i p_i / w_i) / sum(b_i / w_i)
+from plane equations: one rounding for each product p_i / w_i, two for each of the two gradients,
+two for each step along x and y, in numerator and denominator alike, and one for the quotient:
+1 + 2 (1 + 2 + 4) + 1 = 16.
+"""
+
+FLOAT32_ROUNDING = 2.0**-24
+
+
+def position_tolerance(
+    scene: Scene, triangle: NDArray[np.int32], position: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the distance within which drawn surface points are known, (N,), scene units.
+
+    Parameters
+    ----------
+    scene
+        What they are on.
+    triangle
+        (N,) the triangles that they are on; where that is not known, `NOTHING`, the point's own
+        coordinates stand for its triangle's.
+    position
+        (N, 3) the points.
+    """
+    known = triangle != NOTHING
+    if known.all():
+        return POSITION_ROUNDINGS * FLOAT32_ROUNDING * scene.largest_coordinates[triangle]
+    largest: NDArray[np.float64] = np.abs(position).max(axis=1, initial=0.0)
+    largest[known] = scene.largest_coordinates[triangle[known]]
+    return POSITION_ROUNDINGS * FLOAT32_ROUNDING * largest
+
+
+def largest_tolerance(scene: Scene) -> float:
+    """Return the largest `position_tolerance` of a point on a scene's triangles, scene units."""
+    return POSITION_ROUNDINGS * FLOAT32_ROUNDING * float(scene.largest_coordinates.max(initial=0.0))

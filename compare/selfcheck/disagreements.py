@@ -1,0 +1,160 @@
+"""Where does a traced image differ from what integers say? Triangle, class, companions, position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.selfcheck.rational import ExactRows
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LISTED = 5
+"""Disagreements of one image that are described one by one."""
+
+UNIT_ROUNDOFF = 2.0**-53
+
+PLANE_ROUNDINGS = 16
+"""Roundings in each of the two dot products of s = (q . n) / (d . n), relative to the sum of absolute
+products: 1 for each difference of coordinates, 1 for a product of two, 1 for the difference of two such,
+hence 4 for n; 2 for the product with q, itself a difference, and 2 for the sum of three: 8, in whatever
+order. Doubled for the second order and for computing this bound in floating point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disagreement:
+    """One pixel that the reference has wrong.
+
+    Attributes
+    ----------
+    row, column
+        The pixel.
+    about
+        "triangle", "certainty", "companions" or "position".
+    expected, got
+        By integers, and by the reference.
+    """
+
+    row: int
+    column: int
+    about: str
+    expected: str
+    got: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Disagreements:
+    """All pixels of an image that the reference has wrong.
+
+    Attributes
+    ----------
+    wrong
+        (H, W) pixels with any disagreement.
+    listed
+        The first few, described.
+    """
+
+    wrong: Mask
+    listed: tuple[Disagreement, ...]
+
+
+def disagreements(
+    image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: NDArray[np.float64]
+) -> Disagreements:
+    """Compare every pixel of a traced image with the exact answer for all its rows.
+
+    Wrong is: another triangle, or one where there is none; a tie that is not called one, or the
+    reverse, or a pixel that nobody examined; other companions; a position off its line, or
+    farther along it from the exact one than `position_bound`, where the reference claims to have
+    decided in rational arithmetic than rounding once.
+    """
+    assert image.certainty is not None
+    tie = np.zeros(exact.triangle.shape, dtype=np.bool_)
+    tie[exact.ties[:, 0], exact.ties[:, 1]] = True
+    claimed = image.certainty == Certainty.TIE
+    found = {
+        "triangle": image.triangle != exact.triangle,
+        "certainty": (claimed != tie) | (image.certainty == Certainty.UNEXAMINED),
+        "companions": _other_companions(image, exact),
+        "position": _misplaced(image, exact, pencil, triangles),
+    }
+    listed = []
+    for about, mask in found.items():
+        for row, column in np.argwhere(mask)[:LISTED].tolist():
+            expected, got = _described(about, image, exact, (row, column))
+            listed.append(Disagreement(row=row, column=column, about=about, expected=expected, got=got))
+    return Disagreements(wrong=np.logical_or.reduce(list(found.values())), listed=tuple(listed[:LISTED]))
+
+
+def _other_companions(image: HogelImage, exact: ExactRows) -> Mask:
+    """Return pixels whose ties are shared by other triangles than the exact ones."""
+    assert image.companions is not None
+    got, expected = set(map(tuple, image.companions.tolist())), set(map(tuple, exact.ties.tolist()))
+    mask = np.zeros(exact.triangle.shape, dtype=np.bool_)
+    for row, column, _ in got ^ expected:
+        mask[row, column] = True
+    return mask
+
+
+def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Mask:
+    """Return pixels whose position is not where the exact triangle is met."""
+    assert image.certainty is not None
+    mask: NDArray[np.bool_] = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
+    same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
+    d, s = pencil.directions()[same], exact.s[same]
+    center = np.asarray(pencil.center)
+    allowed = position_bound(triangles[exact.triangle[same]] - center, d, s)
+    allowed = np.where(image.certainty[same] == Certainty.EXACT, UNIT_ROUNDOFF * np.abs(s), allowed)
+    # The position adds the center to s d: two roundings more, and s itself is rounded here.
+    reach = np.abs(center) + np.abs(s[:, None] * d)
+    off = np.abs(image.position[same] - (center + s[:, None] * d))
+    mask[same] |= ~(off <= allowed[:, None] * np.abs(d) + 8 * UNIT_ROUNDOFF * reach).all(axis=1)
+    return mask
+
+
+def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
+    """Return how far s may be off where it was computed in double precision, (N,).
+
+    Where rounding leaves the sign of d . n in doubt, nobody may claim an s but by rational
+    arithmetic: there the bound is one rounding.
+
+    Parameters
+    ----------
+    corners
+        (N, 3, 3) of the triangles met, relative to the center.
+    d
+        (N, 3) lines.
+    s
+        (N,) exact, to the nearest double.
+    """
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    magnitude = np.stack(
+        [np.abs(a[:, i] * b[:, j]) + np.abs(a[:, j] * b[:, i]) for i, j in ((1, 2), (2, 0), (0, 1))], axis=1
+    )
+    rounding = PLANE_ROUNDINGS * UNIT_ROUNDOFF
+    offset_error = rounding * np.sum(np.abs(corners[:, 0]) * magnitude, axis=1)
+    slope_error = rounding * np.sum(np.abs(d) * magnitude, axis=1)
+    slope = np.abs(np.sum(np.cross(a, b) * d, axis=1)) - slope_error
+    decidable = slope > 0
+    error = (offset_error + np.abs(s) * slope_error) / np.where(decidable, slope, 1.0)
+    return np.where(decidable, error, 0.0) + 2 * UNIT_ROUNDOFF * np.abs(s)
+
+
+def _described(about: str, image: HogelImage, exact: ExactRows, pixel: tuple[int, int]) -> tuple[str, str]:
+    """Return in words what was expected and what was got."""
+    assert image.certainty is not None
+    assert image.companions is not None
+    expected_ties = [number for *where, number in exact.ties.tolist() if tuple(where) == pixel]
+    got_ties = [number for *where, number in image.companions.tolist() if tuple(where) == pixel]
+    if about == "triangle":
+        return str(exact.triangle[pixel]), str(image.triangle[pixel])
+    if about == "certainty":
+        return "tie" if expected_ties else "no tie", Certainty(image.certainty[pixel]).name.lower()
+    if about == "companions":
+        return str(expected_ties), str(got_ties)
+    return f"s = {exact.s[pixel]!r}", f"position {image.position[pixel].tolist()}"

@@ -1,0 +1,124 @@
+"""A closed mesh about a point: no line through the point may miss it, least of all at its corners.
+
+In float32 and without its robust mode, Embree misses a quarter of the corners of such a sphere.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from xfrustum.reference.certify.arbitrary_lines import FirstAlong, first_surfaces_along
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
+
+SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
+"""Of an icosahedron: 81,920 and 5,120 triangles."""
+
+S_RANGE = (0.0, 2.0)
+"""The surface of the unit sphere is met at s of about 1, on one side of its center."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphereCheck:
+    """Lines from a sphere's center through its vertices and the middles of its edges.
+
+    Attributes
+    ----------
+    triangles, vertices, edges
+        Their numbers.
+    vertex_misses, edge_misses
+        Lines that meet nothing.
+    wrong
+        Lines that do not meet what they must: at a vertex all its triangles and no others, at s = 1;
+        in the middle of an edge one of its two triangles or both.
+    tracer_vertex_misses, tracer_edge_misses
+        The same of the float32 tracer alone, in its robust mode.
+    seconds
+        All of it.
+    """
+
+    triangles: int
+    vertices: int
+    edges: int
+    vertex_misses: int
+    edge_misses: int
+    wrong: int
+    tracer_vertex_misses: int
+    tracer_edge_misses: int
+    seconds: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every line meets what it must."""
+        return self.vertex_misses == self.edge_misses == self.wrong == 0
+
+    def sentence(self) -> str:
+        """Return the counts in words."""
+        return (
+            f"sphere of {self.triangles:,} triangles, lines from its center: "
+            f"{self.vertices:,} vertices, {self.vertex_misses:,} missed "
+            f"(float32 {self.tracer_vertex_misses:,}); "
+            f"{self.edges:,} edges, {self.edge_misses:,} missed (float32 {self.tracer_edge_misses:,}); "
+            f"{self.wrong:,} wrong"
+        )
+
+
+def check_sphere(*, quick: bool = False) -> SphereCheck:
+    """Ask the reference about every vertex and every edge of a sphere about the origin."""
+    started = time.perf_counter()
+    mesh = trimesh.creation.icosphere(subdivisions=QUICK_SUBDIVISIONS if quick else SUBDIVISIONS)
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    edges = np.asarray(mesh.edges_unique, dtype=np.int64)
+    middles = vertices[edges].mean(axis=1)
+
+    at_vertices = first_surfaces_along(vertices[faces], (0.0, 0.0, 0.0), vertices, S_RANGE)
+    at_edges = first_surfaces_along(vertices[faces], (0.0, 0.0, 0.0), middles, S_RANGE)
+    tracer = EmbreeTracer(_as_scene(vertices, faces))
+    return SphereCheck(
+        triangles=len(faces),
+        vertices=len(vertices),
+        edges=len(edges),
+        vertex_misses=int((at_vertices.triangle < 0).sum()),
+        edge_misses=int((at_edges.triangle < 0).sum()),
+        wrong=_wrong_at_vertices(at_vertices, faces) + _wrong_at_edges(at_edges, faces, edges),
+        tracer_vertex_misses=int((tracer.first_hits(np.zeros_like(vertices), vertices) < 0).sum()),
+        tracer_edge_misses=int((tracer.first_hits(np.zeros_like(middles), middles) < 0).sum()),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _wrong_at_vertices(found: FirstAlong, faces: NDArray[np.int64]) -> int:
+    """Count the vertices at which not exactly their own triangles are met, or not at s = 1."""
+    around: list[list[int]] = [[] for _ in found.triangle]
+    for number, corners in enumerate(faces.tolist()):
+        for vertex in corners:
+            around[vertex].append(number)
+    return sum(
+        found.ties.get(vertex, ()) != tuple(numbers) or float(found.s[vertex]) != 1.0
+        for vertex, numbers in enumerate(around)
+    )
+
+
+def _wrong_at_edges(found: FirstAlong, faces: NDArray[np.int64], edges: NDArray[np.int64]) -> int:
+    """Count the edges at whose rounded middles a triangle is met that is not one of the edge's own."""
+    wrong = 0
+    for line, ends in enumerate(edges.tolist()):
+        met = found.ties.get(line, (int(found.triangle[line]),))
+        wrong += not all(set(ends) <= set(faces[number].tolist()) for number in met)
+    return wrong
+
+
+def _as_scene(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Scene:
+    """Return the sphere as the tracer takes it; plate and frustum play no part."""
+    sphere = SceneObject(name="sphere", vertices=vertices, faces=faces)
+    return Scene(
+        name="sphere",
+        plate=Plate(size=(1.0, 1.0), hogels=(1, 1)),
+        frustum=Frustum(resolution=(1, 1), reach=(1.0, 1.0), fov=(1.0, 1.0)),
+        objects=(sphere,),
+    )

@@ -1,0 +1,88 @@
+"""What a depth format and a mapping mean for the two cameras (docs/method.md, "The two cameras").
+
+C keeps the nearest surface and starts from its far value; C* keeps the farthest and starts
+from its near value (paper, section 3). Tests are strict: equal depths keep what was drawn first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from OpenGL import GL
+
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+
+INTERNAL_FORMAT: dict[DepthFormat, int] = {
+    DepthFormat.D16: GL.GL_DEPTH_COMPONENT16,
+    DepthFormat.D24: GL.GL_DEPTH_COMPONENT24,
+    DepthFormat.D32F: GL.GL_DEPTH_COMPONENT32F,
+}
+"""How the depth buffer is stored."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipEnds:
+    """Clip depth over w at a camera's near and far plane."""
+
+    near: float
+    far: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mapping:
+    """How OpenGL is told about a depth mapping.
+
+    Attributes
+    ----------
+    ends
+        Of clip depth.
+    clip_control
+        The range of clip depth that OpenGL keeps.
+    fragment_depth
+        The shader's `FRAGMENT_DEPTH`: empty where the hardware's own interpolated depth is stored.
+    stored_near, stored_far
+        What the buffer holds at the near and at the far plane.
+    """
+
+    ends: ClipEnds
+    clip_control: int = GL.GL_ZERO_TO_ONE
+    fragment_depth: str = ""
+    stored_near: float = 0.0
+    stored_far: float = 1.0
+
+
+_HYPERBOLIC = ClipEnds(near=0.0, far=1.0)
+
+_REVERSED = ClipEnds(near=1.0, far=0.0)
+"""Also of fragments that write a depth of their own: their clip depth only has to clip. Toward one at the
+far plane, f / (f - n) rounded to float32 would clip surfaces before that plane, or keep some behind it."""
+
+MAPPINGS: dict[DepthMapping, Mapping] = {
+    DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
+    DepthMapping.GL: Mapping(ends=ClipEnds(near=-1.0, far=1.0), clip_control=GL.GL_NEGATIVE_ONE_TO_ONE),
+    DepthMapping.REVERSED: Mapping(ends=_REVERSED, stored_near=1.0, stored_far=0.0),
+    DepthMapping.LOGARITHMIC: Mapping(ends=_REVERSED, fragment_depth="log(w / near) / log(far / near)"),
+    DepthMapping.LINEAR: Mapping(ends=_REVERSED, fragment_depth="(w - near) / (far - near)"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthTest:
+    """Where the depth buffer starts, and which comparison lets a fragment in."""
+
+    clear: float
+    function: str
+
+
+def nearest_wins(mapping: Mapping) -> DepthTest:
+    """Return C's test: an orthoscopic camera."""
+    return DepthTest(
+        clear=mapping.stored_far, function="<" if mapping.stored_near < mapping.stored_far else ">"
+    )
+
+
+def farthest_wins(mapping: Mapping) -> DepthTest:
+    """Return C*'s test: a pseudoscopic camera."""
+    return DepthTest(
+        clear=mapping.stored_near, function=">" if mapping.stored_near < mapping.stored_far else "<"
+    )

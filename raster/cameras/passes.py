@@ -1,0 +1,114 @@
+"""Which cameras draw, in which order, and how OpenGL is set for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.raster.cameras.cameras import Matrix, SlabCamera, clip_from_scene, slab_cameras
+from xfrustum.raster.cameras.depth_formats import MAPPINGS, DepthTest, farthest_wins, nearest_wins
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pass:
+    """One camera's share of an image.
+
+    Attributes
+    ----------
+    clip_from_scene
+        Its matrix, in double precision.
+    planes
+        Distances of its near and far plane.
+    heights
+        Lowest and highest z between them.
+    test
+        Which of two surfaces wins.
+    front_face
+        Which window winding faces the camera.
+    orthoscopic
+        C, else C*: for it lights are pseudoscopic (paper, section 3, figure 3).
+    """
+
+    clip_from_scene: Matrix
+    planes: tuple[float, float]
+    heights: tuple[float, float]
+    test: DepthTest
+    front_face: str
+    orthoscopic: bool
+
+    @property
+    def line_of_pixel(self) -> Matrix:
+        """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward."""
+        return lines_of_pixels(self.clip_from_scene)
+
+
+def lines_of_pixels(clip_from_scene: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (.., 3, 3) directions away from cameras, scene axes, of film coordinates (u, v, 1) upward.
+
+    A camera's position is the point without x, y and w in clip coordinates, and what lies at
+    depth w along a direction d from it has w (u, v, 1): d is what the matrix makes (u, v, 1) of.
+
+    Parameters
+    ----------
+    clip_from_scene
+        (.., 4, 4) matrices.
+    """
+    return np.asarray(np.linalg.inv(clip_from_scene[..., (0, 1, 3), :3]), np.float64)
+
+
+def drawing_order(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[Pass]:
+    """Return the passes of an image, from the back.
+
+    C from its outermost slab inward, then C* from its innermost outward: what comes later is nearer
+    to the viewer and overlays. Slabs in which the scene has nothing are left out, and so are cameras
+    that are not among the effects.
+    """
+    cameras = cameras_in_order(scene, settings, effects)
+    return [pass_of(scene, aperture, settings, camera) for camera in cameras]
+
+
+def cameras_in_order(
+    scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
+) -> list[SlabCamera]:
+    """Return the cameras of every image, from the back: what belongs to the plate and to no aperture."""
+    frustum = scene.frustum
+    c = slab_cameras(frustum, settings, orthoscopic=True)
+    c_star = slab_cameras(frustum, settings, orthoscopic=False)
+    chosen = {Camera.BOTH: [*reversed(c), *c_star], Camera.C: [*reversed(c)], Camera.C_STAR: c_star}
+    cameras = [
+        x for x in chosen[settings.camera] if (Effect.C if x.orthoscopic else Effect.C_STAR) in effects
+    ]
+    return [camera for camera in cameras if _occupied(scene, kept_heights(camera))]
+
+
+def kept_heights(camera: SlabCamera) -> tuple[float, float]:
+    """Return the lowest and highest z between a camera's near and far plane."""
+    low, high = camera.heights
+    return (-high, -low) if camera.orthoscopic else (low, high)
+
+
+def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: SlabCamera) -> Pass:
+    """Return one camera's share of an aperture's image."""
+    mapping = MAPPINGS[settings.mapping]
+    return Pass(
+        clip_from_scene=clip_from_scene(scene.frustum, aperture, camera, settings.pivot, mapping.ends),
+        planes=(camera.near, camera.far),
+        heights=kept_heights(camera),
+        test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
+        front_face="ccw" if camera.orthoscopic else "cw",
+        orthoscopic=camera.orthoscopic,
+    )
+
+
+def _occupied(scene: Scene, heights: tuple[float, float]) -> bool:
+    """Return whether some triangle reaches between two heights."""
+    lowest, highest = scene.height_ranges
+    return bool(np.any((highest >= heights[0]) & (lowest <= heights[1])))

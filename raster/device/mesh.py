@@ -1,0 +1,72 @@
+"""A scene's triangles on the GPU, in float32: corners, and what is interpolated between them."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.model.scene import Scene
+
+NORMALS = 0
+"""Binding of the triangles' own normals, as in surface.glsl."""
+
+ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
+"""Numbers per vertex of each attribute of hogel.vert."""
+
+
+class Mesh:
+    """Corners, indices and normals, uploaded once; what shading interpolates when it is first asked for.
+
+    Texture coordinates are float32 like the rest: U repeats from zero, a texture of W texels is looked up
+    to within about U W 2^-24 of a texel.
+
+    Parameters
+    ----------
+    context
+        The current context.
+    scene
+        At least one triangle.
+    """
+
+    def __init__(self, context: moderngl.Context, scene: Scene) -> None:
+        self._context = context
+        self._scene = scene
+        self._indices = context.buffer(scene.faces.astype(np.uint32).tobytes())
+        self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
+        self._attributes: dict[str, moderngl.Buffer] = {}
+
+    def drawn_by(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """Return the mesh for a program, with the attributes that it reads."""
+        read = [name for name in ATTRIBUTES if name in program]
+        content = [(self._attribute(name), f"{ATTRIBUTES[name]}f", name) for name in read]
+        return self._context.vertex_array(program, content, index_buffer=self._indices)
+
+    def bind(self) -> None:
+        """Make the normals what the shaders read."""
+        self._normals.bind_to_storage_buffer(NORMALS)
+
+    def _attribute(self, name: str) -> moderngl.Buffer:
+        if name not in self._attributes:
+            self._attributes[name] = self._context.buffer(attribute_of(self._scene, name).tobytes())
+        return self._attributes[name]
+
+
+def attribute_of(scene: Scene, name: str) -> NDArray[np.float32]:
+    """Return an attribute of all vertices; zero where they have none, which no triangle then reads.
+
+    Parameters
+    ----------
+    scene
+        At least one triangle.
+    name
+        One of `ATTRIBUTES`.
+    """
+    if name == "in_position":
+        return scene.vertices.astype(np.float32)
+    surface = scene.surface
+    found = {"in_normal": surface.vertex_normals, "in_color": surface.vertex_colors, "in_uv": surface.uv}
+    values = found[name]
+    if values is None:
+        return np.zeros((len(scene.vertices), ATTRIBUTES[name]), dtype=np.float32)
+    return np.ascontiguousarray(np.nan_to_num(values, nan=0.0).astype(np.float32))

@@ -1,0 +1,99 @@
+"""Shaders of the folder `shaders`, put together for the effects that are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+
+import moderngl
+
+from xfrustum.raster.cameras.depth_formats import Mapping as DepthMapping
+from xfrustum.raster.cameras.passes import Pass
+from xfrustum.scenes.model.effects import Effect
+
+SHADING = (
+    Effect.SMOOTH_NORMALS,
+    Effect.VERTEX_COLORS,
+    Effect.TEXTURES,
+    Effect.AMBIENT,
+    Effect.DIFFUSE,
+    Effect.SPECULAR,
+)
+"""The effects that are parts of the picture's shaders; the others are cameras and passes of their own."""
+
+Defines = Mapping[str, str]
+"""Names that a shader asks for with `#ifdef`, and what they stand for."""
+
+
+def shader(name: str) -> str:
+    """Return a file of the folder `shaders`, files that it includes put in."""
+    text = (files("xfrustum.raster") / "shaders" / name).read_text()
+    lines = []
+    for line in text.splitlines():
+        word, _, included = line.partition(" ")
+        lines.append(shader(included.strip('"')) if word == "#include" else line)
+    return "\n".join(lines) + "\n"
+
+
+def defined(source: str, defines: Defines) -> str:
+    """Return a shader with names defined after its first line, which is the version of GLSL."""
+    version, rest = source.split("\n", 1)
+    return "\n".join((version, *(f"#define {name} {value}" for name, value in defines.items()), rest))
+
+
+def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
+    """Return the names by which the shaders know the effects that are theirs."""
+    asked = frozenset(effects)
+    return {effect.name: "1" for effect in SHADING if effect in asked}
+
+
+def picture_defines(mapping: DepthMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
+    """Return the names that hogel.frag asks for: how depth is stored, and effects; None for no color."""
+    depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
+    return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
+
+
+def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
+    """Return the names that reflection.frag asks for: which normals."""
+    return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
+
+
+def program(context: moderngl.Context, fragment: str, defines: Defines) -> moderngl.Program:
+    """Return the program of `hogel.vert` and a fragment shader."""
+    return context.program(
+        vertex_shader=defined(shader("hogel.vert"), defines),
+        fragment_shader=defined(shader(fragment), defines),
+    )
+
+
+def assign(program: moderngl.Program, **uniforms: object) -> None:
+    """Set uniforms; those that no effect in use reads do not exist."""
+    for name, value in uniforms.items():
+        if name in program:
+            program[name] = value
+
+
+def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
+    """Set what a program knows of a camera, and where many hogels have it in a block, the rest.
+
+    Parameters
+    ----------
+    program
+        Of a picture or of reflections.
+    number, camera
+        In drawing order.
+    size
+        W, H of the image in pixels.
+    """
+    near, far = camera.planes
+    assign(
+        program,
+        clip_from_scene=tuple(camera.clip_from_scene.T.ravel().tolist()),
+        near=near,
+        far=far,
+        conjugate=1.0 if camera.orthoscopic else -1.0,
+        pixels=tuple(float(n) for n in size),
+        camera=number,
+    )
+    if "line_of_pixel" in program:
+        program["line_of_pixel"] = tuple(camera.line_of_pixel.T.ravel().tolist())

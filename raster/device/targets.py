@@ -1,0 +1,164 @@
+"""Framebuffers with the depth formats that moderngl does not offer, made, bound and freed through PyOpenGL.
+
+moderngl draws into whichever is bound. It need not know of them: a framebuffer that it wraps knows no
+attachments and frees nothing, and it cannot wrap one of several samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+from OpenGL.error import GLError
+
+from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+
+IDENTITY, COLOR = 0, 1
+"""Color attachments: triangle number + 1 and number of the camera (uint), linear radiance (float32)."""
+
+_FORMATS = {IDENTITY: GL.GL_RG32UI, COLOR: GL.GL_RGBA32F}
+
+_SAMPLE_LIMITS = (
+    GL.GL_MAX_SAMPLES,
+    GL.GL_MAX_INTEGER_SAMPLES,
+    GL.GL_MAX_COLOR_TEXTURE_SAMPLES,
+    GL.GL_MAX_DEPTH_TEXTURE_SAMPLES,
+)
+
+
+def most_samples() -> int:
+    """Return how many coverage samples the current context's device has, of identities, color and depth."""
+    return min(int(GL.glGetIntegerv(limit)) for limit in _SAMPLE_LIMITS)
+
+
+class Target:
+    """One framebuffer of a size and depth format in the current context, reused from image to image.
+
+    Parameters
+    ----------
+    size
+        W, H in pixels.
+    depth
+        Format of the depth buffer.
+    samples
+        Coverage samples, 1 for none; color is their mean. Identities and positions of such a target
+        cannot be read: a pixel has several. A device may store more than are asked for: `samples` is what
+        it stores.
+    """
+
+    def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
+        self.size = size
+        self.samples = samples
+        self._kind = GL.GL_TEXTURE_2D if samples == 1 else GL.GL_TEXTURE_2D_MULTISAMPLE
+        self._textures = [int(t) for t in np.atleast_1d(GL.glGenTextures(len(_FORMATS) + 1))]
+        for attachment, internal in _FORMATS.items():
+            self._store(self._textures[attachment], internal)
+        self._store(self._textures[-1], INTERNAL_FORMAT[depth])
+        self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
+        # Reads the identities, so that they must not be attached; see reflection.frag on depth.
+        self._reflection = self._framebuffer([COLOR], depth=False)
+        self._resolved = None if samples == 1 else Target(size, depth)
+
+    def _store(self, texture: int, internal: int) -> None:
+        GL.glBindTexture(self._kind, texture)
+        if self.samples > 1:
+            GL.glTexStorage2DMultisample(self._kind, self.samples, internal, *self.size, True)
+            self.samples = int(GL.glGetTexLevelParameteriv(self._kind, 0, GL.GL_TEXTURE_SAMPLES))
+            return
+        try:
+            GL.glTexStorage2D(self._kind, 1, internal, *self.size)
+        except GLError as error:
+            if error.err != GL.GL_OUT_OF_MEMORY:
+                raise
+            width, height = self.size
+            raise InputError(
+                f"the OpenGL device has no memory left for an image of {width} x {height} pixels; "
+                "choose a smaller frustum.resolution"
+            ) from error
+        # Integer textures are complete, and can be sampled, only without filtering.
+        GL.glTexParameteri(self._kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
+        GL.glTexParameteri(self._kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
+
+    def _framebuffer(self, attachments: Sequence[int], *, depth: bool) -> int:
+        framebuffer = int(GL.glGenFramebuffers(1))
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        points = [GL.GL_COLOR_ATTACHMENT0 + number for number in range(len(attachments))]
+        for point, attachment in zip(points, attachments, strict=True):
+            GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, point, self._kind, self._textures[attachment], 0)
+        if depth:
+            point = GL.GL_DEPTH_ATTACHMENT
+            GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, point, self._kind, self._textures[-1], 0)
+        GL.glDrawBuffers(len(points), points)
+        status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
+        if status != GL.GL_FRAMEBUFFER_COMPLETE:
+            raise RuntimeError(
+                f"framebuffer {self.size} of {self.samples} samples is incomplete: status {status}"
+            )
+        return framebuffer
+
+    def begin(self) -> None:
+        """Draw here from now on, over nothing: number 0, black."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
+        GL.glViewport(0, 0, *self.size)
+        GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
+        GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
+
+    def begin_reflection(self) -> None:
+        """Draw from now on color alone, over what is there."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._reflection)
+        GL.glViewport(0, 0, *self.size)
+
+    def clear_depth(self, value: float) -> None:
+        """Set every depth."""
+        GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glBindTexture(self._kind, self._textures[IDENTITY])
+
+    def read_triangle(self) -> NDArray[np.int32]:
+        """Return triangle numbers, (H, W), row 0 at the top, -1 where nothing was drawn."""
+        identity = self._read(
+            IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32)
+        )
+        return identity.view(np.int32) - 1
+
+    def read_color(self) -> NDArray[np.float32]:
+        """Return linear RGB, (H, W, 3), row 0 at the top."""
+        if self._resolved is not None:
+            return self._resolved.resolved_from(self)
+        return self._read(COLOR, GL.GL_RGB, GL.GL_FLOAT, np.empty(self._shape(3), np.float32))
+
+    def resolved_from(self, other: Target) -> NDArray[np.float32]:
+        """Return the mean of another target's samples, taken by the driver."""
+        width, height = self.size
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, other._reflection)
+        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._reflection)
+        whole = (0, 0, width, height)
+        GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
+        return self.read_color()
+
+    def _shape(self, channels: int) -> tuple[int, ...]:
+        width, height = self.size
+        return (height, width) if channels == 1 else (height, width, channels)
+
+    def _read(self, attachment: int, layout: int, kind: int, into: NDArray[Any]) -> NDArray[Any]:
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture)
+        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + attachment)
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        GL.glReadPixels(0, 0, *self.size, layout, kind, into)
+        return into[::-1]
+
+    def release(self) -> None:
+        """Free what it owns."""
+        GL.glDeleteFramebuffers(2, [self._picture, self._reflection])
+        GL.glDeleteTextures(self._textures)
+        if self._resolved is not None:
+            self._resolved.release()

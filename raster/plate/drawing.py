@@ -1,0 +1,84 @@
+"""One program over the triangles that it is for, drawn by each camera for many hogels at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.raster.plate.geometry import FORMATS, PassGeometry, PlateGeometry
+from xfrustum.raster.plate.program import HOGELS_BINDING
+
+
+class PlateDrawing:
+    """What one program draws of a scene.
+
+    Parameters
+    ----------
+    context
+        The current context.
+    program
+        Of `plate_program`, for as many hogels.
+    geometry
+        The scene.
+    cameras
+        The part of it that each camera draws: all surfaces, or the reflective ones.
+    hogels
+        How many one submission may have.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        program: moderngl.Program,
+        geometry: PlateGeometry,
+        cameras: Sequence[PassGeometry],
+        hogels: int,
+    ) -> None:
+        self.program = program
+        self._geometry, self._cameras = geometry, cameras
+        numbers = np.arange(hogels, dtype=np.uint32)
+        content = [
+            (geometry.attribute(name), form, name) for name, form in FORMATS.items() if name in program
+        ]
+        # Advances with the instance; every draw says which instance is its first.
+        content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
+        self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
+
+    def triangles(self, number: int, matrices: NDArray[np.float32]) -> int:
+        """Return how many triangles a camera draws for some hogels."""
+        return int(self._geometry.commands(self._cameras[number], matrices)["count"].sum()) // 3
+
+    def upload(self, number: int, matrices: NDArray[np.float32], commands: moderngl.Buffer) -> int:
+        """Write the draws of a camera for some hogels, and return how many they are.
+
+        Parameters
+        ----------
+        number
+            Of the camera.
+        matrices
+            (L, 4, 4) clip-from-scene of each hogel.
+        commands
+            Grows as needed.
+        """
+        draws = self._geometry.commands(self._cameras[number], matrices)
+        if len(draws):
+            commands.orphan(max(commands.size, draws.nbytes))
+            commands.write(draws.tobytes())
+        return len(draws)
+
+    def draw(self, hogels: moderngl.Buffer, commands: moderngl.Buffer, draws: int) -> None:
+        """Draw what was uploaded.
+
+        Parameters
+        ----------
+        hogels
+            What differs between them, see `plate_program.hogel_block`.
+        commands, draws
+            As `upload` wrote and returned them.
+        """
+        if draws:
+            hogels.bind_to_uniform_block(HOGELS_BINDING)
+            self._mesh.render_indirect(commands, count=draws)

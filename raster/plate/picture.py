@@ -1,0 +1,166 @@
+"""What several hogels show: every camera's picture and, over all of them, every camera's reflections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+
+from xfrustum.raster.cameras.depth_formats import Mapping
+from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.device.programs import picture_defines, reflection_defines, set_camera
+from xfrustum.raster.light.materials import Shading
+from xfrustum.raster.light.reflection import Environment, reflecting
+from xfrustum.raster.plate.drawing import PlateDrawing
+from xfrustum.raster.plate.geometry import PlateGeometry
+from xfrustum.raster.plate.program import hogel_block, picture_program, reflection_program
+from xfrustum.raster.plate.reflection import Reflections
+from xfrustum.raster.plate.submissions import Slot
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.scene import Scene
+
+PICTURE, REFLECTION = 0, 1
+"""Numbers of the drawings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """How a plate is drawn.
+
+    Attributes
+    ----------
+    mapping
+        Of depth.
+    effects
+        What is simulated.
+    hogels
+        How many one submission may have.
+    """
+
+    mapping: Mapping
+    effects: frozenset[Effect]
+    hogels: int
+
+
+class PlatePicture:
+    """A scene on the GPU with its materials and lights, and the programs that draw it.
+
+    Parameters
+    ----------
+    context
+        The current context, also whenever something is drawn.
+    scene
+        At least one triangle.
+    passes
+        Of any aperture, at least one.
+    look
+        How it is drawn.
+
+    Raises
+    ------
+    InputError
+        Textures or the environment map are larger than the device allows.
+    """
+
+    def __init__(self, context: moderngl.Context, scene: Scene, passes: Sequence[Pass], look: Look) -> None:
+        self._context, self._mapping = context, look.mapping
+        effects, hogels = look.effects, look.hogels
+        mirrors = reflective_triangles(scene, effects)
+        self._geometry = PlateGeometry(context, scene, passes, look.mapping.clip_control, mirrors)
+        self._shading = Shading(context, scene, effects)
+        self._geometry.carry(self._shading.surfaces)
+        defines = {**picture_defines(look.mapping, effects), **self._shading.defines}
+        program = picture_program(context, defines, hogels)
+        picture = PlateDrawing(context, program, self._geometry, self._geometry.surfaces, hogels)
+        self.drawings, self._reflections = [picture], None
+        if mirrors.any():
+            defines = {**reflection_defines(effects), **self._shading.defines}
+            program = reflection_program(context, defines, hogels)
+            drawing = PlateDrawing(context, program, self._geometry, self._geometry.reflections, hogels)
+            self._reflections = Reflections(context, drawing, Environment(context, scene))
+            self.drawings.append(self._reflections.drawing)
+
+    @property
+    def triangles_of_cameras(self) -> list[int]:
+        """How many triangles each camera draws at most."""
+        return [part.count for part in self._geometry.surfaces]
+
+    @property
+    def reflects(self) -> bool:
+        """Whether any triangle is drawn once more for its reflection."""
+        return self._reflections is not None
+
+    def begin(self, slot: Slot, enabled: int) -> None:
+        """Draw into a slot from now on, over nothing.
+
+        Parameters
+        ----------
+        slot
+            Its target is cleared.
+        enabled
+            What is enabled for pictures.
+        """
+        self._context.enable_only(enabled)
+        GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
+        slot.target.begin()
+
+    def upload(self, slot: Slot, number: int, hogels: Sequence[Pass]) -> list[int]:
+        """Say what a camera draws for the hogels, and return in how many draws, drawing by drawing."""
+        block = hogel_block(hogels)
+        slot.hogels[number].write(block.tobytes())
+        matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
+        return [
+            drawing.upload(number, matrices, commands[number])
+            for drawing, commands in zip(self.drawings, slot.commands, strict=True)
+        ]
+
+    def draw(self, slot: Slot, number: int, camera: Pass, draws: int) -> None:
+        """Draw one camera's picture for the hogels, over those of the cameras before it.
+
+        Parameters
+        ----------
+        slot
+            Into which.
+        number, camera
+            The camera, as any of the hogels has it.
+        draws
+            As uploaded.
+        """
+        drawing = self.drawings[PICTURE]
+        slot.target.clear_depth(camera.test.clear)
+        self._context.depth_func = camera.test.function
+        self._context.front_face = camera.front_face
+        set_camera(drawing.program, number, camera, slot.target.size)
+        self._shading.bind(drawing.program)
+        drawing.draw(slot.hogels[number], slot.commands[PICTURE][number], draws)
+
+    def reflect(self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int) -> None:
+        """Draw every camera's reflections over the picture, if anything reflects.
+
+        Parameters
+        ----------
+        slot
+            With the pictures.
+        cameras
+            In drawing order, those of any hogel.
+        draws
+            Of each camera, as uploaded.
+        enabled
+            What is enabled for pictures.
+        """
+        if self._reflections is not None:
+            self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)
+            self._reflections.draw(slot, cameras, draws, REFLECTION, self._shading)
+
+
+def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> NDArray[np.bool_]:
+    """Return (F,) which triangles are drawn once more for their reflections."""
+    found = np.zeros(len(scene.faces), dtype=np.bool_)
+    if Effect.REFLECTION in effects:
+        for first, count in reflecting(scene):
+            found[first : first + count] = True
+    return found

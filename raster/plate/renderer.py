@@ -1,0 +1,227 @@
+"""Many hogels per submission: the paper's double frustum for a whole plate, as a stream.
+
+docs/adr/0006 has the reasons. Images are those of `Rasterizer`, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from types import TracebackType
+
+import moderngl
+import numpy as np
+from OpenGL import GL
+
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
+from xfrustum.raster.device.context import describe, open_context
+from xfrustum.raster.device.room import check_room
+from xfrustum.raster.device.timer import GpuTimer, StageTime
+from xfrustum.raster.plate.picture import (
+    PICTURE,
+    REFLECTION,
+    Look,
+    PlatePicture,
+    reflective_triangles,
+)
+from xfrustum.raster.plate.program import lets_vertices_choose_layers
+from xfrustum.raster.plate.submissions import Batching, Slot, groups, make_rounds
+from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import needed
+from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+
+class PlateRenderer:
+    """A scene on the GPU, to be drawn from many apertures with the same settings.
+
+    A context manager: leaving it frees the context and everything in it.
+
+    Parameters
+    ----------
+    scene
+        Uploaded once, in float32.
+    settings
+        Near plane, depth buffer, cameras.
+    content
+        Which images are read back, and what is simulated.
+
+    Raises
+    ------
+    InputError
+        The settings do not fit the frustum, the scene asks for more than one sample a pixel, there is
+        no usable OpenGL, or the device cannot draw so large an image or so many triangles.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: DoubleFrustum,
+        content: PlateContent | None = None,
+    ) -> None:
+        settings.check_against(scene.frustum)
+        if scene.sampling != Sampling():
+            raise InputError(
+                f"{scene.name}: asks for several samples a pixel, and a plate is drawn with one; "
+                "say --supersample 1 --multisample 1 --aperture-samples 1, or draw its hogels with raster"
+            )
+        self.scene, self.settings, self.content = scene, settings, content or PlateContent()
+        asked = self.content.effects
+        self.effects = needed(scene) if asked is None else asked
+        self._cameras = cameras_in_order(scene, settings, self.effects)
+        self._enabled = moderngl.DEPTH_TEST
+        self._timer: GpuTimer | None = None
+        self._context = open_context()
+        try:
+            with self._context:
+                self.device = describe(self._context)
+                check_room(scene, self.device["renderer"])
+                self._prepare()
+        except InputError:
+            self._context.release()
+            raise
+
+    def _prepare(self) -> None:
+        identified = bool(reflective_triangles(self.scene, self.effects).any())
+        form = TargetFormat(depth=self.settings.depth, content=self.content, identified=identified)
+        size = self.scene.frustum.resolution
+        self.batching = Batching.of(size, form, layered=lets_vertices_choose_layers(self._context))
+        self._picture: PlatePicture | None = None
+        if self._cameras:
+            look = Look(
+                mapping=MAPPINGS[self.settings.mapping], effects=self.effects, hogels=self.batching.hogels
+            )
+            passes = self._passes(self.scene.plate.middle)
+            self._picture = PlatePicture(self._context, self.scene, passes, look)
+        drawings = 0 if self._picture is None else len(self._picture.drawings)
+        self._rounds = make_rounds(
+            self._context,
+            self.batching,
+            lambda: LayeredTarget(size, self.batching.hogels, form),
+            (drawings, len(self._cameras)),
+        )
+
+    def __enter__(self) -> PlateRenderer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free the context and everything in it."""
+        with self._context:
+            for slot in (slot for slots in self._rounds for slot in slots):
+                slot.target.release()
+        self._context.release()
+
+    @property
+    def triangles_of_cameras(self) -> list[int]:
+        """How many triangles each camera draws at most: those of its side of the plate, and across it."""
+        return [] if self._picture is None else self._picture.triangles_of_cameras
+
+    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
+        """Draw apertures and yield their images in the same order.
+
+        While one round of submissions is drawn, the one before is on its way back: no more than
+        `batching.hogels_in_memory` are in memory, and those that the caller keeps.
+        """
+        waiting: list[tuple[Slot, list[Aperture]]] = []
+        submissions = groups(apertures, self.batching.hogels)
+        for number, submitted in enumerate(groups(submissions, self.batching.submissions)):
+            slots = self._rounds[number % len(self._rounds)]
+            drawn = list(zip(slots, submitted, strict=False))
+            # OpenGL draws in whichever context is current: the caller may have others.
+            with self._context:
+                for slot, group in drawn:
+                    self._draw(slot, group)
+                    # What is submitted is turned into pixels while the next vertices are transformed.
+                    GL.glFlush()
+                # A driver that draws in software finishes everything before it lets anything be read.
+                with self._stage("read-back"):
+                    for slot, _ in drawn:
+                        slot.target.start_reading()
+            yield from self._finish(waiting)
+            waiting = drawn
+        yield from self._finish(waiting)
+
+    def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
+        """Draw as `hogels` does and read nothing back, to measure what reading costs.
+
+        Parameters
+        ----------
+        apertures
+            Whose images.
+        rasterize
+            Without it OpenGL discards all primitives before they become pixels, and ignores clears.
+        """
+        with self._context:
+            self._enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
+            for number, group in enumerate(groups(apertures, self.batching.hogels)):
+                self._draw(self._rounds[0][number % self.batching.submissions], group)
+                GL.glFlush()
+            self._enabled = moderngl.DEPTH_TEST
+            GL.glFinish()
+
+    def measure(self, apertures: Iterable[Aperture]) -> dict[str, StageTime]:
+        """Return what each stage takes for these apertures: upload, every camera, read-back."""
+        self._timer = GpuTimer()
+        try:
+            for _ in self.hogels(apertures):
+                pass
+            with self._context:
+                return self._timer.collect()
+        finally:
+            self._timer = None
+
+    def drawn_triangles(self, apertures: Iterable[Aperture]) -> int:
+        """Count what all drawings submit for these apertures; the rest lies outside their frusta."""
+        total = 0
+        for aperture in apertures:
+            for number, camera in enumerate(self._passes(aperture)):
+                matrices = camera.clip_from_scene.astype(np.float32)[None]
+                drawings = [] if self._picture is None else self._picture.drawings
+                total += sum(drawing.triangles(number, matrices) for drawing in drawings)
+        return total
+
+    def _stage(self, name: str) -> AbstractContextManager[None]:
+        return nullcontext() if self._timer is None else self._timer.stage(name)
+
+    def _passes(self, aperture: Aperture) -> list[Pass]:
+        return [pass_of(self.scene, aperture, self.settings, camera) for camera in self._cameras]
+
+    def _draw(self, slot: Slot, apertures: Sequence[Aperture]) -> None:
+        picture = self._picture
+        if picture is None:
+            slot.target.begin()
+            return
+        picture.begin(slot, self._enabled)
+        draws = []
+        # All hogels' shares of one camera, then all of the next: what they have in common is set once.
+        cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
+        for number, hogels in enumerate(cameras):
+            with self._stage("upload"):
+                draws.append(picture.upload(slot, number, hogels))
+            with self._stage("C" if self._cameras[number].orthoscopic else "C*"):
+                picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
+        if picture.reflects:
+            with self._stage("reflection"):
+                drawn = [counts[REFLECTION] for counts in draws]
+                picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, self._enabled)
+
+    def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]]) -> Iterator[PlateHogel]:
+        for slot, apertures in waiting:
+            with self._context, self._stage("read-back"):
+                color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
+            for layer, aperture in enumerate(apertures):
+                yield PlateHogel(
+                    aperture=aperture,
+                    color=color[layer],
+                    triangle=None if triangle is None else triangle[layer],
+                )

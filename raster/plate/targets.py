@@ -1,0 +1,188 @@
+"""Framebuffers with a layer for each of several hogels, and their way back to the processor."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+
+from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
+from xfrustum.raster.device.targets import COLOR, IDENTITY
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.plate.double_frustum import DepthFormat
+
+_COLOR_FORMAT: dict[ColorType, int] = {
+    ColorType.UINT8: GL.GL_RGBA8,
+    ColorType.FLOAT16: GL.GL_RGBA16F,
+    ColorType.FLOAT32: GL.GL_RGBA32F,
+}
+_COLOR_READ: dict[ColorType, int] = {
+    ColorType.UINT8: GL.GL_UNSIGNED_BYTE,
+    ColorType.FLOAT16: GL.GL_HALF_FLOAT,
+    ColorType.FLOAT32: GL.GL_FLOAT,
+}
+_DEPTH_BYTES: dict[DepthFormat, int] = {DepthFormat.D16: 2, DepthFormat.D24: 4, DepthFormat.D32F: 4}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetFormat:
+    """What the pixels of a hogel consist of while it is drawn.
+
+    Attributes
+    ----------
+    depth
+        Format of the depth buffer.
+    content
+        Which images are read back.
+    identified
+        Whether a later pass looks up what was drawn; reading triangle numbers back implies it.
+    """
+
+    depth: DepthFormat
+    content: PlateContent
+    identified: bool = False
+
+    @property
+    def attachments(self) -> dict[int, int]:
+        """Internal format of each color attachment; those of `Target`, without what nobody asks for."""
+        color = {COLOR: _COLOR_FORMAT[self.content.color]}
+        return {**color, IDENTITY: GL.GL_RG32UI} if self.identified or self.content.ids else color
+
+    @property
+    def bytes_per_pixel(self) -> int:
+        """Of all attachments."""
+        identity = 8 if IDENTITY in self.attachments else 0
+        return _DEPTH_BYTES[self.depth] + 4 * self.content.color.dtype.itemsize + identity
+
+
+class LayeredTarget:
+    """One framebuffer with a layer for each hogel of a submission, and buffers to read it through.
+
+    moderngl cannot wrap a framebuffer with layers; this class owns everything, in the current context.
+
+    Parameters
+    ----------
+    size
+        W, H in pixels.
+    layers
+        Hogels.
+    form
+        What there is of each.
+    """
+
+    def __init__(self, size: tuple[int, int], layers: int, form: TargetFormat) -> None:
+        self.size, self.layers = size, layers
+        self._content = form.content
+        formats = {GL.GL_COLOR_ATTACHMENT0 + number: form.attachments[number] for number in form.attachments}
+        formats[GL.GL_DEPTH_ATTACHMENT] = INTERNAL_FORMAT[form.depth]
+        self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
+        # The shader's outputs keep their numbers; those without a buffer are dropped.
+        self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
+        # What a shader reads may not be bound for drawing.
+        self._radiance = self._framebuffer([COLOR], depth=False)
+        self._packs = {COLOR: self._pack(4 * self._content.color.dtype.itemsize)}
+        if self._content.ids:
+            self._packs[IDENTITY] = self._pack(4)
+
+    def _store(self, internal: int) -> int:
+        texture = int(GL.glGenTextures(1))
+        GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
+        GL.glTexStorage3D(GL.GL_TEXTURE_2D_ARRAY, 1, internal, *self.size, self.layers)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
+        return texture
+
+    def _framebuffer(self, outputs: Sequence[int], *, depth: bool) -> int:
+        framebuffer = int(GL.glGenFramebuffers(1))
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+        order = []
+        for output in outputs:
+            attachment = GL.GL_COLOR_ATTACHMENT0 + output
+            order.append(attachment if attachment in self._textures else GL.GL_NONE)
+            if attachment in self._textures:
+                GL.glFramebufferTexture(GL.GL_FRAMEBUFFER, attachment, self._textures[attachment], 0)
+        if depth:
+            texture = self._textures[GL.GL_DEPTH_ATTACHMENT]
+            GL.glFramebufferTexture(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, texture, 0)
+        GL.glDrawBuffers(len(order), order)
+        status = GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER)
+        if status != GL.GL_FRAMEBUFFER_COMPLETE:
+            raise RuntimeError(f"framebuffer {self.size} x {self.layers} is incomplete: status {status}")
+        return framebuffer
+
+    def _pack(self, pixel_bytes: int) -> int:
+        pack = int(GL.glGenBuffers(1))
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, pack)
+        width, height = self.size
+        size = pixel_bytes * width * height * self.layers
+        GL.glBufferData(GL.GL_PIXEL_PACK_BUFFER, size, None, GL.GL_STREAM_READ)
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
+        return pack
+
+    def begin(self) -> None:
+        """Draw here from now on, over nothing: number 0, black, on every layer."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
+        GL.glViewport(0, 0, *self.size)
+        GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
+        if GL.GL_COLOR_ATTACHMENT0 + IDENTITY in self._textures:
+            GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
+
+    def begin_reflection(self) -> None:
+        """Draw from now on color alone, over what is there."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
+
+    def clear_depth(self, value: float) -> None:
+        """Set every depth of every layer."""
+        GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
+
+    def start_reading(self) -> None:
+        """Ask for everything that was drawn; a device that works on its own does not wait for it."""
+        self._start(COLOR, GL.GL_RGBA, _COLOR_READ[self._content.color])
+        if self._content.ids:
+            self._start(IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT)
+
+    def _start(self, attachment: int, layout: int, kind: int) -> None:
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, self._packs[attachment])
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        texture = self._textures[GL.GL_COLOR_ATTACHMENT0 + attachment]
+        GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
+        # Not an address but an offset into the pack buffer.
+        GL.glGetTexImage(GL.GL_TEXTURE_2D_ARRAY, 0, layout, kind, ctypes.c_void_p(0))
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
+
+    def finish_color(self) -> NDArray[Any]:
+        """Return linear RGB that was asked for, (layers, H, W, 3), row 0 at the top; waits for it."""
+        return self._finish(COLOR, 4, self._content.color.dtype)[..., :3]
+
+    def finish_triangle(self) -> NDArray[np.int32] | None:
+        """Return triangle numbers, (layers, H, W), -1 where nothing was drawn; None if not wanted."""
+        if not self._content.ids:
+            return None
+        return self._finish(IDENTITY, 1, np.dtype(np.uint32))[..., 0].view(np.int32) - 1
+
+    def _finish(self, attachment: int, channels: int, kind: np.dtype[Any]) -> NDArray[Any]:
+        width, height = self.size
+        shape = (self.layers, height, width, channels)
+        # PyOpenGL would convert anything but bytes.
+        into = np.empty(math.prod(shape) * kind.itemsize, dtype=np.uint8)
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, self._packs[attachment])
+        GL.glGetBufferSubData(GL.GL_PIXEL_PACK_BUFFER, 0, into.nbytes, into)
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
+        return into.view(kind).reshape(shape)[:, ::-1]
+
+    def release(self) -> None:
+        """Free what it owns."""
+        GL.glDeleteFramebuffers(2, [self._picture, self._radiance])
+        GL.glDeleteTextures(list(self._textures.values()))
+        GL.glDeleteBuffers(len(self._packs), list(self._packs.values()))

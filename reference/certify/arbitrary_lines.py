@@ -1,0 +1,128 @@
+"""First surfaces along any lines through one point, not only those of a film; all decided exactly.
+
+The search leaves nothing out. Seen from the center, a triangle lies in the cap about its middle that
+reaches to the farthest of its three corners, for a cap smaller than a half sphere is convex. Only
+lines in that cap, or in the opposite one, can meet the triangle. What can is decided in integers.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from xfrustum.reference.certify.exact import ExactPencil, Integers
+from xfrustum.reference.lines.lines import Pencil, Vector
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+Floats = NDArray[np.float64]
+
+CHORD_MARGIN = 1e-9
+"""Unit vectors and their distances are computed to some 1e-15; this is a million times as much."""
+
+WIDEST_CHORD = 1.4
+"""Of a cap that surely is smaller than a half sphere, whose chord is the square root of 2."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FirstAlong:
+    """What some lines meet first.
+
+    Attributes
+    ----------
+    triangle
+        (N,) int32 the smallest number of those met first, `NOTHING` where a line meets none.
+    s
+        (N,) to the nearest double, NaN where it meets none.
+    ties
+        The triangles that are first together, in ascending order, by the number of the line.
+    """
+
+    triangle: NDArray[np.int32]
+    s: Floats
+    ties: dict[int, tuple[int, ...]]
+
+
+def first_surfaces_along(
+    triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
+) -> FirstAlong:
+    """Decide what the lines center + s d meet first.
+
+    Meant for questions of up to some 1e6 lines: every candidate is decided in integers.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) corners in scene units.
+    center
+        The common point.
+    directions
+        (N, 3) d, of any length but zero.
+    s_range
+        Only surfaces with s in this closed interval count; the smallest s comes first.
+    """
+    exact = _ExactLines(triangles, center, directions, s_range)
+    met: dict[int, list[tuple[Fraction, int]]] = defaultdict(list)
+    for number, lines in enumerate(_candidates(triangles - np.asarray(center), directions)):
+        for line in lines:
+            s = exact.meets(line, number)
+            if s is not None:
+                met[line].append((s, number))
+    triangle = np.full(len(directions), NOTHING, dtype=np.int32)
+    s_first = np.full(len(directions), np.nan)
+    ties = {}
+    for line, hits in met.items():
+        first, triangle[line] = min(hits)
+        s_first[line] = float(first)
+        together = tuple(number for s, number in hits if s == first)
+        if len(together) > 1:
+            ties[line] = together
+    return FirstAlong(triangle=triangle, s=s_first, ties=ties)
+
+
+class _ExactLines(ExactPencil):
+    """Lines by number instead of by pixel."""
+
+    def __init__(
+        self, triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
+    ) -> None:
+        no_film = Pencil(
+            center=center, shear=(0.0, 0.0), half_extent=(1.0, 1.0), resolution=(1, 1), s_range=s_range
+        )
+        super().__init__(triangles, no_film)
+        ratios = [[x.as_integer_ratio() for x in d] for d in directions.tolist()]
+        # Denominators of doubles are powers of two: the largest is a multiple of all.
+        common = max((denominator for d in ratios for _, denominator in d), default=1)
+        self._slope_bits = common.bit_length() - 1
+        self._lines = [tuple(n * (common // denominator) for n, denominator in d) for d in ratios]
+
+    def direction(self, pixel: int) -> Integers:
+        """Return d of a line times 2**slope_bits."""
+        x, y, z = self._lines[pixel]
+        return x, y, z
+
+
+def _candidates(corners: Floats, directions: Floats) -> list[list[int]]:
+    """Return for each triangle (F, 3, 3), relative to the center, the lines that may meet it."""
+    distance = np.linalg.norm(corners, axis=2, keepdims=True)
+    near = (distance == 0).any(axis=(1, 2))
+    seen = corners / np.where(distance > 0, distance, 1.0)
+    middle = seen.sum(axis=1)
+    length = np.linalg.norm(middle, axis=1, keepdims=True)
+    middle /= np.where(length > 0, length, 1.0)
+    chord = np.linalg.norm(seen - middle[:, None], axis=2).max(axis=1) + CHORD_MARGIN
+    # A middle that is lost to cancellation is no unit vector: then no cap this small holds all corners.
+    everywhere = near | (chord > WIDEST_CHORD)
+
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    tree = KDTree(np.concatenate((unit, -unit)))
+    found = tree.query_ball_point(middle, np.where(everywhere, 0.0, chord))
+    all_lines = list(range(len(directions)))
+    return [
+        all_lines if anywhere else sorted({line % len(directions) for line in lines})
+        for lines, anywhere in zip(found, everywhere.tolist(), strict=True)
+    ]

@@ -1,0 +1,127 @@
+"""Rational decisions: does a line meet a triangle, where, and who comes first?
+
+All coordinates and slopes are doubles, hence integers over a common power of two; every quantity
+here is a Python integer or a ratio of two. Conventions (CONVENTIONS.md): triangles are closed,
+and a line that lies in a triangle's plane does not meet it (a surface seen exactly edge-on
+covers nothing).
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.lines.lines import Pencil
+
+Integers = tuple[int, int, int]
+
+
+def _fraction_bits(values: NDArray[np.float64]) -> int:
+    """Return the smallest b >= 0 with values * 2**b all integers."""
+    values = values[values != 0]
+    if not len(values):
+        return 0
+    mantissa, exponent = np.frexp(values)
+    digits = np.rint(np.abs(mantissa) * 2.0**53).astype(np.int64)
+    trailing = np.log2((digits & -digits).astype(np.float64)).astype(np.int64)
+    return int(max(0, (53 - trailing - exponent).max()))
+
+
+def _scaled(value: float, bits: int) -> int:
+    """Return value * 2**bits, which must be an integer."""
+    numerator, denominator = float(value).as_integer_ratio()
+    return (numerator << bits) // denominator
+
+
+def _cross(a: Integers, b: Integers) -> Integers:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def _dot(a: Integers, b: Integers) -> int:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+class ExactPencil:
+    """A pencil's lines against a scene's triangles in integer arithmetic.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) corners in scene units.
+    pencil
+        The lines.
+    """
+
+    def __init__(self, triangles: NDArray[np.float64], pencil: Pencil) -> None:
+        self._triangles = triangles
+        self._pencil = pencil
+        self._range = (Fraction(pencil.s_range[0]), Fraction(pencil.s_range[1]))
+        self.cone = lru_cache(maxsize=1 << 16)(self._cone)
+
+    @cached_property
+    def _bits(self) -> int:
+        """Binary digits after the point that every coordinate needs; looked at only when asked."""
+        return max(_fraction_bits(self._triangles.ravel()), _fraction_bits(np.asarray(self._pencil.center)))
+
+    @cached_property
+    def _slope_bits(self) -> int:
+        return max(_fraction_bits(self._pencil.dx), _fraction_bits(self._pencil.dy))
+
+    @cached_property
+    def _center(self) -> Integers:
+        x, y, z = (_scaled(coordinate, self._bits) for coordinate in self._pencil.center)
+        return x, y, z
+
+    def _cone(self, triangle: int) -> tuple[tuple[Integers, Integers, Integers], Integers, int]:
+        """Return edge planes, plane normal and plane offset of a triangle, all integers."""
+        q0, q1, q2 = (
+            (
+                _scaled(p[0], self._bits) - self._center[0],
+                _scaled(p[1], self._bits) - self._center[1],
+                _scaled(p[2], self._bits) - self._center[2],
+            )
+            for p in self._triangles[triangle].tolist()
+        )
+        e01, e12, e20 = _cross(q0, q1), _cross(q1, q2), _cross(q2, q0)
+        normal = (e01[0] + e12[0] + e20[0], e01[1] + e12[1] + e20[1], e01[2] + e12[2] + e20[2])
+        return (e01, e12, e20), normal, _dot(q0, normal)
+
+    def direction(self, pixel: int) -> Integers:
+        """Return d of a pixel (row * W + column) times 2**slope_bits."""
+        row, column = divmod(pixel, self._pencil.resolution[0])
+        return (
+            _scaled(self._pencil.dx[column], self._slope_bits),
+            _scaled(self._pencil.dy[row], self._slope_bits),
+            -(1 << self._slope_bits),
+        )
+
+    def meets(self, pixel: int, triangle: int) -> Fraction | None:
+        """Return s where a pixel's line meets a triangle, None where it does not or out of range."""
+        d = self.direction(pixel)
+        edges, normal, offset = self.cone(triangle)
+        slope = _dot(d, normal)
+        if slope == 0:
+            return None
+        signs = [_dot(d, edge) for edge in edges]
+        if min(signs) < 0 < max(signs):
+            return None
+        s = Fraction(offset << self._slope_bits, slope << self._bits)
+        return s if self._range[0] <= s <= self._range[1] else None
+
+    def has_area(self, triangle: int) -> bool:
+        """Return whether a triangle is more than a line or a point."""
+        return self.cone(triangle)[1] != (0, 0, 0)
+
+    def contains_center(self, triangle: int) -> bool:
+        """Return whether the pencil's center lies in a closed triangle: every line meets it at s = 0."""
+        edges, normal, offset = self.cone(triangle)
+        return offset == 0 and normal != (0, 0, 0) and all(_dot(edge, normal) >= 0 for edge in edges)
+
+    def coplanar(self, one: int, other: int) -> bool:
+        """Return whether every line meets two triangles' planes at the same s."""
+        _, a, a_offset = self.cone(one)
+        _, b, b_offset = self.cone(other)
+        return _cross(a, b) == (0, 0, 0) and all(a[i] * b_offset == b[i] * a_offset for i in range(3))

@@ -1,0 +1,142 @@
+"""Where on the film can each triangle show? Conservative boxes of pixels, once for an image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.certify.exact import ExactPencil
+from xfrustum.reference.certify.sides import Sides, some
+from xfrustum.reference.lines.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Floats
+from xfrustum.reference.lines.lines import Pencil
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footprints:
+    """Where on the film triangles may show: once for an image, before its rows are looked at.
+
+    Attributes
+    ----------
+    number
+        (N,) triangle numbers.
+    side
+        (N,) +1 behind the center (s > 0), -1 before it; 0 for triangles whose boxes in space
+        contain the center, the only ones that can be hit at s = 0.
+    holds_center
+        (N,) the center lies in the closed triangle, exactly.
+    box
+        (4, N) first and last column, first and last row, inclusive.
+    """
+
+    number: NDArray[np.int64]
+    side: NDArray[np.int8]
+    holds_center: NDArray[np.bool_]
+    box: NDArray[np.int32]
+
+
+def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPencil) -> Footprints:
+    """Find all triangles that may cover a pixel's center, and drop those that surely do not.
+
+    Parameters
+    ----------
+    sorted_triangles
+        As `sorted_by_side` sorts them for this pencil, or for another of the same height and range.
+    pencil
+        The lines.
+    exact
+        The same in integers.
+    """
+    parts: list[Footprints] = []
+    center_x, center_y, _ = pencil.center
+    for chunk in sorted_triangles:
+        touching = chunk.touching(center_x, center_y)
+        for side in (every.without(touching) for every in chunk.sides):
+            box = _pixel_box(side.x - center_x, side.y - center_y, side.s, pencil, side.sign)
+            hit = (box[0] <= box[1]) & (box[2] <= box[3])
+            parts.append(_footprints(side.number[hit], side.sign, box[:, hit]))
+        if len(touching):
+            width, height = pencil.resolution
+            # Without area a triangle is met by no line, and here it would occupy the whole image.
+            numbers = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
+            holds = np.array([exact.contains_center(number) for number in numbers.tolist()], dtype=np.bool_)
+            whole = np.tile([[0], [width - 1], [0], [height - 1]], len(numbers))
+            parts.append(_footprints(numbers, 0, whole, holds))
+    if not parts:
+        return _footprints(np.zeros(0, dtype=np.int64), 0, np.zeros((4, 0)))
+    return Footprints(
+        number=np.concatenate([part.number for part in parts]),
+        side=np.concatenate([part.side for part in parts]),
+        holds_center=np.concatenate([part.holds_center for part in parts]),
+        box=np.concatenate([part.box for part in parts], axis=1),
+    )
+
+
+def _footprints(
+    number: NDArray[np.int64], side: int, box: NDArray[Any], holds: NDArray[np.bool_] | None = None
+) -> Footprints:
+    return Footprints(
+        number=number,
+        side=np.full(len(number), side, dtype=np.int8),
+        holds_center=np.zeros(len(number), dtype=np.bool_) if holds is None else holds,
+        box=box.astype(np.int32),
+    )
+
+
+def _pixel_box(x: Floats, y: Floats, s: Floats, pencil: Pencil, side: int) -> Floats:
+    """Return first and last column, first and last row (4, T) of the part of triangles on one side."""
+    width, height = pencil.resolution
+    low, high = _slope_range(x, s, side)
+    scale, slack = width / (2 * pencil.half_extent[0]), pixel_slack(pencil, 0)
+    first = (low - pencil.shear[0]) * scale + (width - 1) / 2 - slack
+    last = (high - pencil.shear[0]) * scale + (width - 1) / 2 + slack
+    low, high = _slope_range(y, s, side)
+    scale, slack = height / (2 * pencil.half_extent[1]), pixel_slack(pencil, 1)
+    top = (height - 1) / 2 - (high - pencil.shear[1]) * scale - slack
+    bottom = (height - 1) / 2 - (low - pencil.shear[1]) * scale + slack
+    return np.stack(
+        (
+            np.ceil(np.clip(first, 0, width)),
+            np.floor(np.clip(last, -1, width - 1)),
+            np.ceil(np.clip(top, 0, height)),
+            np.floor(np.clip(bottom, -1, height - 1)),
+        )
+    )
+
+
+def pixel_slack(pencil: Pencil, axis: int) -> float:
+    """Bound in pixels the rounding of a projection near the film, and of the slopes themselves.
+
+    A projected slope x / s carries 3 u of itself, k and t add as much again, and near the film
+    no slope exceeds |k| + t; all of it times W / (2 t). Doubled.
+    """
+    ratio = abs(pencil.shear[axis]) / pencil.half_extent[axis]
+    return 16 * UNIT_ROUNDOFF * pencil.resolution[axis] * (ratio + 2)
+
+
+def _slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
+    """Return the range of x / s over the part of each triangle (3, T) on one side of the center.
+
+    A triangle that crosses s = 0 reaches to infinity there, in the direction of the points
+    where its edges cross.
+    """
+    ahead = side * s > 0
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        slope = x / s
+        low, high = slope.min(axis=0), slope.max(axis=0)
+    mixed = np.flatnonzero(~ahead.all(axis=0))
+    x, s, slope, ahead = some(x, mixed), some(s, mixed), some(slope, mixed), ahead[:, mixed]
+    low[mixed] = np.where(ahead, slope, np.inf).min(axis=0)
+    high[mixed] = np.where(ahead, slope, -np.inf).max(axis=0)
+    for i, j in EDGES:
+        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j).
+        crosses = ahead[i] != ahead[j]
+        here, there = x[j] * s[i], x[i] * s[j]
+        toward = side * np.sign(s[i] - s[j]) * (here - there)
+        doubt = ROUNDING * (np.abs(here) + np.abs(there))
+        high[mixed[crosses & (toward >= -doubt)]] = np.inf
+        low[mixed[crosses & (toward <= doubt)]] = -np.inf
+    return low, high

@@ -1,0 +1,242 @@
+"""The narrow phase compiled by Dr.Jit for all processors: one lane for each row of a triangle.
+
+Each lane cuts its row by the triangle's edges (`spans.slopes_inside`) and walks the columns that
+are left, in double precision and with the arithmetic of `narrow.plane_meeting`: first to lower,
+pixel by pixel, the largest s at which the first surface can lie; then to count who may lie before
+that and to write down who does; and a third time, only where that leaves more than one, to hand
+over the pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from drjit.llvm import Bool, Float64, Int32, UInt32
+from numpy.typing import NDArray
+
+from xfrustum.reference.certify.narrow import (
+    RowPlanes,
+    Sifted,
+    counted_range,
+    level_of,
+    plane_meeting,
+    settled,
+    surely_counts,
+)
+from xfrustum.reference.certify.rows import Rows
+from xfrustum.reference.certify.spans import Arithmetic, FilmRow, columns_between, slopes_inside
+from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.lines.cone import Cones
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+_DOUBTFUL = 2
+"""What a pair counts whose coverage is in doubt: it leaves its pixel open even if it is alone."""
+
+
+_JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfinite=dr.isfinite)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lanes:
+    """Rows cut by edges, as Dr.Jit arrays; empty ones have first > last."""
+
+    rows: Rows
+    planes: RowPlanes
+    surely_from: Any
+    surely_to: Any
+    first: Any
+    last: Any
+    base: Any
+    number: Any
+
+
+class JitNarrowPhase:
+    """The narrow phase of some rows of an image.
+
+    Parameters
+    ----------
+    pencil
+        The lines.
+    rows
+        Rows of the image that everything added lies in.
+    """
+
+    def __init__(self, pencil: Pencil, rows: range) -> None:
+        self._pencil = pencil
+        self._pixels = len(rows) * pencil.resolution[0]
+        self._base = rows.start * pencil.resolution[0]
+        self._lanes: list[Lanes] = []
+        with strict_arithmetic():
+            # Opaque: values that differ from image to image must not compile another kernel.
+            self._limit = dr.opaque(Float64, np.inf, self._pixels)
+            self._dx, self._dy = Float64(np.array(pencil.dx)), Float64(np.array(pencil.dy))
+            self._film = FilmRow(**{k: dr.opaque(Float64, v) for k, v in vars(FilmRow.of(pencil)).items()})
+            self._ends = tuple(dr.opaque(Float64, s) for s in pencil.s_range)
+            self._width, self._start = (dr.opaque(UInt32, n) for n in (pencil.resolution[0], self._base))
+
+    def add(self, rows: Rows) -> None:
+        """Take more triangles into account."""
+        with strict_arithmetic():
+            lanes = self._cut(rows)
+            self._lanes.append(lanes)
+
+            def lower(column: Any) -> None:
+                s, error, sure, _ = self._evaluated(lanes, column)
+                pixel = lanes.base + column
+                # Direct: the alternatives allocate per image size, and compile for each.
+                dr.scatter_reduce(
+                    dr.ReduceOp.Min, self._limit, s + error, pixel, sure, mode=dr.ReduceMode.Direct
+                )
+
+            walk(lanes, lower)
+            dr.eval(self._limit)
+
+    def finish(self) -> Sifted:
+        """Return who is first where only one can be, and the pairs of all other pixels."""
+        with strict_arithmetic():
+            rivals = dr.opaque(UInt32, 0, self._pixels)
+            number = dr.opaque(UInt32, 0, self._pixels)
+            distance = dr.opaque(Float64, 0.0, self._pixels)
+            for lanes in self._lanes:
+                self._count(lanes, rivals, number, distance)
+            contested = self._contested(rivals)
+            alone = rivals.numpy() == 1
+            return Sifted(
+                triangle=np.where(alone, number.numpy(), NOTHING).astype(np.int32),
+                s=np.where(alone, distance.numpy(), np.nan),
+                contested=contested,
+            )
+
+    def _cut(self, rows: Rows) -> Lanes:
+        # Dr.Jit reads NumPy's memory in place, and compiles anew for every mix of alignments of
+        # what lanes load directly. Gathers do not care.
+        c, size = rows.cones, len(rows.row)
+        walk = UInt32(np.concatenate((rows.cone, rows.row, rows.orientation + 1)).astype(np.uint32))
+        lane, stride = dr.arange(UInt32, size), dr.opaque(UInt32, size)
+        triangles = dr.opaque(UInt32, len(c.number))
+        cone, row, sign = (dr.gather(UInt32, walk, lane + k * stride) for k in range(3))
+
+        def columns(table: NDArray[Any], kind: Any = Float64) -> list[Any]:
+            """Return each component of a table (.., T) in every lane."""
+            flat, components = kind(np.ascontiguousarray(table).ravel()), table.size // len(c.number)
+            return [dr.gather(kind, flat, cone + k * triangles) for k in range(components)]
+
+        edge, magnitude = columns(c.edge), columns(c.edge_magnitude)
+        dy = dr.gather(Float64, self._dy, row)
+        low, high, surely_from, surely_to = slopes_inside(
+            [(edge[k : k + 3], magnitude[k : k + 3]) for k in (0, 3, 6)],
+            Float64(sign) - 1.0,
+            dy,
+            self._film,
+            _JIT,
+        )
+        low, high = columns_between(low, high, self._film, _JIT)
+        box = columns(rows.columns, Int32)
+        first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
+        empty = first > last
+        (holds,) = columns(c.holds_center, Bool)
+        lanes = Lanes(
+            rows=rows,
+            planes=self._planes(columns, c, dy),
+            surely_from=dr.select(holds, -np.inf, surely_from),
+            surely_to=dr.select(holds, np.inf, surely_to),
+            first=UInt32(dr.select(empty, 1, first)),
+            last=UInt32(dr.select(empty, 0, last)),
+            base=row * self._width - self._start,
+            number=columns(c.number.astype(np.uint32), UInt32)[0],
+        )
+        dr.schedule(*vars(lanes.planes).values())
+        dr.eval(*(value for name, value in vars(lanes).items() if name not in ("rows", "planes")))
+        return lanes
+
+    def _planes(self, columns: Callable[..., list[Any]], c: Cones, dy: Any) -> RowPlanes:
+        normal, magnitude = columns(c.normal), columns(c.normal_magnitude)
+        level, level_magnitude = level_of(normal, magnitude, dy)
+        (within,) = columns(c.within, Bool)
+        first, last = counted_range(within, self._ends, dr.select)
+        return RowPlanes(
+            plane=columns(c.plane)[0],
+            plane_bound=columns(c.plane_bound)[0],
+            normal_x=normal[0],
+            magnitude_x=magnitude[0],
+            level=level,
+            level_magnitude=level_magnitude,
+            first=first,
+            last=last,
+        )
+
+    def _evaluated(self, lanes: Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
+        """Return s, its error, whether the line surely meets, and whether it may at all."""
+        dx, row = dr.gather(Float64, self._dx, column), lanes.planes
+        s, error = plane_meeting(dx, row, dr.select)
+        nearest, farthest = s - error, s + error
+        sure = (dx >= lanes.surely_from) & (dx <= lanes.surely_to)
+        sure &= surely_counts(s, error, row.first, row.last)
+        return s, error, sure, (farthest >= row.first) & (nearest <= row.last)
+
+    def _may_be_first(self, lanes: Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
+        s, error, sure, possible = self._evaluated(lanes, column)
+        limit = dr.gather(Float64, self._limit, lanes.base + column)
+        return s, error, sure, possible & (s - error <= limit)
+
+    def _count(self, lanes: Lanes, rivals: Any, number: Any, distance: Any) -> None:
+        def count(column: Any) -> None:
+            s, _, sure, possible = self._may_be_first(lanes, column)
+            pixel = lanes.base + column
+            weight = dr.select(sure, UInt32(1), UInt32(_DOUBTFUL))
+            dr.scatter_reduce(dr.ReduceOp.Add, rivals, weight, pixel, possible, mode=dr.ReduceMode.Direct)
+            dr.scatter(number, lanes.number, pixel, possible)
+            dr.scatter(distance, s, pixel, possible)
+
+        walk(lanes, count)
+        dr.eval(rivals, number, distance)
+
+    def _contested(self, rivals: Any) -> Pairs:
+        """Return all pairs of the pixels for which several triangles may be first, or one in doubt."""
+        open_pixels = rivals > 1
+        size = int(dr.sum(dr.select(open_pixels, rivals, UInt32(0)))[0])
+        if size == 0:
+            return NO_PAIRS
+        return Pairs.joined([self._pairs(lanes, rivals, size) for lanes in self._lanes])
+
+    def _pairs(self, lanes: Lanes, rivals: Any, size: int) -> Pairs:
+        written = dr.opaque(UInt32, 0)
+        kinds = (UInt32, UInt32, Float64, Float64, Bool)
+        out: tuple[Any, ...] = tuple(dr.empty(kind, size) for kind in kinds)
+        lane = dr.arange(UInt32, dr.width(lanes.first))
+
+        def write(column: Any) -> None:
+            s, error, sure, possible = self._may_be_first(lanes, column)
+            wanted = possible & (dr.gather(UInt32, rivals, lanes.base + column) > 1)
+            slot = dr.scatter_inc(written, UInt32(0), wanted)
+            for target, value in zip(out, (lane, column, s, error, sure), strict=True):
+                dr.scatter(target, value, slot, wanted)
+
+        walk(lanes, write)
+        dr.eval(written, *out)
+        at, column, s, error, sure = (values.numpy()[: int(written[0])].copy() for values in out)
+        rows, cone = lanes.rows, lanes.rows.cone[at]
+        found = Pairs(
+            pixel=rows.row[at] * self._pencil.resolution[0] + column,
+            triangle=rows.cones.number[cone],
+            s=s,
+            error=error,
+            sure=sure,
+        )
+        return settled(rows.cones, cone, found, self._pencil)
+
+
+def walk(lanes: Lanes, visit: Callable[[Any], None]) -> None:
+    """Visit every column of every span."""
+
+    def step(column: Any) -> tuple[Any]:
+        visit(column)
+        return (column + 1,)
+
+    dr.while_loop((UInt32(lanes.first),), lambda column: column <= lanes.last, step)

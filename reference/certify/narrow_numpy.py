@@ -1,0 +1,168 @@
+"""The narrow phase on NumPy, where there is no LLVM for Dr.Jit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.certify.narrow import (
+    RowPlanes,
+    Sifted,
+    counted_range,
+    level_of,
+    plane_meeting,
+    settled,
+    surely_counts,
+)
+from xfrustum.reference.certify.rows import Rows
+from xfrustum.reference.certify.spans import NUMPY, FilmRow, columns_between, slopes_inside
+from xfrustum.reference.lines.cone import Cones, Floats
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+PAIRS_PER_CHUNK = 1 << 20
+"""Bounds the memory of the narrow phase on NumPy, about 200 bytes per pair."""
+
+PENDING_PAIRS = 1 << 22
+"""Pairs kept on NumPy before those that cannot be first are dropped."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spans:
+    """Rows after their triangles' edges were asked.
+
+    Attributes
+    ----------
+    cones
+        The triangles.
+    cone
+        (S,) index into `cones`.
+    row, first, last
+        (S,) row, and first and last column, inclusive.
+    surely_from, surely_to
+        (S,) slopes dx between which coverage is certain; empty where from > to.
+    """
+
+    cones: Cones
+    cone: NDArray[np.int64]
+    row: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    surely_from: Floats
+    surely_to: Floats
+
+    @classmethod
+    def of(cls, rows: Rows, pencil: Pencil) -> Spans:
+        """Cut the rows of triangles by their edges, on the line of pixels."""
+        c, cone, film = rows.cones, rows.cone, FilmRow.of(pencil)
+
+        def edges() -> Iterator[tuple[Floats, Floats]]:
+            for k in range(3):
+                yield c.edge[k][:, cone], c.edge_magnitude[k][:, cone]
+
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            low, high, surely_from, surely_to = slopes_inside(
+                edges(), rows.orientation, pencil.dy[rows.row], film, NUMPY
+            )
+        first, last = columns_between(low, high, film, NUMPY)
+        first = np.maximum(np.ceil(first).astype(np.int64), rows.columns[0][cone])
+        last = np.minimum(np.floor(last).astype(np.int64), rows.columns[1][cone])
+        some = first <= last
+        holds = c.holds_center[cone]
+        return cls(
+            cones=c,
+            cone=cone[some],
+            row=rows.row[some],
+            first=first[some],
+            last=last[some],
+            surely_from=np.where(holds, -np.inf, surely_from)[some],
+            surely_to=np.where(holds, np.inf, surely_to)[some],
+        )
+
+    def planes(self, pencil: Pencil) -> RowPlanes:
+        """Compute once for each span what depends on its row alone."""
+        c, cone = self.cones, self.cone
+        normal, magnitude = c.normal[:, cone], c.normal_magnitude[:, cone]
+        level, level_magnitude = level_of(normal, magnitude, pencil.dy[self.row])
+        first, last = counted_range(c.within[cone], pencil.s_range, np.where)
+        return RowPlanes(
+            plane=c.plane[cone],
+            plane_bound=c.plane_bound[cone],
+            normal_x=normal[0],
+            magnitude_x=magnitude[0],
+            level=level,
+            level_magnitude=level_magnitude,
+            first=first,
+            last=last,
+        )
+
+
+class NumpyNarrowPhase:
+    """The narrow phase of some rows of an image.
+
+    Parameters
+    ----------
+    pencil
+        The lines.
+    rows
+        Rows of the image that everything added lies in.
+    """
+
+    def __init__(self, pencil: Pencil, rows: range) -> None:
+        self._pencil = pencil
+        self._base = rows.start * pencil.resolution[0]
+        self._limit = np.full(len(rows) * pencil.resolution[0], np.inf)
+        self._kept: list[Pairs] = []
+
+    def add(self, rows: Rows) -> None:
+        """Take more triangles into account."""
+        spans = Spans.of(rows, self._pencil)
+        planes = spans.planes(self._pencil)
+        lengths = spans.last - spans.first + 1
+        ends = np.cumsum(lengths)
+        start = 0
+        while start < len(lengths):
+            before = ends[start - 1] if start else 0
+            stop = max(start + 1, int(np.searchsorted(ends, before + PAIRS_PER_CHUNK)))
+            found = self._evaluated(spans, planes, np.repeat(np.arange(start, stop), lengths[start:stop]))
+            np.minimum.at(self._limit, found.pixel[found.sure] - self._base, found.farthest[found.sure])
+            self._kept.append(self._not_behind(found))
+            if sum(len(kept.pixel) for kept in self._kept) > PENDING_PAIRS:
+                self._kept = [self._not_behind(Pairs.joined(self._kept))]
+            start = stop
+
+    def finish(self) -> Sifted:
+        """Return who may be first among all that was added."""
+        found = self._not_behind(Pairs.joined([NO_PAIRS, *self._kept]))
+        pixel = found.pixel - self._base
+        rivals = np.bincount(pixel, minlength=len(self._limit))
+        alone = (rivals[pixel] == 1) & found.sure
+        triangle = np.full(len(self._limit), NOTHING, dtype=np.int32)
+        s = np.full(len(self._limit), np.nan)
+        triangle[pixel[alone]], s[pixel[alone]] = found.triangle[alone], found.s[alone]
+        return Sifted(triangle=triangle, s=s, contested=found[~alone])
+
+    def _not_behind(self, found: Pairs) -> Pairs:
+        return found[found.nearest <= self._limit[found.pixel - self._base]]
+
+    def _evaluated(self, spans: Spans, planes: RowPlanes, span: NDArray[np.int64]) -> Pairs:
+        """Evaluate all pixels of consecutive spans, each named once for each of its pixels."""
+        run = np.flatnonzero(np.diff(span, prepend=-1))
+        column = spans.first[span] + np.arange(len(span)) - np.repeat(run, np.diff(run, append=len(span)))
+        dx = self._pencil.dx[column]
+        row = RowPlanes(**{field.name: getattr(planes, field.name)[span] for field in fields(RowPlanes)})
+        s, error = plane_meeting(dx, row, np.where)
+        sure = (dx >= spans.surely_from[span]) & (dx <= spans.surely_to[span])
+        found = Pairs(
+            pixel=spans.row[span] * self._pencil.resolution[0] + column,
+            triangle=spans.cones.number[spans.cone[span]],
+            s=s,
+            error=error,
+            sure=sure & surely_counts(s, error, row.first, row.last),
+        )
+        possible = (found.farthest >= row.first) & (found.nearest <= row.last)
+        return settled(spans.cones, spans.cone[span[possible]], found[possible], self._pencil)

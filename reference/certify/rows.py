@@ -1,0 +1,81 @@
+"""Which rows of pixels do triangles' boxes on the film reach into?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.certify.footprints import Footprints
+from xfrustum.reference.certify.sides import TRIANGLES_PER_CHUNK
+from xfrustum.reference.lines.cone import Cones, Floats, cones
+from xfrustum.reference.lines.lines import Pencil
+
+ROWS_PER_CHUNK = 1 << 20
+"""Bounds the memory of cutting rows by edges, some 200 bytes per row of a triangle."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rows:
+    """Rows of pixels that triangles' boxes on the film reach into, before their edges are asked.
+
+    Attributes
+    ----------
+    cones
+        The triangles.
+    columns
+        (2, T) first and last column of each triangle's box, inclusive.
+    cone
+        (S,) index into `cones`.
+    row
+        (S,) row of the image.
+    orientation
+        (S,) the sign that the edge functions have inside; 0 where edges say nothing, because the
+        triangle's box in space contains the center.
+    """
+
+    cones: Cones
+    columns: NDArray[np.int32]
+    cone: NDArray[np.int64]
+    row: NDArray[np.int64]
+    orientation: NDArray[np.int8]
+
+
+def boxed_rows(triangles: Floats, pencil: Pencil, found: Footprints, rows: range) -> Iterator[Rows]:
+    """Enumerate the rows of pixels that all triangles may cover in some rows of the image."""
+    top, bottom = np.maximum(found.box[2], rows.start), np.minimum(found.box[3], rows.stop - 1)
+    here = np.flatnonzero(top <= bottom)
+    until = np.cumsum((bottom - top + 1)[here])
+    start = 0
+    while start < len(here):
+        before = until[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(until, before + ROWS_PER_CHUNK, side="right")))
+        some = here[start : min(stop, start + TRIANGLES_PER_CHUNK)]
+        start += len(some)
+        set_up = cones(triangles, found.number[some], pencil, found.holds_center[some])
+        yield _rows_of_sides(set_up, found.box[:2, some], found.side[some], top[some], bottom[some])
+
+
+def _rows_of_sides(
+    c: Cones,
+    columns: NDArray[np.int32],
+    side: NDArray[np.int8],
+    top: NDArray[np.int32],
+    bottom: NDArray[np.int32],
+) -> Rows:
+    # Both orientations where the plane passes so near the center that its side is in doubt.
+    in_doubt = (np.abs(c.plane) <= c.plane_bound) & (side != 0)
+    entry = np.concatenate((np.arange(len(side)), np.flatnonzero(in_doubt)))
+    orientation = np.where(c.plane < 0, -side, side)
+    orientation = np.concatenate((orientation, -orientation[in_doubt]))
+    heights = (bottom - top + 1)[entry].astype(np.int64)
+    before = np.cumsum(heights) - heights
+    return Rows(
+        cones=c,
+        columns=columns,
+        cone=np.repeat(entry, heights),
+        row=np.arange(heights.sum()) + np.repeat(top[entry] - before, heights),
+        orientation=np.repeat(orientation, heights),
+    )

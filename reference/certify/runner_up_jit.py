@@ -1,0 +1,42 @@
+"""Second surfaces compiled by Dr.Jit: one more walk over the lanes of the narrow phase."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from drjit.llvm import Float64
+
+from xfrustum.reference.certify.narrow_jit import JitNarrowPhase, Lanes, walk
+from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.lines.cone import Floats
+
+
+class JitRunnersUp(JitNarrowPhase):
+    """See `runner_up.RunnerUpPhase`."""
+
+    def first(self) -> Floats:
+        """Return the largest s at which the first surface of each pixel can lie; infinite without one."""
+        return np.asarray(self._limit.numpy())
+
+    def behind(self, first: Floats) -> Floats:
+        """Return the smallest s of what surely lies behind, on the same side; infinite without any."""
+        with strict_arithmetic():
+            before = Float64(np.array(first))
+            second = dr.opaque(Float64, np.inf, self._pixels)
+            for lanes in self._lanes:
+                self._lower(lanes, before, second)
+                dr.eval(second)
+            return np.asarray(second.numpy())
+
+    def _lower(self, lanes: Lanes, before: Any, second: Any) -> None:
+        def lower(column: Any) -> None:
+            s, error, sure, _ = self._evaluated(lanes, column)
+            pixel = lanes.base + column
+            limit = dr.gather(Float64, before, pixel)
+            chosen = sure & (s - error > limit) & ((limit >= 0) | (s + error <= 0))
+            # Direct, as in `add`.
+            dr.scatter_reduce(dr.ReduceOp.Min, second, s, pixel, chosen, mode=dr.ReduceMode.Direct)
+
+        walk(lanes, lower)

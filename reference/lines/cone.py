@@ -1,0 +1,128 @@
+"""Triangles as the cones that they span about the point all lines pass through.
+
+For q_i = p_i - center, a line center + s d meets the triangle's edge (i, j) where
+
+    E_ij(d) = d . (q_i x q_j)
+
+is zero, and the triangle itself where E_01, E_12 and E_20 have one common sign, on either side
+of the center. It meets the triangle's plane at s = (q_0 . n) / (d . n), n = (p_1 - p_0) x (p_2 - p_0).
+All three edge functions are linear in d: a crossed frustum needs no clipping and no second case.
+
+Rounding (docs/truth.md derives the constants): with u = 2^-53, every edge function and both dot
+products are computed within `ROUNDING` times their own sum of absolute products. Valid while no
+product under- or overflows; coordinates between 1e-75 and 1e75, and zero, are safe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.lines.lines import Pencil
+
+Floats = NDArray[np.float64]
+
+UNIT_ROUNDOFF = 2.0**-53
+ROUNDING = 12 * UNIT_ROUNDOFF
+"""Relative to the sum of absolute products: 8 u by the derivation, the rest pays for rounding the bound."""
+
+EDGES = ((0, 1), (1, 2), (2, 0))
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Return a x b of vectors (3, T)."""
+    return np.stack((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
+
+
+def cross_magnitude(a: Floats, b: Floats) -> Floats:
+    """Return the sums of absolute products in a x b (3, T): what its rounding errors are relative to."""
+    a, b = np.abs(a), np.abs(b)
+    return np.stack((a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]))
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    product = a * b
+    return np.asarray(product[0] + product[2] + product[1])
+
+
+def s_bounds(z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
+    """Return a lower bound of s over each triangle and an upper one, given q_z of its corners (3, T).
+
+    A corner has s = -q_z; q_z is exact where the center lies in the plate.
+    """
+    low, high = -z.max(axis=0), -z.min(axis=0)
+    slack = 0.0 if pencil.center[2] == 0 else 2 * UNIT_ROUNDOFF
+    return low - slack * np.abs(low), high + slack * np.abs(high)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cones:
+    """Some triangles about a pencil's center, with what their rounding errors are relative to.
+
+    Attributes
+    ----------
+    number
+        (T,) triangle numbers.
+    edge, edge_magnitude
+        (3, 3, T) q_i x q_j of the edges 01, 12, 20, by edge and coordinate, and the sums of
+        absolute products in it.
+    normal, normal_magnitude
+        (3, T) n, not normalized, likewise.
+    plane, plane_bound
+        (T,) q_0 . n, and the bound of its rounding error.
+    holds_center
+        (T,) the center lies in the closed triangle, exactly: every line meets it at s = 0.
+    within
+        (T,) all corners surely lie in the pencil's range, hence all of the triangle.
+    """
+
+    number: NDArray[np.int64]
+    edge: Floats
+    edge_magnitude: Floats
+    normal: Floats
+    normal_magnitude: Floats
+    plane: Floats
+    plane_bound: Floats
+    holds_center: NDArray[np.bool_]
+    within: NDArray[np.bool_]
+
+
+def cones(
+    triangles: Floats,
+    number: NDArray[np.int64],
+    pencil: Pencil,
+    holds_center: NDArray[np.bool_] | None = None,
+) -> Cones:
+    """Set up the triangles with the given numbers.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) all of a scene's triangles.
+    number
+        (T,) which of them.
+    holds_center
+        (T,) which of those are known to contain the center; None for none.
+    """
+    if holds_center is None:
+        holds_center = np.zeros(len(number), dtype=np.bool_)
+    points = np.ascontiguousarray(triangles[number].transpose(1, 2, 0))
+    corners = points - np.asarray(pencil.center)[:, None]
+    first, second = points[1] - points[0], points[2] - points[0]
+    normal, normal_magnitude = cross(first, second), cross_magnitude(first, second)
+    low, high = s_bounds(corners[:, 2], pencil)
+    plane = _dot(corners[0], normal)
+    plane_bound = ROUNDING * _dot(np.abs(corners[0]), normal_magnitude)
+    return Cones(
+        number=number,
+        edge=np.stack([cross(corners[i], corners[j]) for i, j in EDGES]),
+        edge_magnitude=np.stack([cross_magnitude(corners[i], corners[j]) for i, j in EDGES]),
+        normal=normal,
+        normal_magnitude=normal_magnitude,
+        plane=np.where(holds_center, 0.0, plane),
+        plane_bound=np.where(holds_center, 0.0, plane_bound),
+        holds_center=holds_center,
+        within=(low >= pencil.s_range[0]) & (high <= pencil.s_range[1]),
+    )

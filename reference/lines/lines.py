@@ -1,0 +1,162 @@
+"""Pixel to line: the definition of truth (CONVENTIONS.md, "Frames"; paper, sections 3 and 5)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.model.scene import read_only
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pencil:
+    """All lines of one image: each pixel's line passes through one common point.
+
+    The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). The exact
+    meaning of an image starts at these doubles: nothing before them is rounded again.
+
+    Attributes
+    ----------
+    center
+        The common point in scene units: the aperture, or an offset camera.
+    shear, half_extent
+        k and t, slopes per unit of depth.
+    resolution
+        W, H in pixels.
+    s_range
+        Only surfaces with s in this closed interval are imaged; the smallest s is seen first.
+    """
+
+    center: Vector
+    shear: tuple[float, float]
+    half_extent: tuple[float, float]
+    resolution: tuple[int, int]
+    s_range: tuple[float, float]
+
+    @cached_property
+    def dx(self) -> NDArray[np.float64]:
+        """(W,) x slopes of the columns, ascending."""
+        u = (2.0 * np.arange(self.resolution[0]) + 1.0) / self.resolution[0] - 1.0
+        return read_only(self.shear[0] + u * self.half_extent[0])
+
+    @cached_property
+    def dy(self) -> NDArray[np.float64]:
+        """(H,) y slopes of the rows, descending: row 0 is at the top."""
+        v = 1.0 - (2.0 * np.arange(self.resolution[1]) + 1.0) / self.resolution[1]
+        return read_only(self.shear[1] + v * self.half_extent[1])
+
+    def directions(self, rows: slice = slice(None)) -> NDArray[np.float64]:
+        """Return d of every pixel in some rows, (rows, W, 3)."""
+        dy = self.dy[rows]
+        d = np.empty((len(dy), len(self.dx), 3))
+        d[..., 0] = self.dx
+        d[..., 1] = dy[:, None]
+        d[..., 2] = -1.0
+        return d
+
+
+def film_window(frustum: Frustum, aperture: Aperture) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return shear k and half-extent t of an aperture's film, slopes per unit of depth.
+
+    Centered: k = 0, t = tan(fov / 2). Recentered (paper, section 5): the lines of the film's
+    corners pass through the screen's corners, for a screen on either side of the plate.
+    """
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        return (0.0, 0.0), (math.tan(frustum.fov[0] / 2), math.tan(frustum.fov[1] / 2))
+    screen = frustum.screen
+    s_screen = -screen.height
+    shear = ((screen.center[0] - aperture.x) / s_screen, (screen.center[1] - aperture.y) / s_screen)
+    half_extent = (screen.size[0] / 2 / abs(s_screen), screen.size[1] / 2 / abs(s_screen))
+    return shear, half_extent
+
+
+def crossed_frustum(frustum: Frustum, aperture: Aperture) -> Pencil:
+    """Return the true frustum: every line passes through the aperture, from viewer to back."""
+    shear, half_extent = film_window(frustum, aperture)
+    return Pencil(
+        center=(aperture.x, aperture.y, 0.0),
+        shear=shear,
+        half_extent=half_extent,
+        resolution=frustum.resolution,
+        s_range=(-frustum.reach[0], frustum.reach[1]),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelCamera:
+    """One camera of the double frustum, as exact lines.
+
+    Attributes
+    ----------
+    orthoscopic
+        Whether it is a C, else a C*.
+    pencil
+        Its lines; s is the distance from its center along the axis, negative for a C*.
+    """
+
+    orthoscopic: bool
+    pencil: Pencil
+
+    @property
+    def heights(self) -> tuple[float, float]:
+        """Lowest and highest z that it images."""
+        first, last = self.pencil.s_range
+        return self.pencil.center[2] - last, self.pencil.center[2] - first
+
+
+def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> tuple[ModelCamera, ...]:
+    """Return the cameras that settings ask for, in drawing order, as exact lines (paper, section 4).
+
+    From the back: the slabs of C from the outermost inward, then those of C* from the innermost
+    outward; what comes later is nearer to the viewer and overlays. What these show is what a
+    rasterizer without any rounding would draw.
+    """
+    viewer, back = frustum.reach
+    c = [_slab_camera(frustum, aperture, settings, section, 1) for section in settings.sections(back)]
+    c_star = [_slab_camera(frustum, aperture, settings, section, -1) for section in settings.sections(viewer)]
+    return {
+        Camera.BOTH: (*reversed(c), *c_star),
+        Camera.C: tuple(reversed(c)),
+        Camera.C_STAR: tuple(c_star),
+    }[settings.camera]
+
+
+def _slab_camera(
+    frustum: Frustum, aperture: Aperture, settings: DoubleFrustum, section: tuple[float, float], side: int
+) -> ModelCamera:
+    """Return C (side 1) or C* (side -1) for the surfaces between two heights |z|.
+
+    The camera of the first slab stands n before the plate, on the axis of the sheared frustum
+    (pivot aperture: (ax -+ n kx, ay -+ n ky, +-n)) or straight before the aperture (pivot
+    camera). All others stand in the aperture itself.
+    """
+    shear, half_extent = film_window(frustum, aperture)
+    low, high = section
+    first = low == 0
+    step = settings.near if first and settings.offset is Offset.PLATE else 0.0
+    aside = side * step if settings.pivot is Pivot.APERTURE else 0.0
+    fitted = settings.fitted_height(frustum)
+    if first and fitted is not None and step:
+        shrink = fitted / (fitted + step)
+        half_extent = (half_extent[0] * shrink, half_extent[1] * shrink)
+    begin, end = (settings.near if first else low), step + high
+    return ModelCamera(
+        orthoscopic=side == 1,
+        pencil=Pencil(
+            center=(aperture.x - aside * shear[0], aperture.y - aside * shear[1], side * step),
+            shear=shear,
+            half_extent=half_extent,
+            resolution=frustum.resolution,
+            s_range=(begin, end) if side == 1 else (-end, -begin),
+        ),
+    )

@@ -1,0 +1,31 @@
+"""The environment that surfaces reflect: radiance by direction, from a latitude-longitude map."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.shading.textures import Indices, bilinear
+from xfrustum.scenes.appearance.light import Environment
+
+Floats = NDArray[np.float64]
+
+
+def radiance_toward(environment: Environment, directions: Floats) -> Floats:
+    """Return linear RGB (N, 3) of what lies in each direction (N, 3), of any length but zero.
+
+    The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle. Bilinear
+    between texel centers: around in longitude; beyond the centers of its first and last row, clamped.
+    """
+    x, y, z = directions.T
+    height, width = environment.radiance.shape[:2]
+    longitude = np.arctan2(x, -z)
+    # Not the arc cosine of y, which is coarse near the poles.
+    from_top = np.arctan2(np.hypot(x, z), y)
+
+    def texel(rows: Indices, columns: Indices) -> Floats:
+        found = environment.radiance[np.clip(rows, 0, height - 1), columns % width]
+        return np.asarray(found, dtype=np.float64)
+
+    right, down = (longitude / (2.0 * np.pi) + 0.5) * width, from_top / np.pi * height
+    return np.asarray(environment.strength * bilinear(texel, down, right))

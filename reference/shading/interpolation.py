@@ -1,0 +1,91 @@
+"""What vertices say about the points between them: normals, colors, textures; linear in space."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.shading.textures import texture_color
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Places:
+    """Points on triangles.
+
+    Attributes
+    ----------
+    triangle
+        (N,) numbers.
+    corners
+        (N, 3) vertex numbers.
+    of_second, of_third
+        (N,) barycentric coordinates: how much a point has of its second corner and of its third.
+    """
+
+    triangle: NDArray[np.int32]
+    corners: NDArray[np.int64]
+    of_second: Floats
+    of_third: Floats
+
+    def __getitem__(self, some: NDArray[np.int64]) -> Places:
+        return Places(**{item.name: getattr(self, item.name)[some] for item in fields(self)})
+
+    def interpolated(self, values: Floats) -> Floats:
+        """Return (N, C) of what the vertices have, (V, C); exactly that where all three have the same."""
+        first, second, third = (values[self.corners[:, k]] for k in range(3))
+        step = self.of_second[:, None] * (second - first) + self.of_third[:, None] * (third - first)
+        return np.asarray(first + step)
+
+
+def places(scene: Scene, triangle: NDArray[np.int32], position: Floats) -> Places:
+    """Say where on its triangle each point lies: by the areas that it cuts off, seen along the normal."""
+    corners = scene.triangles[triangle]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    offset = position - corners[:, 0]
+    normal = np.cross(first, second)
+    area = np.einsum("ij,ij->i", normal, normal)
+    return Places(
+        triangle=triangle,
+        corners=scene.faces[triangle],
+        of_second=np.einsum("ij,ij->i", normal, np.cross(offset, second)) / area,
+        of_third=np.einsum("ij,ij->i", normal, np.cross(first, offset)) / area,
+    )
+
+
+def smooth_normals(scene: Scene, where: Places, flat: Floats) -> Floats:
+    """Return (N, 3) unit normals between those of the vertices; flat where a corner has none.
+
+    Flat, too, where normals cancel each other: there is no direction between opposite ones.
+    """
+    assert scene.surface.vertex_normals is not None
+    normal = where.interpolated(scene.surface.vertex_normals)
+    length = np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
+    found = length > 0
+    return np.where(found, normal / np.where(found, length, 1.0), flat)
+
+
+def albedo(scene: Scene, where: Places, effects: Collection[Effect]) -> Floats | float:
+    """Return (N, 3) vertex color times texture, each one where there is none; a plain one without either."""
+    color: Floats | float = 1.0
+    surface = scene.surface
+    if Effect.VERTEX_COLORS in effects:
+        assert surface.vertex_colors is not None
+        color = where.interpolated(surface.vertex_colors)
+    if Effect.TEXTURES in effects:
+        assert surface.texture_of_triangle is not None
+        assert surface.uv is not None
+        numbers = surface.texture_of_triangle[where.triangle]
+        textured = np.ones((len(numbers), 3))
+        for number, texture in enumerate(surface.textures):
+            here = np.flatnonzero(numbers == number)
+            if len(here):
+                textured[here] = texture_color(texture, where[here].interpolated(surface.uv))
+        color = color * textured
+    return color

@@ -1,0 +1,79 @@
+"""Embree as tracer: which triangle does a ray meet first? Single precision, robust mode.
+
+What it answers is a proposal. Positions are computed from the triangle in double precision, and
+`certify` decides whether the proposal stands.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+
+from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reference.tracers.tracer import unit_scale
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.scene import Scene
+
+RAYS_PER_CALL = 1 << 16
+"""Embree's binding traces one call on one thread and releases the interpreter lock meanwhile."""
+
+
+class EmbreeTracer:
+    """A scene's acceleration structure, built once, in Embree's robust mode.
+
+    Parameters
+    ----------
+    scene
+        Its triangles keep their numbers.
+    """
+
+    name = "embree"
+
+    def __init__(self, scene: Scene) -> None:
+        self._scale = unit_scale(scene.vertices)
+        self._embree = EmbreeScene(robust=True)
+        self._empty = len(scene.faces) == 0
+        if not self._empty:
+            vertices = (scene.vertices * self._scale).astype(np.float32)
+            TriangleMesh(self._embree, vertices, scene.faces.astype(np.int32))
+            # The structure is built on the first ray; two threads must not both build it.
+            self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Name and version of the tracer, for reports."""
+        return {"embreex": version("embreex")}
+
+    def first_hits(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        until: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.int32]:
+        """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        if self._empty or len(origins) == 0:
+            return hits
+
+        def trace(start: int) -> None:
+            part = slice(start, start + RAYS_PER_CALL)
+            ends = {} if until is None else {"dists": self._scaled(until[part])}
+            hits[part] = self._embree.run(
+                self._scaled(origins[part]), directions[part].astype(np.float32), **ends
+            )
+
+        if len(origins) <= RAYS_PER_CALL:
+            trace(0)
+            return hits
+        with ThreadPoolExecutor(worker_count()) as pool:
+            list(pool.map(trace, range(0, len(origins), RAYS_PER_CALL)))
+        return hits
+
+    def _scaled(self, lengths: NDArray[np.float64]) -> NDArray[np.float32]:
+        scaled = np.empty(lengths.shape, dtype=np.float32)
+        return np.multiply(lengths, self._scale, out=scaled, casting="same_kind")

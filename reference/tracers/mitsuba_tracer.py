@@ -1,0 +1,125 @@
+"""Mitsuba as tracer: a second, independent proposal, on all processors or a GPU.
+
+In the scalar variant, the fallback without LLVM, every ray is a call from Python: right, but
+some twenty times slower.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.tracers.tracer import unit_scale
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.scene import Scene
+
+Singles = NDArray[np.float32]
+
+RAYS_PER_CALL = 1 << 20
+"""Bounds the memory: some 100 bytes per ray."""
+
+
+class MitsubaTracer:
+    """A scene's acceleration structure, built once, robust where it is Embree's.
+
+    Parameters
+    ----------
+    scene
+        Its triangles keep their numbers.
+    """
+
+    name = "mitsuba"
+
+    def __init__(self, scene: Scene) -> None:
+        self._backend = backend()
+        mi = self._backend.mitsuba
+        # Kept, so that this tracer outlives a change of Mitsuba's variant.
+        self._ray, self._point, self._vector = mi.Ray3f, mi.Point3f, mi.Vector3f
+        self._int, self._float = mi.Int, mi.Float
+        self._scale = unit_scale(scene.vertices)
+        self._scene = None
+        if len(scene.faces):
+            mesh = triangle_mesh("scene", scene.vertices * self._scale, scene.faces)
+            self._scene = mi.load_dict(
+                {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
+            )
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Name and version of the tracer, its variant and its LLVM, for reports."""
+        return self._backend.versions
+
+    def first_hits(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        until: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.int32]:
+        """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        if self._scene is None:
+            return hits
+        trace = self._one_by_one if self._backend.scalar else self._together
+        for start in range(0, len(origins), RAYS_PER_CALL):
+            part = slice(start, start + RAYS_PER_CALL)
+            ends = None if until is None else (until[part] * self._scale).astype(np.float32)
+            hits[part] = trace(
+                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32), ends
+            )
+        return hits
+
+    def _together(self, origins: Singles, directions: Singles, ends: Singles | None) -> NDArray[np.int32]:
+        dr = self._backend.drjit
+        assert self._scene is not None
+        # Dr.Jit's arrays of vectors hold each coordinate in one piece.
+        ray = self._ray(self._point(_coordinates(origins)), self._vector(_coordinates(directions)))
+        if ends is not None:
+            ray.maxt = self._float(ends)
+        met = self._scene.ray_intersect_preliminary(ray, coherent=True)
+        hits: NDArray[np.int32] = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
+        return hits
+
+    def _one_by_one(self, origins: Singles, directions: Singles, ends: Singles | None) -> NDArray[np.int32]:
+        assert self._scene is not None
+        trace = self._scene.ray_intersect_preliminary
+        hits = np.full(len(origins), NOTHING, dtype=np.int32)
+        # One ray after the other: as objects, all of them would be a hundred times as large.
+        for i in range(len(origins)):
+            ray = self._ray(origins[i].tolist(), directions[i].tolist())
+            if ends is not None:
+                ray.maxt = float(ends[i])
+            met = trace(ray)
+            if met.is_valid():
+                hits[i] = met.prim_index
+        return hits
+
+
+def triangle_mesh(
+    name: str, vertices: NDArray[np.float64], faces: NDArray[np.int64], bsdf: Any | None = None
+) -> Any:
+    """Return a `mi.Mesh` whose primitive numbers are the rows of `faces`.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) and (F, 3), F at least 1; Mitsuba keeps the vertices in float32.
+    bsdf
+        A Mitsuba BSDF; None for Mitsuba's default.
+    """
+    mi = backend().mitsuba
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["bsdf"] = bsdf
+    mesh = mi.Mesh(name, len(vertices), len(faces), properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters.update()
+    return mesh
+
+
+def _coordinates(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(vectors.T)

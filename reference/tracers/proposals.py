@@ -1,0 +1,72 @@
+"""What the tracer alone would have shown: the second opinion on every pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.tracers.entry import ray_origins
+from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.scene import Scene
+
+
+def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: range) -> NDArray[np.int32]:
+    """Trace each pixel's line once, from the viewer's end through the aperture to the back, in one call.
+
+    Parameters
+    ----------
+    tracer
+        In float32.
+    scene
+        What may be met.
+    pencils
+        At least one crossed frustum; all are as large.
+    rows
+        Rows of each image.
+
+    Returns
+    -------
+    (P, rows, W) triangle numbers, `NOTHING` where the first hit lies beyond the reach or there is none.
+    """
+    some = slice(rows.start, rows.stop)
+    lines = [pencil.directions(some).reshape(-1, 3) for pencil in pencils]
+    origins = [
+        ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
+        for pencil, directions in zip(pencils, lines, strict=True)
+    ]
+    hits = tracer.first_hits(np.concatenate(origins), np.concatenate(lines)).reshape(len(pencils), -1)
+    for pencil, directions, own in zip(pencils, lines, hits, strict=True):
+        # Tracers know no far end here; whether a first hit lies beyond it is plain geometry.
+        met = own != NOTHING
+        corners = scene.triangles[own[met]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        slope = np.einsum("ij,ij->i", normals, directions[met])
+        offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = offset / slope > pencil.s_range[1]
+        own[met] = np.where(beyond, NOTHING, own[met])
+    return hits.reshape(len(pencils), len(rows), -1)
+
+
+def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:
+    """Return what a tracer proposes as if it were decided: the places are those of the triangles' planes."""
+    (triangle,) = proposed(tracer, scene, [pencil], rows)
+    directions = pencil.directions(slice(rows.start, rows.stop))
+    s = np.full(triangle.shape, np.nan)
+    met = triangle != NOTHING
+    corners = scene.triangles[triangle[met]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s[met] = offset / np.einsum("ij,ij->i", normals, directions[met])
+    return FirstSurfaces(
+        triangle=triangle,
+        s=s,
+        certainty=np.full(triangle.shape, Certainty.UNEXAMINED, dtype=np.uint8),
+        companions=np.zeros((0, 3), dtype=np.int64),
+    )

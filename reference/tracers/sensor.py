@@ -1,0 +1,186 @@
+"""The crossed frustum as a Mitsuba sensor: for any Mitsuba scene, and any integrator.
+
+    register_sensor()
+    scene = mi.load_dict({
+        **mitsuba_scene(scene),
+        "sensor": {**sensor_parameters(scene, aperture), "sampler": {"type": "independent"}},
+        "light": {"type": "constant"},
+    })
+    image = mi.render(scene, integrator=mi.load_dict({"type": "path", "hide_emitters": True}))
+
+In words, as a dictionary or in XML: `crossed_frustum` takes `aperture` (a point), `shear_x`,
+`shear_y` (k), `half_extent_x`, `half_extent_y` (t), `reach_viewer` and `reach_back` (scene units),
+a film and a sampler. Film row 0 is at the top; +z points to the viewer; there is no `to_world`.
+Mitsuba computes in single precision: a line is off by some 1e-7 of the reach.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+PLUGIN = "crossed_frustum"
+"""The sensor's name in Mitsuba scenes."""
+
+DIFFUSE = "face_diffuse"
+"""The mesh attribute with each triangle's diffuse color."""
+
+
+def register_sensor() -> None:
+    """Make the plugin known to Mitsuba, in the variant in use; more than once does no harm."""
+    _registered(backend().variant)
+
+
+def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
+    """Return the sensor of an aperture with a film of the scene's resolution.
+
+    The film has a box filter, so that each pixel is the average over its own area.
+    """
+    pencil = crossed_frustum(scene.frustum, aperture)
+    return {
+        "type": PLUGIN,
+        "aperture": list(pencil.center),
+        "shear_x": pencil.shear[0],
+        "shear_y": pencil.shear[1],
+        "half_extent_x": pencil.half_extent[0],
+        "half_extent_y": pencil.half_extent[1],
+        "reach_viewer": -pencil.s_range[0],
+        "reach_back": pencil.s_range[1],
+        "film": {
+            "type": "hdrfilm",
+            "width": pencil.resolution[0],
+            "height": pencil.resolution[1],
+            "pixel_format": "rgba",
+            "rfilter": {"type": "box"},
+        },
+    }
+
+
+def mitsuba_scene(scene: Scene) -> dict[str, Any]:
+    """Return the triangles as a Mitsuba scene, to be completed with sensor and light, and loaded.
+
+    All objects are one mesh, two-sided, in the diffuse colors of their materials: the primitive number
+    of a hit, in the `aov` integrator or in `ray_intersect`, is the scene's triangle number.
+    """
+    loaded: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
+    if len(scene.faces):
+        color = {"type": "mesh_attribute", "name": DIFFUSE}
+        bsdf = backend().mitsuba.load_dict(
+            {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": color}}
+        )
+        mesh = triangle_mesh("triangles", scene.vertices, scene.faces, bsdf)
+        diffuse = np.array([material.diffuse for material in scene.materials], dtype=np.float32)
+        mesh.add_attribute(DIFFUSE, 3, diffuse[scene.object_of_triangle].ravel())
+        loaded["triangles"] = mesh
+    return loaded
+
+
+@lru_cache
+def _registered(variant: str) -> type:
+    """Define the sensor on the classes of one variant; Mitsuba has other classes in each."""
+    mi, dr = backend().mitsuba, backend().drjit
+
+    box = mi.BoundingBox3f if variant.startswith("scalar") else mi.ScalarBoundingBox3f
+
+    class CrossedFrustum(mi.Sensor):  # type: ignore[misc, name-defined]  # comes with a variant
+        """Every line passes through the aperture, from the viewer's end to the far one."""
+
+        def __init__(self, props: Any) -> None:
+            super().__init__(props)
+            self.aperture = mi.Point3f(props["aperture"])
+            self.shear = mi.Vector2f(props["shear_x"], props["shear_y"])
+            self.half_extent = mi.Vector2f(props["half_extent_x"], props["half_extent_y"])
+            self.reach = (mi.Float(props["reach_viewer"]), mi.Float(props["reach_back"]))
+            self.point = mi.ScalarPoint3f(props["aperture"])
+            # Opaque: values that differ from aperture to aperture must not compile another kernel.
+            dr.make_opaque(self.aperture, self.shear, self.half_extent, self.reach)
+            sizes = ("half_extent_x", "half_extent_y", "reach_viewer", "reach_back")
+            if min(props[name] for name in sizes) <= 0:
+                raise ValueError(f"{PLUGIN}: half extents and reaches must be positive")
+            self.m_needs_sample_2, self.m_needs_sample_3 = True, False
+
+        def sample_ray(
+            self, time: Any, wavelength: Any, position: Any, lens: Any, active: Any = True
+        ) -> tuple[Any, Any]:
+            ray = mi.Ray3f()
+            weight = self._aim(ray, time, wavelength, position, active)
+            return ray, weight
+
+        def sample_ray_differential(
+            self, time: Any, wavelength: Any, position: Any, lens: Any, active: Any = True
+        ) -> tuple[Any, Any]:
+            ray = mi.RayDifferential3f()
+            weight = self._aim(ray, time, wavelength, position, active)
+            pixel = 1.0 / mi.Vector2f(self.film().crop_size())
+            ray.o_x, ray.d_x, _ = self._line(position + mi.Vector2f(pixel.x, 0.0))
+            ray.o_y, ray.d_y, _ = self._line(position + mi.Vector2f(0.0, pixel.y))
+            ray.has_differentials = True
+            return ray, weight
+
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+            """Aim from a point in the scene at the viewer's end of its own line, for light tracing.
+
+            One line of the whole film passes through each point. The weight turns an integral over
+            surfaces into one over the film: u and v vary by dx / (2 s tx) and dy / (2 s ty), and a
+            surface is seen from d foreshortened by |d| against the plane of the plate.
+            """
+            offset = it.p - self.aperture
+            s = dr.select(offset.z == 0.0, dr.nan, -offset.z)
+            u = (offset.x / s - self.shear.x) / self.half_extent.x
+            v = (offset.y / s - self.shear.y) / self.half_extent.y
+            start, window = self._window()
+            x, y = ((u + 1.0) / 2.0 - start.x) / window.x, ((1.0 - v) / 2.0 - start.y) / window.y
+            seen = active & (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
+            seen &= (s >= -self.reach[0]) & (s <= self.reach[1])
+            end, d, _ = self._line(mi.Point2f(x, y))
+            film = mi.Vector2f(self.film().crop_size())
+            found = dr.zeros(mi.DirectionSample3f)
+            found.p, found.d, found.n = end, -d, d
+            found.dist = dr.norm(end - it.p)
+            found.uv = mi.Point2f(x * film.x, y * film.y)
+            found.time, found.pdf, found.delta = it.time, dr.select(seen, 1.0, 0.0), True
+            area = 4.0 * self.half_extent.x * self.half_extent.y * window.x * window.y
+            weight = dr.select(seen, -1.0 / (d.z * s * s * area), 0.0)
+            return found, mi.Spectrum(weight)
+
+        def bbox(self) -> Any:
+            return box(self.point)
+
+        def to_string(self) -> str:
+            return f"CrossedFrustum[aperture = {self.aperture}, shear = {self.shear}, reach = {self.reach}]"
+
+        def _aim(self, ray: Any, time: Any, wavelength: Any, position: Any, active: Any) -> Any:
+            """Fill a ray from a position in [0, 1]^2 of the film's crop window; return its weight."""
+            ray.time = self.shutter_open() + time * self.shutter_open_time()
+            nowhere = dr.zeros(mi.SurfaceInteraction3f)
+            ray.wavelengths, weight = self.sample_wavelengths(nowhere, wavelength, active)
+            ray.o, ray.d, ray.maxt = self._line(position)
+            return weight
+
+        def _line(self, position: Any) -> tuple[Any, Any, Any]:
+            """Return the viewer's end, unit direction and length of a film position's line."""
+            start, window = self._window()
+            x, y = position.x * window.x + start.x, position.y * window.y + start.y
+            # Mitsuba's film has its origin at the top left, u and v theirs at the center, v up.
+            slope_x = self.shear.x + (2.0 * x - 1.0) * self.half_extent.x
+            slope_y = self.shear.y + (1.0 - 2.0 * y) * self.half_extent.y
+            d = mi.Vector3f(slope_x, slope_y, -1.0)
+            length = dr.norm(d)
+            return self.aperture - self.reach[0] * d, d / length, sum(self.reach) * length
+
+        def _window(self) -> tuple[Any, Any]:
+            """Return where the film's crop window begins and its size, as parts of the whole film."""
+            film = self.film()
+            whole = mi.Vector2f(film.size())
+            return mi.Vector2f(film.crop_offset()) / whole, mi.Vector2f(film.crop_size()) / whole
+
+    mi.register_sensor(PLUGIN, CrossedFrustum)
+    return CrossedFrustum

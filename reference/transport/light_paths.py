@@ -1,0 +1,200 @@
+"""Light that comes from a surface point: directly, or by way of others, with shadows where asked for.
+
+The surfaces are those of CONVENTIONS.md, "Light". A light of color I has the irradiance pi I on what faces
+it, so that a diffuse surface of coefficient d and albedo a scatters the share d a of what falls on it, and
+shows d a / pi of its irradiance. Hence, with interreflection:
+
+* diffuse light adds d a times the mean of the radiance that arrives over the hemisphere, by cosine;
+* a mirror shows the surface that lies in the mirrored direction, and the environment only where none does;
+* highlights are of lights alone; what is arriving is the whole radiance of a surface: ambient, diffuse,
+  highlights, reflection. The ambient term stays the constant that it is, as if the surface glowed.
+
+Surfaces beyond the reach are not imaged, but they are there: they cast shadows and send light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
+from xfrustum.reference.tracers.tracer import unit_scale
+from xfrustum.reference.transport.device_surfaces import Point, Surfaces
+from xfrustum.reference.transport.device_tables import Surroundings, Table
+from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.model.scene import Scene
+
+SINGLE = 2.0**-24
+"""Unit roundoff of float32."""
+
+CLEARANCE = 64
+"""Roundings of the scene's largest coordinate by which rays start off their surface, to the side that
+is seen, so that it does not hide itself. Rounding corners, and the start, to float32 moves the one against
+the other by up to 2 sqrt(3); which side of its plane a ray starts on, Embree computes from corners
+relative to the start, up to 2 sqrt(3) long, with 6 roundings: 25 in all, and 64 has a factor of two to
+spare. A shadow that begins nearer to its caster than this is lost: some 4e-6 of the scene's size."""
+
+ROULETTE_AFTER, LIKELIEST = 3, 0.95
+"""Bounces that every path may make, and the largest chance to go on after them."""
+
+SMALLEST_LOGARITHM = -700.0
+"""Powers below its exponential, 1e-304, are zero: float64 ends at 1e-308."""
+
+LONGEST_PATH = 128
+"""Bounces. Light that is scattered more often is left out: of albedo 0.9, 1e-6 of what there is."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Coefficients:
+    """Material coefficients by object."""
+
+    ambient: Table
+    diffuse: Table
+    specular: Table
+    reflectivity: Table
+    exponent: Table
+
+
+class LightPaths:
+    """A scene that light paths run through, in Mitsuba's hands.
+
+    Parameters
+    ----------
+    scene
+        With at least one triangle.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        mi = backend().mitsuba
+        self.scale = unit_scale(scene.vertices)
+        mesh = triangle_mesh("scene", scene.vertices * self.scale, scene.faces)
+        self._scene = mi.load_dict(
+            {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
+        )
+        self._surfaces = Surfaces(scene, self.scale)
+        names = ("ambient", "diffuse", "specular", "reflectivity", "exponent")
+        tables = {
+            name: Table(np.array([getattr(m, name) for m in scene.materials], dtype=np.float64))
+            for name in names
+        }
+        self._material = _Coefficients(**tables)
+        self._lights = scene.appearance.lights
+        environment = scene.appearance.environment
+        self._surroundings = None if environment is None else Surroundings(environment)
+        self._offset = CLEARANCE * SINGLE * float(np.abs(scene.vertices * self.scale).max())
+
+    def first(self, ray: Any, active: Any) -> tuple[Any, Any]:
+        """Return the number of the first triangle that float32 rays meet, and whether they meet any."""
+        dr, mi = backend().drjit, backend().mitsuba
+        met = self._scene.ray_intersect_preliminary(ray, active=active)
+        found = met.is_valid() & active
+        kind = int if backend().scalar else mi.Int32
+        return dr.select(found, kind(met.prim_index), 0), found
+
+    def radiance(
+        self, found: tuple[Any, Any], line: tuple[Any, Any], transport: Transport, sampler: Any
+    ) -> Any:
+        """Return linear RGB that arrives along lines, one path each.
+
+        Parameters
+        ----------
+        found
+            What `first` returned.
+        line
+            Origin and direction in double precision, scaled, along which the surface is seen.
+        transport
+            What is simulated.
+        sampler
+            Seeded.
+        """
+        mi, dr = backend().mitsuba, backend().drjit
+        triangle, active = found
+        if not transport.interreflection:
+            point = self._surfaces.point(triangle, *line)
+            return dr.select(active, self._shown(point, transport, active), mi.Vector3d(0.0))
+
+        def bounce(*state: Any) -> tuple[Any, ...]:
+            sampler, count, triangle, line, share, light, active = state
+            point = self._surfaces.point(triangle, *line)
+            light = light + dr.select(active, share * self._shown(point, transport, active), 0.0)
+            direction, weight, active = self._scattered(point, sampler, active)
+            share = share * weight
+            chance = dr.select(count < ROULETTE_AFTER, 1.0, dr.minimum(dr.max(share), LIKELIEST))
+            active = active & (mi.Float64(sampler.next_1d()) < chance) & (count + 1 < LONGEST_PATH)
+            share = dr.select(active, share / dr.select(active, chance, 1.0), 0.0)
+            line = (point.position + self._offset * point.side, direction)
+            triangle, active = self.first(self._ray(*line), active)
+            return sampler, count + 1, triangle, line, share, light, active
+
+        start = (sampler, mi.UInt32(0), triangle, line, mi.Vector3d(1.0), mi.Vector3d(0.0), active)
+        return dr.while_loop(start, lambda *state: state[-1], bounce)[-2]
+
+    def _shown(self, point: Point, transport: Transport, active: Any) -> Any:
+        """Return the radiance of a point toward its eye but for the light of other surfaces."""
+        mi, dr = backend().mitsuba, backend().drjit
+        material, index = self._material, point.object
+        diffuse = material.diffuse.vector(index) * point.albedo
+        specular, exponent = material.specular.vector(index), material.exponent.number(index)
+        mirrored = point.mirrored
+        radiance = material.ambient.vector(index) * point.albedo
+        for light in self._lights:
+            toward, cosine = (
+                mi.Vector3d(*light.direction),
+                dr.dot(point.normal, mi.Vector3d(*light.direction)),
+            )
+            highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
+            lit = active & (cosine > 0.0)
+            if transport.shadows:
+                # Light under its own triangle, by a smooth normal, is not hidden by that triangle.
+                under = dr.dot(point.side, toward) <= 0.0
+                lit = lit & (under | self._sees(point, toward, lit))
+            shown = mi.Vector3d(*light.color) * (diffuse * cosine + specular * highlight)
+            radiance = radiance + dr.select(lit, shown, 0.0)
+        if self._surroundings is not None:
+            reflected = material.reflectivity.vector(index) * self._surroundings.radiance(mirrored)
+            if transport.interreflection:
+                # A mirrored direction under its own triangle, by a smooth normal, is not followed.
+                under = dr.dot(point.side, mirrored) <= 0.0
+                reflected = dr.select(under | self._sees(point, mirrored, active), reflected, 0.0)
+            radiance = radiance + reflected
+        return radiance
+
+    def _sees(self, point: Point, direction: Any, active: Any) -> Any:
+        """Return whether nothing hides a direction, be it the point's own triangle."""
+        dr = backend().drjit
+        active = active & (dr.dot(point.side, direction) > 0.0)
+        ray = self._ray(point.position + self._offset * point.side, direction)
+        return active & ~self._scene.ray_test(ray, active)
+
+    def _scattered(self, point: Point, sampler: Any, active: Any) -> tuple[Any, Any, Any]:
+        """Choose where to look for light of other surfaces: its direction and weight, and whether to look."""
+        mi, dr = backend().mitsuba, backend().drjit
+        diffuse = self._material.diffuse.vector(point.object) * point.albedo
+        mirror = self._material.reflectivity.vector(point.object)
+        both = dr.sum(diffuse) + dr.sum(mirror)
+        chance = dr.sum(mirror) / dr.select(both > 0.0, both, 1.0)
+        reflects = mi.Float64(sampler.next_1d()) < chance
+        around = mi.Frame3f(mi.Vector3f(point.normal))
+        anywhere = mi.Vector3d(around.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d())))
+        direction = dr.select(reflects, point.mirrored, anywhere)
+        weight = dr.select(reflects, mirror, diffuse) / dr.select(reflects, chance, 1.0 - chance)
+        active = active & (both > 0.0) & (dr.dot(point.side, direction) > 0.0)
+        return direction, weight, active
+
+    def _ray(self, origin: Any, direction: Any) -> Any:
+        mi = backend().mitsuba
+        return mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction))
+
+
+def power(base: Any, exponent: Any) -> Any:
+    """Return a power of a cosine, at most one: zero where it falls below what doubles hold.
+
+    There Dr.Jit's own power returns minus infinity or NaN; and rounding takes cosines beyond one.
+    """
+    dr = backend().drjit
+    base = dr.minimum(base, 1.0)
+    within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > SMALLEST_LOGARITHM)
+    return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)

@@ -1,0 +1,74 @@
+"""Where light paths begin: on the film, where the reference's samples are, and as lines of doubles.
+
+The sensor aims rays in float32, to find the surface; what is seen of it is computed along the very line
+that the reference decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from xfrustum.reference.averages import points_per_side
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.sensor import register_sensor, sensor_parameters
+from xfrustum.reference.transport.device_tables import Table
+from xfrustum.reference.transport.light_paths import LightPaths
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+
+class PathStarts:
+    """The lines of one image, each pixel's one of `supersample` x `supersample` at random.
+
+    Parameters
+    ----------
+    scene
+        Its frustum and sampling.
+    aperture
+        The point that the lines pass through.
+    scale
+        Lengths are multiplied by this.
+    """
+
+    def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
+        mi, dr = backend().mitsuba, backend().drjit
+        register_sensor()
+        parameters = sensor_parameters(scene, aperture)
+        for name in ("reach_viewer", "reach_back"):
+            parameters[name] *= scale
+        parameters["aperture"] = [scale * part for part in parameters["aperture"]]
+        self._sensor = mi.load_dict(parameters)
+        side = points_per_side(scene.sampling)
+        width, height = (side * count for count in scene.frustum.resolution)
+        fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width, height))
+        self._dx, self._dy = Table(fine.dx), Table(fine.dy)
+        # Opaque: values that differ from image to image must not compile another kernel.
+        self._center = [dr.opaque(mi.Float64, scale * part) for part in fine.center]
+        self._side, self._width, self._height = (dr.opaque(mi.UInt32, n) for n in (side, width, height))
+
+    def seen(self, paths: LightPaths, pixel: Any, sampler: Any) -> tuple[Any, Any]:
+        """Return what `LightPaths.first` says about a random line of a pixel, and that line, scaled.
+
+        Parameters
+        ----------
+        paths
+            The scene.
+        pixel
+            Rows counted pixel by pixel.
+        sampler
+            Seeded.
+        """
+        mi, dr = backend().mitsuba, backend().drjit
+        whole = int if backend().scalar else mi.UInt32
+        row, column = pixel // (self._width // self._side), pixel % (self._width // self._side)
+        part = sampler.next_2d()
+        x, y = (
+            place * self._side + dr.minimum(whole(share * self._side), self._side - 1)
+            for place, share in ((column, part.x), (row, part.y))
+        )
+        film = mi.Point2f((mi.Float64(x) + 0.5) / self._width, (mi.Float64(y) + 0.5) / self._height)
+        ray, _ = self._sensor.sample_ray(0.0, 0.5, film, mi.Point2f(0.5))
+        line = (mi.Vector3d(*self._center), mi.Vector3d(self._dx.number(x), self._dy.number(y), -1.0))
+        return paths.first(ray, mi.Bool(True)), line

@@ -1,0 +1,160 @@
+"""Light transport that a rasterizer leaves out, by Mitsuba and the crossed frustum's sensor.
+
+Paths start where the reference's samples are: in the centers of `supersample` x `supersample` cells of each
+pixel, each path in one of them at random. So the mean over many paths is the mean that `Reference.trace`
+takes, and what differs is light transport, and noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.transport.light_paths import LightPaths
+from xfrustum.reference.transport.path_starts import PathStarts
+from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+Floats = NDArray[np.float64]
+
+PATHS_AT_ONCE = 1 << 20
+"""Bounds the memory, some 200 bytes a path."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RadianceEstimate:
+    """A picture from random light paths, and how noisy it is.
+
+    Attributes
+    ----------
+    mean
+        (H, W, 3) linear RGB.
+    variance_of_mean
+        (H, W, 3) of the mean, estimated from its own samples: zero where all of them agree, as where pixels
+        are not supersampled and there is no interreflection.
+    samples
+        Paths per pixel.
+    """
+
+    mean: Floats
+    variance_of_mean: Floats
+    samples: int
+
+
+class PathTracer:
+    """Renders a scene's apertures with light transport.
+
+    Parameters
+    ----------
+    scene
+        Its materials and lights; its sampling says where paths start.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Names and versions of what computes the paths, for reports."""
+        return backend().versions
+
+    @cached_property
+    def _paths(self) -> LightPaths:
+        return LightPaths(self.scene)
+
+    def render(self, aperture: Aperture, transport: Transport, seed: int = 0) -> RadianceEstimate:
+        """Return the radiance that the middle of an aperture sees.
+
+        Parameters
+        ----------
+        aperture
+            Its middle alone; of more points, average their estimates.
+        transport
+            What is simulated, with how many paths per pixel. Without shadows and interreflection it is
+            the direct light that `Reference.trace` shows.
+        seed
+            The same seed gives the same paths.
+        """
+        width, height = self.scene.frustum.resolution
+        mean, variance = np.zeros((height * width, 3)), np.zeros((height * width, 3))
+        if len(self.scene.faces):
+            starts = PathStarts(self.scene, aperture, self._paths.scale)
+            for number, first in enumerate(range(0, height * width, PATHS_AT_ONCE)):
+                pixels = range(first, min(first + PATHS_AT_ONCE, height * width))
+                moments = _Moments(len(pixels))
+                for colors in self._launches(
+                    starts, transport, pixels, np.random.default_rng((seed, number))
+                ):
+                    moments.add(colors)
+                part = slice(pixels.start, pixels.stop)
+                mean[part], variance[part] = moments.mean, moments.variance_of_mean
+        return RadianceEstimate(
+            mean=mean.reshape(height, width, 3),
+            variance_of_mean=variance.reshape(height, width, 3),
+            samples=transport.samples,
+        )
+
+    def _launches(
+        self, starts: PathStarts, transport: Transport, pixels: range, random: np.random.Generator
+    ) -> Iterator[Floats]:
+        """Yield colors (pixels, paths, 3) until each pixel has had its paths."""
+
+        def path(pixel: Any, sampler: Any) -> Any:
+            found, line = starts.seen(self._paths, pixel, sampler)
+            return self._paths.radiance(found, line, transport, sampler)
+
+        launch = _one_by_one if backend().scalar else _together
+        left = transport.samples
+        while left:
+            together = min(left, max(1, PATHS_AT_ONCE // len(pixels)))
+            yield launch(path, pixels, together, int(random.integers(1 << 32)))
+            left -= together
+
+
+class _Moments:
+    """Mean and variance of samples that come in batches (Chan, Golub and LeVeque, 1983)."""
+
+    def __init__(self, pixels: int) -> None:
+        self._count = 0
+        self.mean = np.zeros((pixels, 3))
+        self._squares = np.zeros((pixels, 3))
+
+    def add(self, colors: Floats) -> None:
+        """Take samples (pixels, n, 3) into account."""
+        own = colors.mean(axis=1)
+        apart, count = own - self.mean, self._count + colors.shape[1]
+        self._squares += ((colors - own[:, None]) ** 2).sum(axis=1)
+        self._squares += apart**2 * (self._count * colors.shape[1] / count)
+        self.mean += apart * (colors.shape[1] / count)
+        self._count = count
+
+    @property
+    def variance_of_mean(self) -> Floats:
+        """(pixels, 3), unbiased."""
+        return self._squares / ((self._count - 1) * self._count)
+
+
+def _together(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: int) -> Floats:
+    """Return colors (pixels, paths, 3), all paths in one launch."""
+    mi, dr = backend().mitsuba, backend().drjit
+    count = len(pixels) * paths
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, count)
+    # Opaque: values that differ from launch to launch must not compile another kernel.
+    first, times = (dr.opaque(mi.UInt32, value) for value in (pixels.start, paths))
+    color = path(first + dr.arange(mi.UInt32, count) // times, sampler).numpy()
+    return np.asarray(color.T.reshape(len(pixels), paths, 3), dtype=np.float64)
+
+
+def _one_by_one(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: int) -> Floats:
+    """Return colors (pixels, paths, 3) where Mitsuba traces one ray at a time."""
+    sampler = backend().mitsuba.load_dict({"type": "independent"})
+    sampler.seed(seed, 1)
+    return np.array([[list(path(pixel, sampler)) for _ in range(paths)] for pixel in pixels])

@@ -1,0 +1,194 @@
+"""How fast are many hogels at once, next to loops that anybody would write? Hogels per second, and ratios."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from xfrustum.raster.device.timer import StageTime
+from xfrustum.raster.races.plate_rates import (
+    BARE,
+    BARE_NUMBERED,
+    BATCHED,
+    COLOR,
+    DISCARDED,
+    MEANINGS,
+    PLAIN,
+    PLAIN_NUMBERED,
+    contestants,
+)
+from xfrustum.reports.common import provenance
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.timing import Spread, race
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+RESOLUTION = 128
+REPEAT = 5
+RELATIVE_NEAR = 1e-3
+"""The step back from the plate, as a fraction of the reach."""
+
+RATIOS = (
+    (BATCHED, PLAIN),
+    (BATCHED, PLAIN_NUMBERED),
+    (BATCHED, DISCARDED),
+    (COLOR, BARE),
+    (COLOR, BARE_NUMBERED),
+)
+"""Whose rate is divided by whose."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateBenchmark:
+    """The contestants on one row of one plate.
+
+    Attributes
+    ----------
+    scene
+        With the resolution that was drawn.
+    settings
+        Of the double frustum.
+    row
+        Of the plate; all its apertures were drawn.
+    seconds
+        By contestant, for the whole row.
+    stages
+        GPU and wall seconds of each stage of `BATCHED`, for the whole row.
+    device, machine, versions
+        Names and values, for whoever repeats it.
+    """
+
+    scene: Scene
+    settings: DoubleFrustum
+    row: int
+    seconds: dict[str, Spread]
+    stages: dict[str, dict[str, Spread]]
+    device: str
+    machine: dict[str, str]
+    versions: dict[str, str]
+
+    def rate(self, contestant: str) -> Spread:
+        """Return hogels per second."""
+        hogels, taken = self.scene.plate.hogels[0], self.seconds[contestant]
+        return replace(
+            taken, median=hogels / taken.median, lowest=hogels / taken.highest, highest=hogels / taken.lowest
+        )
+
+    @property
+    def ratios(self) -> dict[str, float]:
+        """Quotients of median rates as "one/other"."""
+        return {f"{one}/{other}": self.rate(one).median / self.rate(other).median for one, other in RATIOS}
+
+    def summary(self) -> dict[str, Any]:
+        """Return everything measured as one JSON object."""
+        ready: dict[str, Any] = json_ready(
+            {
+                "scene": {
+                    "name": self.scene.name,
+                    "hash": self.scene.content_hash,
+                    "triangles": len(self.scene.faces),
+                },
+                "resolution": self.scene.frustum.resolution,
+                "settings": self.settings,
+                "row": self.row,
+                "hogels": self.scene.plate.hogels[0],
+                "meanings": MEANINGS,
+                "hogels_per_second": {name: self.rate(name) for name in self.seconds},
+                "ratios": self.ratios,
+                "stages_s": self.stages,
+                "device": self.device,
+                "machine": self.machine,
+                "versions": self.versions,
+            }
+        )
+        return ready
+
+
+def bench_plate(
+    scene: Scene, resolution: int = RESOLUTION, repeat: int = REPEAT, *, progress: bool = False
+) -> PlateBenchmark:
+    """Race one row of a scene's plate, the middle one.
+
+    Parameters
+    ----------
+    scene
+        Its own resolution does not matter.
+    resolution
+        W = H in pixels.
+    repeat
+        How often each contestant runs after it has warmed up.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The scene has no triangles, or a number is not positive.
+    """
+    if not len(scene.faces):
+        raise InputError(f"scene {scene.name}: has no triangles to draw; choose one that has")
+    if min(resolution, repeat) < 1:
+        raise InputError("bench: resolution and repetitions must be positive; give such as 128")
+    sized = replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
+    settings = DoubleFrustum(near=RELATIVE_NEAR * scene.frustum.longest_reach)
+    columns, row = scene.plate.hogels[0], scene.plate.middle.row
+    apertures = [sized.plate.aperture(column, row) for column in range(columns)]
+    runs_of_all = (repeat + 1) * len(MEANINGS)
+    with (
+        contestants(sized, settings, apertures) as (runs, device, measure),
+        progress_bar(runs_of_all, "bench", "row", shown=progress) as bar,
+    ):
+        return PlateBenchmark(
+            scene=sized,
+            settings=settings,
+            row=row,
+            seconds=race(runs, repeat, bar.update),
+            stages=_stages(measure, repeat),
+            device=device,
+            machine=provenance.machine(),
+            versions=provenance.versions(),
+        )
+
+
+def _stages(measure: Callable[[], Mapping[str, StageTime]], repeat: int) -> dict[str, dict[str, Spread]]:
+    # Everything has warmed up by now.
+    runs = [measure() for _ in range(repeat)]
+    return {
+        name: {clock: Spread.of([getattr(run[name], clock) for run in runs]) for clock in ("gpu_s", "wall_s")}
+        for name in runs[0]
+    }
+
+
+def table(benchmark: PlateBenchmark) -> str:
+    """Return rates, ratios and stages as text."""
+    machine, scene = benchmark.machine, benchmark.scene
+    width, height = scene.frustum.resolution
+    rates = {name: benchmark.rate(name) for name in benchmark.seconds}
+    return "\n".join(
+        (
+            f"{scene.name}, {len(scene.faces):,} triangles, row {benchmark.row}: "
+            f"{scene.plate.hogels[0]} hogels of {width} x {height}",
+            f"{benchmark.device}; {machine['cores']} cores of {machine['processor']}",
+            f"median of {rates[PLAIN].repetitions} after a warm-up (slowest to fastest), taking turns",
+            "",
+            "hogels per second",
+            *(
+                f"  {name:<18}{rate.median:9.1f} ({rate.lowest:.1f} to {rate.highest:.1f})"
+                for name, rate in rates.items()
+            ),
+            "",
+            *(f"  {pair:<34}{ratio:6.2f}" for pair, ratio in benchmark.ratios.items()),
+            "",
+            f"stages of {BATCHED}, ms a hogel: the device's own, and wall time of giving the orders",
+            *(
+                f"  {name:<18}"
+                + "".join(f"{1e3 * clock.median / scene.plate.hogels[0]:9.3f}" for clock in clocks.values())
+                for name, clocks in benchmark.stages.items()
+            ),
+            "",
+            *(f"{name}: {meaning}" for name, meaning in MEANINGS.items()),
+        )
+    )

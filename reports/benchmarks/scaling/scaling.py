@@ -1,0 +1,209 @@
+"""How do time and memory grow with triangles, pixels and apertures, and where does tracing overtake?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from xfrustum.reports.benchmarks.scaling.contestants import (
+    CONTESTANTS,
+    RASTERIZERS,
+    TRIANGLES,
+    UnavailableError,
+    contestants_along,
+)
+from xfrustum.reports.benchmarks.scaling.expected import MEMORY, SECONDS, Finding, finding
+from xfrustum.reports.benchmarks.scaling.extent import FULL, Axis, Extent
+from xfrustum.reports.benchmarks.scaling.fit import Overtaking
+from xfrustum.reports.benchmarks.scaling.process import ENOUGH_S, FEWEST, Job, Measured, measure_apart
+from xfrustum.reports.common import provenance
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.progress import progress_bar
+
+LIMIT_MIB = 8192.0
+"""What each must stay below with the most triangles."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisScaling:
+    """Everything measured along one axis.
+
+    Attributes
+    ----------
+    axis
+        What grew.
+    measured
+        By contestant, at each size.
+    """
+
+    axis: Axis
+    measured: dict[str, tuple[Measured, ...]]
+
+    def costs(self, contestant: str, quantity: str) -> list[float]:
+        """Return a contestant's median seconds, or MiB beyond what it imported, at each size."""
+        points = self.measured[contestant]
+        if quantity == SECONDS:
+            return [point.seconds.median for point in points]
+        return [point.peak_mib - point.imported_mib for point in points]
+
+    def findings(self, quantity: str) -> dict[str, Finding]:
+        """Return every contestant's growth, by name."""
+        return {
+            name: finding(self.axis.unit, quantity, name, self.axis.counts, self.costs(name, quantity))
+            for name in self.measured
+        }
+
+    @property
+    def overtakings(self) -> dict[str, Overtaking]:
+        """Where each tracer overtakes the rasterizer of this axis, by name of the tracer."""
+        raster = next(name for name in self.measured if name in RASTERIZERS)
+        return {
+            name: Overtaking.of(
+                self.axis.counts,
+                [point.seconds for point in self.measured[raster]],
+                [point.seconds for point in points],
+            )
+            for name, points in self.measured.items()
+            if name not in RASTERIZERS
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was measured and found along the axis."""
+        return {
+            "fixed": self.axis.fixed,
+            "sizes": self.axis.sizes,
+            "counts": self.axis.counts,
+            "contestants": self.measured,
+            "growth": {quantity: _growth(self.findings(quantity)) for quantity in (SECONDS, MEMORY)},
+            "tracing_overtakes": {
+                name: {
+                    "at": one.from_size,
+                    "crossings": one.crossings,
+                    "sentence": one.sentence(self.axis.unit),
+                }
+                for name, one in self.overtakings.items()
+            },
+        }
+
+
+def _growth(findings: dict[str, Finding]) -> dict[str, Any]:
+    return {
+        name: {
+            "exponent": one.exponents.overall,
+            "exponent_large_end": one.exponents.large_end,
+            "growth": one.exponents.growth,
+            "expected": one.expected,
+            "as_expected": one.as_expected,
+            "sentence": one.sentence,
+        }
+        for name, one in findings.items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalingBenchmark:
+    """All axes, and what they were measured on.
+
+    Attributes
+    ----------
+    axes
+        In the order in which they were measured.
+    extent
+        What was asked for.
+    unavailable
+        Contestants that do not run here, and why.
+    machine, versions
+        Names and values, for whoever repeats it.
+    """
+
+    axes: tuple[AxisScaling, ...]
+    extent: Extent
+    unavailable: dict[str, str]
+    machine: dict[str, str]
+    versions: dict[str, str]
+
+    @property
+    def most_triangles(self) -> dict[str, Measured]:
+        """Every contestant with the most triangles."""
+        triangles = next(one for one in self.axes if one.axis.unit == TRIANGLES)
+        return {name: points[-1] for name, points in triangles.measured.items()}
+
+    def summary(self) -> dict[str, Any]:
+        """Return everything measured as one JSON object."""
+        peaks = {name: point.peak_mib for name, point in self.most_triangles.items()}
+        ready: dict[str, Any] = json_ready(
+            {
+                "meanings": {name: one.meaning for name, one in CONTESTANTS.items()},
+                "repeat": {"most": self.extent.repeat, "fewest": FEWEST, "enough_s": ENOUGH_S},
+                "asymptotic": self.extent.asymptotic,
+                "axes": {one.axis.unit: one.summary() for one in self.axes},
+                "memory_with_most_triangles": {
+                    "triangles": next(iter(self.most_triangles.values())).triangles,
+                    "peak_mib": peaks,
+                    "limit_mib": LIMIT_MIB,
+                    "within": max(peaks.values()) < LIMIT_MIB,
+                },
+                "unavailable": self.unavailable,
+                "machine": self.machine,
+                "versions": self.versions,
+            }
+        )
+        return ready
+
+
+@dataclass
+class _Field:
+    """The contestants that still run, and what they turned out to be made of."""
+
+    unavailable: dict[str, str] = field(default_factory=dict)
+    made_of: dict[str, str] = field(default_factory=dict)
+
+    def measure(self, axis: Axis, repeat: int, bar: Any) -> AxisScaling:
+        measured: dict[str, list[Measured]] = {name: [] for name in contestants_along(axis.unit)}
+        # Size by size, so that those who are compared have the same slow minutes.
+        for size in axis.sizes:
+            for name, points in measured.items():
+                if name not in self.unavailable:
+                    self._point(axis.job(name, size, repeat), points)
+                bar.update()
+        return AxisScaling(
+            axis=axis,
+            measured={
+                name: tuple(points) for name, points in measured.items() if name not in self.unavailable
+            },
+        )
+
+    def _point(self, job: Job, points: list[Measured]) -> None:
+        try:
+            points.append(measure_apart(job))
+            self.made_of |= points[-1].made_of
+        except UnavailableError as reason:
+            self.unavailable[job.contestant] = str(reason)
+
+
+def bench_scaling(extent: Extent = FULL, *, progress: bool = False) -> ScalingBenchmark:
+    """Measure time and memory along all axes, each contestant at each size in a process of its own.
+
+    Parameters
+    ----------
+    extent
+        `FULL`, or `QUICK`, which shows that everything runs and nothing else.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        There is no usable OpenGL, or a process was ended, as when memory runs out.
+    """
+    runs = sum(len(contestants_along(axis.unit)) * len(axis.sizes) for axis in extent.axes)
+    running = _Field()
+    with progress_bar(runs, "bench scaling", "process", shown=progress) as bar:
+        axes = tuple(running.measure(axis, extent.repeat, bar) for axis in extent.axes)
+    return ScalingBenchmark(
+        axes=axes,
+        extent=extent,
+        unavailable=running.unavailable,
+        machine=provenance.machine(),
+        versions={**provenance.versions(), **running.made_of},
+    )

@@ -1,0 +1,145 @@
+"""`xfrustum budget`: the error of one image link by link, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from xfrustum.compare.attribution.budget import Budget, make_budget
+from xfrustum.compare.attribution.radiance_budget import RadianceBudget
+from xfrustum.compare.extent import require_seen
+from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.commands import radiance_budgeting
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BudgetReport:
+    """The error of one image, charged to its causes.
+
+    Attributes
+    ----------
+    scene, aperture, settings
+        Which image.
+    chain
+        The six images from the truth to what was drawn.
+    geometry
+        Every wrong pixel, charged to one link of the chain.
+    radiance
+        The error of color, link by link.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    chain: Chain
+    geometry: Budget
+    radiance: RadianceBudget
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as `budget --json` prints them."""
+        return summary(self.geometry, self.radiance)
+
+
+def budget(
+    scene: Scene, settings: DoubleFrustum, aperture: Aperture | None = None, *, progress: bool = False
+) -> BudgetReport:
+    """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
+
+    Parameters
+    ----------
+    scene
+        Its sampling and light transport are links of the radiance error.
+    settings
+        How the image is drawn.
+    aperture
+        The middle one where None.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The settings make no sense for the scene, or there is no usable OpenGL.
+    """
+    one_of(scene, Scene, "scene")
+    one_of(settings, DoubleFrustum, "settings")
+    aperture = scene.plate.middle if aperture is None else aperture
+    settings.check_against(scene.frustum)
+    charged, chain = budget_of(scene, aperture, settings)
+    radiance = radiance_budgeting.radiance_budget_of(scene, chain, progress=progress)
+    return BudgetReport(
+        scene=scene, aperture=aperture, settings=settings, chain=chain, geometry=charged, radiance=radiance
+    )
+
+
+def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tuple[Budget, Chain]:
+    """Trace and draw the chain of one aperture, and charge every wrong pixel to a link.
+
+    Raises
+    ------
+    InputError
+        The aperture sees nothing of the objects, or there is no usable OpenGL.
+    """
+    require_seen(scene, [aperture])
+    # The links of geometry are about what pixels' centers show.
+    once = replace(scene, sampling=Sampling())
+    reference = Reference(once)
+    with Rasterizer(once) as rasterizer:
+        chain = make_chain(reference, rasterizer, aperture, settings)
+    return make_budget(reference, chain), chain
+
+
+def summary(geometry: Budget, radiance: RadianceBudget | None) -> dict[str, Any]:
+    """Return the numbers as `budget --json` prints them."""
+    return {**geometry.summary(), "radiance": radiance.summary() if radiance else None}
+
+
+def table(geometry: Budget) -> str:
+    """Return the budget as aligned lines, and below it what was predicted, with the ratios."""
+    numbers = geometry.summary()
+    width = max(map(len, LINKS))
+    lines = [f"{numbers['wrong']:,} of {numbers['judged']:,} judged pixels show another triangle"]
+    lines.append(f"{'charged to':<{width}}  {'pixels':>9}  {'surface':>9}  {'moves by, px rms':>17}")
+    for link in numbers["links"]:
+        moved = _three_digits(link["displacement_rms_px"])
+        lines.append(f"{link['name']:<{width}}  {link['pixels']:>9,}  {link['surface']:>9,}  {moved:>17}")
+    reasons = ", ".join(f"{name} {count:,}" for name, count in numbers["explained"].items())
+    lines.append(f"explained: {reasons}; unexplained {numbers['unexplained']:,}")
+    lines.append(f"right in the end although some link differed: {numbers['cancelled']:,}")
+    return "\n".join([*lines, "", *_prediction_lines(numbers["links"], width)])
+
+
+def _prediction_lines(links: Sequence[Mapping[str, Any]], width: int) -> list[str]:
+    """Return predicted, measured and their ratio of each link, for surfaces and for displacement."""
+    three = f"{'predicted':>10} {'measured':>10} {'ratio':>7}"
+    lines = [f"{'':<{width}}  {'wrong surface, pixels':>29}  {'moves by, px rms':>29}"]
+    lines.append(f"{'predicted for':<{width}}  {three}  {three}")
+    for link in links:
+        surface = (link["predicted_surface"], link["surface"])
+        moved = (link["predicted_displacement_rms_px"], link["displacement_rms_px"])
+        columns = [
+            f"{_three_digits(predicted):>10} {_three_digits(measured):>10} {_ratio(predicted, measured):>7}"
+            for predicted, measured in (surface, moved)
+        ]
+        lines.append("  ".join([f"{link['name']:<{width}}", *columns]))
+    return lines
+
+
+def _ratio(predicted: float | None, measured: float | None) -> str:
+    """Write measured over predicted, where there are both."""
+    return _three_digits(measured / predicted) if predicted and measured is not None else "-"
+
+
+def _three_digits(value: float | None) -> str:
+    """Write a number with three digits, without an exponent where it is a count of pixels."""
+    if value is None:
+        return "-"
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"

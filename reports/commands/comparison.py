@@ -1,0 +1,166 @@
+"""`xfrustum compare`: two images from files, and what a person wants to see of the outcome."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xfrustum.compare import Comparison, compare_images
+from xfrustum.reference import Reference
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.error_report import images
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.openexr.images import image_size, read_image
+from xfrustum.scenes.model.hogel_image import HogelCamera
+from xfrustum.scenes.model.scene import Scene
+
+_NAMES = ("displacement", "triangle", "height", "radiance", "surface")
+FILES = ("comparison.json", *(f"{name}.png" for name in _NAMES))
+"""What may be written."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileComparison:
+    """Two image files compared.
+
+    Attributes
+    ----------
+    comparison
+        Its `surface` is None where the scene is not at hand to trace.
+    reach
+        The truth's longest reach, scene units.
+    heights
+        Both ends of the scale of height errors; see `images.height_range`.
+    note
+        Why the scene is not at hand; empty where it is.
+    """
+
+    comparison: Comparison
+    reach: float
+    heights: tuple[float, float]
+    note: str
+
+
+def compare_files(truth: Path, raster: Path) -> FileComparison:
+    """Compare two EXR files, opening the truth's scene again for `surface`.
+
+    Raises
+    ------
+    InputError
+        A file is missing or no hogel image, or the images do not belong together.
+    """
+    # Before anything is said about cameras: it is the files that differ, whatever they say of theirs.
+    (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
+    if (width, height) != (other_width, other_height):
+        raise InputError(
+            f"{truth} is {width} x {height} and {raster} is {other_width} x {other_height}; "
+            "make both of one scene, at one resolution"
+        )
+    true_image = read_image(truth)
+    # Where an image says nothing of its camera, it is taken to answer for the truth's.
+    raster_image = read_image(raster, true_image.camera)
+    scene, note = _scene_again(true_image.camera, truth.parent)
+    reference = None if scene is None else Reference(scene)
+    reach = max(true_image.camera.reach)
+    return FileComparison(
+        comparison=compare_images(true_image, raster_image, reference, perceptual=True),
+        reach=reach,
+        heights=images.height_range(scene, reach),
+        note=note,
+    )
+
+
+def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
+    """Open the scene that an image names, or say why it cannot be had."""
+    unseen = "wrong surfaces are not counted"
+    if not camera.scene:
+        return None, f"the truth names no scene; {unseen}"
+    # As named, then beside the image: a folder of both may have been moved as one.
+    beside = (folder / camera.scene, folder / Path(camera.scene).name)
+    other, reasons = "", {}
+    for name in dict.fromkeys((camera.scene, *map(str, beside))):
+        try:
+            scene = open_scene(name)
+        except InputError as error:
+            reasons[name] = str(error)
+            continue
+        if scene.content_hash == camera.scene_hash:
+            return scene, ""
+        other = name
+    if other:
+        return None, f"scene {other} is not the one that the truth was traced from; {unseen}"
+    # That a place has no such file says less than what is wrong with a file that is there.
+    told = max(reasons, key=lambda name: Path(name).is_file())
+    return None, f"scene {camera.scene} cannot be opened ({reasons[told]}); {unseen}"
+
+
+def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
+    """Write comparison.json and a picture of each error to a folder, all or nothing.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    comparison, maps = compared.comparison, compared.comparison.maps
+    with Staging(out) as staging:
+        text = json.dumps(json_ready(comparison.summary()), allow_nan=False, indent=1)
+        (staging.folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+        (staging.folder / "displacement.png").write_bytes(images.displacement_map(maps.displacement))
+        (staging.folder / "triangle.png").write_bytes(images.mask(maps.triangle, images.TRIANGLE_COLOR))
+        height = images.height_map(maps.height, compared.reach, compared.heights)
+        (staging.folder / "height.png").write_bytes(height)
+        if maps.radiance is not None:
+            (staging.folder / "radiance.png").write_bytes(images.radiance_map(maps.radiance))
+        if maps.surface is not None:
+            (staging.folder / "surface.png").write_bytes(images.mask(maps.surface, images.SURFACE_COLOR))
+        return staging.commit()
+
+
+def table(comparison: Comparison) -> str:
+    """Return the numbers of a comparison as aligned lines."""
+    numbers = comparison.summary()
+    lines = [
+        ("pixels", f"{numbers['pixels']:,}"),
+        ("judged", f"{numbers['judged']:,}"),
+        ("covered", f"{numbers['covered']:,}"),
+        ("wrong surface", _share(numbers["surface"])),
+        ("another triangle", _share(numbers["triangle"])),
+        ("displacement, px", _numbers(numbers["displacement_px"])),
+        ("height error", _numbers(numbers["height"])),
+        ("drawn in the plate", f"{numbers['at_plate']:,}"),
+        *_radiance(numbers["radiance"]),
+    ]
+    width = max(len(name) for name, _ in lines)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
+
+
+def _radiance(error: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """Return the lines about color: linear radiance, how it looks, and what is beyond the truth's noise."""
+    if error is None:
+        return []
+    spread = ("mean", "rms", "p99", "max")
+    lines = [("radiance error", _numbers({name: error[name] for name in spread}))]
+    inside = error["away_from_edges"]
+    if inside is not None:
+        lines.append(("  in the same triangle", _numbers({name: inside[name] for name in spread})))
+    if error["flip"] is not None:
+        ssim = "not defined" if error["ssim"] is None else f"{error['ssim']:.4g}"
+        lines.append(("looks different", f"FLIP {error['flip']:.3g}  SSIM {ssim}"))
+    if error["noise"] is not None:
+        lines.append(("beyond noise, 1/255", f"{error['noise']['differ']:,} pixels"))
+    return lines
+
+
+def _share(part: dict[str, Any] | None) -> str:
+    return "not known" if part is None else f"{part['wrong']:,} ({100 * part['fraction']:.3g} %)"
+
+
+def _numbers(group: dict[str, float] | None) -> str:
+    if group is None:
+        return "not defined"
+    return "  ".join(f"{name} {value:.3g}" for name, value in group.items())

@@ -1,0 +1,110 @@
+"""`xfrustum plan`: which settings to draw with, what they keep, and the command that draws so."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+from scipy.stats import qmc
+
+from xfrustum.compare.extent import require_seen
+from xfrustum.compare.planning.plan import Plan, plan, steps
+from xfrustum.compare.planning.search import DepthBuffer
+from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.raster_command import raster_command
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
+
+LINE = 100
+"""Characters a line of a reason."""
+
+
+def make_plan(
+    scene: Scene,
+    apertures: Sequence[Aperture] | None = None,
+    requirement: Requirement | None = None,
+    choices: Sequence[DepthBuffer] | None = None,
+    *,
+    progress: bool = False,
+) -> Plan:
+    """Plan how to draw some apertures of a scene, and measure the plan.
+
+    Parameters
+    ----------
+    apertures
+        None for the middle one.
+    requirement
+        None for the usual.
+    choices
+        Depth buffers to choose from, None for all.
+    progress
+        Show a progress bar on standard error.
+
+    Raises
+    ------
+    InputError
+        None of the apertures sees anything of the objects, or there is no usable OpenGL.
+    """
+    one_of(scene, Scene, "scene")
+    requirement = Requirement() if requirement is None else requirement
+    one_of(requirement, Requirement, "requirement")
+    chosen = list(apertures or [scene.plate.middle])
+    require_seen(scene, chosen)
+    with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
+        return plan(scene, chosen, requirement, choices, bar.update)
+
+
+def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
+    """Return some apertures of a plate: the middle, the corners, then a low-discrepancy pattern between them.
+
+    Fewer where the plate has fewer. The first of a larger number are those of a smaller.
+    """
+    columns, rows = plate.hogels
+    count = min(count, columns * rows)
+    corners = [(0, 0), (columns - 1, rows - 1), (columns - 1, 0), (0, rows - 1)]
+    chosen = dict.fromkeys([plate.middle.index, *corners])
+    pattern = qmc.Halton(2, scramble=False)
+    while len(chosen) < count:
+        points = qmc.scale(pattern.random(count), [0, 0], [columns, rows]).astype(int)
+        chosen |= dict.fromkeys(map(tuple, points.tolist()))
+    return [plate.aperture(*index) for index in list(chosen)[:count]]
+
+
+def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: Requirement) -> str:
+    """Return a plan as aligned lines that end in the command that draws so."""
+    lines = [textwrap.fill(made.reason, LINE)]
+    settings = made.settings
+    if settings is None or made.predicted is None or made.measured is None:
+        return lines[0]
+    cuts = ", ".join(f"{height:g}" for height in made.slabs)
+    cuts = f"{cuts} {scene.units}" if cuts else "none"
+    lines += [f"near {made.near:g} {scene.units}, cuts {cuts}, {settings.depth_label}", ""]
+    separation = requirement.separation_in(scene.frustum)
+    apart = f"sheets {separation:.3g} {scene.units} apart misordered"
+    rows = [
+        ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
+        ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
+        (apart, "of the pixels", MISORDERED, "misordered"),
+        ("sheets are ordered from", scene.units, separation, "separation"),
+    ]
+    width = max(len(title) for title, *_ in rows)
+    lines.append(f"{'':<{width}}  {'at most':>9}  {'predicted':>9}  {'measured':>9}")
+    for title, unit, limit, key in rows:
+        predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
+        lines.append(f"{title:<{width}}  {limit:>9.3g}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
+    verdict = "holds" if made.within else "DOES NOT HOLD"
+    count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
+    return "\n".join(
+        [*lines, f"The plan {verdict}, measured at {count}.", "", command(made, scene, apertures)]
+    )
+
+
+def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
+    """Return the command that draws the first of some apertures as planned."""
+    assert made.near is not None and made.depth is not None and made.mapping is not None
+    settings = DoubleFrustum(near=made.near, depth=made.depth, mapping=made.mapping, slabs=made.slabs)
+    return raster_command(scene, apertures[0], settings)

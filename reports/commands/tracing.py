@@ -1,0 +1,88 @@
+"""Truth of one aperture to a file, in the memory of a band, whatever the image's size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from xfrustum.reference import Reference
+from xfrustum.reference.averages import points_per_side
+from xfrustum.reference.devices.bands import BUSY_PIXELS, PIXEL_BYTES, rows_at_once
+from xfrustum.reference.devices.threads import worker_count
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.scenes.files.openexr.images import ImageWriter
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+LARGE_PIXELS = 1 << 23
+"""Lines or light paths from which on `trace` says beforehand what it will take; below, it takes seconds."""
+
+FILE_BYTES, VARIANCE_BYTES = 52, 12
+"""Bytes of a pixel before compression: 13 channels of 32 bits, and 3 more for the variance of light paths."""
+
+
+def forecast(scene: Scene, *, transported: bool) -> str | None:
+    """Say what tracing an aperture of a scene will take; None where that is little.
+
+    Parameters
+    ----------
+    scene
+        With the sampling and light transport that are asked for.
+    transported
+        Whether light paths are traced.
+    """
+    (width, height), sampling = scene.frustum.resolution, scene.sampling
+    pixels = width * height
+    kind, each = ("light paths", scene.transport.samples) if transported else ("samples", 1)
+    each *= sampling.aperture * (1 if transported else points_per_side(sampling) ** 2)
+    if pixels * each < LARGE_PIXELS:
+        return None
+    parts = [f"{width} x {height} are {pixels / 1e6:,.1f} million pixels"]
+    if each > 1:
+        parts.append(f"each is the mean of {each:,} {kind}")
+    else:
+        rows = rows_at_once(width, height, BUSY_PIXELS)
+        bands = -(-height // rows)
+        memory = PIXEL_BYTES * rows * width * min(worker_count(), bands)
+        parts.append(f"traced in {bands:,} bands, in about {_size(memory)} of memory beside the scene")
+    file_bytes = pixels * (FILE_BYTES + (VARIANCE_BYTES if transported else 0))
+    parts.append(f"the file takes at most {_size(file_bytes)}")
+    return "; ".join(parts)
+
+
+def _size(count: float) -> str:
+    """Write a number of bytes in a unit that leaves few digits."""
+    return f"{count / 2**30:,.1f} GiB" if count >= 2**30 else f"{count / 2**20:,.0f} MiB"
+
+
+def trace_to_file(
+    reference: Reference, aperture: Aperture, path: str | Path, *, progress: bool = False
+) -> None:
+    """Trace the truth of an aperture and write it as EXR while it is being traced.
+
+    Parameters
+    ----------
+    reference
+        Of the scene.
+    aperture
+        Which one.
+    path
+        The file; it appears complete, or not at all.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    height = reference.scene.frustum.resolution[1]
+    camera, rendering = reference.camera(aperture), reference.rendering()
+    with (
+        ImageWriter(path, camera, normals=True, color=True, certainty=True, rendering=rendering) as writer,
+        progress_bar(height, "trace", "row", shown=progress) as bar,
+    ):
+        row = 0
+        for band in reference.trace_bands(aperture):
+            writer.write_rows(row, band)
+            row += len(band.triangle)
+            bar.update(len(band.triangle))

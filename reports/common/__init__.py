@@ -1,0 +1,17 @@
+"""What all reports share: outputs, progress, times, pages, numbers in words.
+
+figure_style           How every figure looks: colors that are told apart, axes that can be read, spreads
+                       of repetitions
+formatting             Numbers as people read them
+json_ready             Values as JSON takes them: one conversion for everything that is written or embedded
+outputs                Outputs that are whole or absent: probed before the work, written aside, renamed
+                       at the end
+progress               One look for every progress bar
+provenance             Versions and machine: what a measurement must carry to be repeated
+raster_command         The command that draws with some settings, to be copied
+templates_environment  The one place where templates are filled in: HTML pages, SVG and Markdown
+timing                 The one place that takes time: wall seconds per named stage, and what repetitions
+                       come to
+turns                  Pictures that are made in turns until their times are told apart, within a bounded
+                       time
+"""

@@ -1,0 +1,119 @@
+"""The one place where templates are filled in: HTML pages, SVG and Markdown.
+
+Every HTML page carries a Content-Security-Policy: the browser runs our own scripts, which it knows by their
+hashes, and nothing else, whatever text of a scene has found its way into the page; and it loads nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from xfrustum.reports.common.json_ready import json_ready
+
+Filters = Mapping[str, Callable[..., Any]]
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+_POLICY_MARK = "@@content-security-policy@@"
+"""Stands in a page for its policy until all scripts of the page are known. The first one is replaced: the
+template has it before any text from outside."""
+
+
+def html_page(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
+    """Return a page that needs nothing else, online or offline.
+
+    Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the element with
+    plotly.js; `script(NAME, ..)`, an element with scripts out of the folder of templates, one after the
+    other; and `data(ID, VALUE)`, an element with JSON that scripts can read.
+
+    Parameters
+    ----------
+    template
+        Name of the file.
+    filters
+        Beside those of Jinja, by name.
+    values
+        What the template shows; all text is escaped.
+    """
+    hashes: list[str] = []
+
+    def element(source: str) -> Markup:
+        digest = base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
+        hashes.append(f"'sha256-{digest}'")
+        return Markup(f"<script>{source}</script>")
+
+    def script(*names: str) -> Markup:
+        return element("\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names))
+
+    environment = _environment(filters, autoescape=True)
+    environment.globals.update(
+        policy=lambda: Markup(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY_MARK}">'),
+        plotly=lambda: element(get_plotlyjs()),
+        script=script,
+        data=_data_element,
+    )
+    text = environment.get_template(template).render(values)
+    return text.replace(_POLICY_MARK, _policy(hashes), 1)
+
+
+def svg_picture(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
+    """Return an SVG document; all text is escaped."""
+    return _environment(filters, autoescape=True).get_template(template).render(values)
+
+
+def plain_text(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
+    """Return a document in Markdown, in which nothing is escaped."""
+    return _environment(filters, autoescape=False).get_template(template).render(values)
+
+
+def script_json(value: Any) -> Markup:
+    """Return JSON for a script element: no string in it can close the element or end a line of a script."""
+    text = json.dumps(json_ready(value), allow_nan=False, separators=(",", ":"))
+    for letter in "<>&":
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
+    # U+2028 and U+2029 are escaped already, as all that is not ASCII.
+    return Markup(text)
+
+
+def _data_element(identifier: str, value: Any) -> Markup:
+    return Markup('<script type="application/json" id="{}">{}</script>').format(
+        identifier, script_json(value)
+    )
+
+
+def _policy(hashes: list[str]) -> str:
+    """Return the policy of a page that has scripts of these hashes."""
+    # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
+    scripts = " ".join(hashes) or "'none'"
+    return "; ".join(
+        (
+            "default-src 'none'",
+            f"script-src {scripts}",
+            "style-src 'unsafe-inline'",
+            "img-src data: blob:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        )
+    )
+
+
+def _environment(filters: Filters, *, autoescape: bool) -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=autoescape,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=not autoescape,
+    )
+    environment.filters.update(filters)
+    return environment

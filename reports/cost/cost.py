@@ -1,0 +1,207 @@
+"""`xfrustum cost`: what accuracy costs in time, of every configuration, on one scene and machine."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+from xfrustum.compare import compare_images
+from xfrustum.compare.extent import require_seen
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import TRACERS, Reference
+from xfrustum.reports.common import provenance
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.timing import Spread, Stopwatch
+from xfrustum.reports.common.turns import take_turn, take_turns_until_settled
+from xfrustum.reports.cost.ways import Contestant, drawn, traced
+from xfrustum.reports.trade_off.trade_off import Answer, Option, answers, summary, unsettled
+from xfrustum.scenes.arguments import real, whole
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+REPEAT = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostReport:
+    """Every option measured on a scene.
+
+    Attributes
+    ----------
+    scene, aperture, tolerance_px
+        What was asked.
+    options
+        Raster, tracers and truth.
+    upload_s
+        By renderer: what is done once for a scene, buffers, programs and acceleration structures.
+    machine, versions
+        Names and values, for whoever repeats it.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    tolerance_px: float
+    options: tuple[Option, ...]
+    upload_s: dict[str, float]
+    machine: dict[str, str]
+    versions: dict[str, str]
+
+    @property
+    def answers(self) -> tuple[Answer, ...]:
+        """The cheapest options within the tolerance and within a fifth of it."""
+        return answers(self.options, self.tolerance_px)
+
+    def summary(self) -> dict[str, Any]:
+        """Return everything as one JSON object."""
+        ready: dict[str, Any] = json_ready(
+            {
+                "scene": {"name": self.scene.name, "hash": self.scene.content_hash},
+                "aperture": self.aperture.index,
+                **summary(self.options, self.tolerance_px),
+                "upload_s": self.upload_s,
+                "machine": self.machine,
+                "versions": self.versions,
+            }
+        )
+        return ready
+
+
+def measure_cost(
+    scene: Scene,
+    aperture: Aperture | None = None,
+    tolerance_px: float = 0.5,
+    *,
+    repeat: int = REPEAT,
+    progress: bool = False,
+) -> CostReport:
+    """Measure error and time of every configuration.
+
+    Parameters
+    ----------
+    aperture
+        The middle one where None.
+    tolerance_px
+        Of the 99th percentile of displacement; a fifth of it is answered for too.
+    repeat
+        Measured pictures of each configuration, after one that warms up. All configurations take turns,
+        so that a slow minute is everybody's. Those that may be the fastest make more, until they are told
+        apart or that has taken as long again.
+
+    Raises
+    ------
+    InputError
+        The tolerance or the number of repetitions is not positive, the aperture sees nothing of the objects,
+        or there is no usable OpenGL.
+    """
+    if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:
+        raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
+    aperture = scene.plate.middle if aperture is None else aperture
+    require_seen(scene, [aperture])
+    asked = Asked(repeat=repeat, tolerance_px=tolerance_px)
+    watch = Stopwatch()
+    with ExitStack() as stack:
+        with watch.stage("raster"):
+            drawers = {"auto": stack.enter_context(Rasterizer(scene))}
+        if needed(scene) != ALL_EFFECTS:
+            drawers["all"] = stack.enter_context(Rasterizer(scene, effects=ALL_EFFECTS))
+        tracers = {name: Reference(scene, tracer=name) for name in TRACERS}
+        for name, reference in tracers.items():
+            with watch.stage(name):
+                reference.tracer  # noqa: B018 - built when first asked for
+        device = drawers["auto"].device
+        contestants = [
+            *drawn(scene, aperture, drawers),
+            *traced(aperture, tracers),
+        ]
+        options = _race(contestants, tracers["embree"], aperture, asked, progress)
+    opengl = {f"OpenGL {name}": value for name, value in device.items()}
+    libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
+    return CostReport(
+        scene=scene,
+        aperture=aperture,
+        tolerance_px=tolerance_px,
+        options=tuple(options),
+        upload_s=watch.seconds,
+        machine={**provenance.machine(), **opengl},
+        versions={**provenance.versions(), **libraries},
+    )
+
+
+def _race(
+    contestants: list[Contestant],
+    reference: Reference,
+    aperture: Aperture,
+    asked: Asked,
+    progress: bool,
+) -> list[Option]:
+    """Let each make its picture in turn; the first is judged, and not timed.
+
+    Those that may be the fastest within a tolerance go on in turns until they are told apart, for at
+    most as long again.
+    """
+    truth = reference.trace(aperture)
+    timed = [Timed(one) for one in contestants]
+    errors: list[tuple[float, float]] = []
+    with progress_bar(len(contestants) * (1 + asked.repeat), "cost", "picture", shown=progress) as bar:
+        for one in contestants:
+            judged = compare_images(truth, one.picture(), reference, radiance=False)
+            moved, wrong = judged.displacement_px, judged.surface_wrong or 0
+            p99 = moved.p99 if moved and one.renderer == "raster" else 0.0
+            errors.append((p99, wrong / max(judged.judged, 1)))
+            bar.update()
+        for _ in range(asked.repeat):
+            take_turn(timed, [one.time_s for one in timed])
+            bar.update(len(timed))
+    spent = sum(sum(one.time_s) for one in timed)
+
+    def options() -> list[Option]:
+        return [one.option(*error) for one, error in zip(timed, errors, strict=True)]
+
+    take_turns_until_settled(
+        timed, [one.time_s for one in timed], lambda _: unsettled(options(), asked.tolerance_px), spent
+    )
+    return options()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What decides how often pictures are made: turns that all take, and the tolerance that is asked for."""
+
+    repeat: int
+    tolerance_px: float
+
+
+class Timed:
+    """A contestant and the seconds of its pictures; calling it makes one picture."""
+
+    def __init__(self, contestant: Contestant) -> None:
+        self._contestant = contestant
+        self.time_s: list[float] = []
+        self._gpu_s: list[float] = []
+        self._read_s: list[float] = []
+
+    def __call__(self) -> None:
+        """Make a picture, and note what its stages took."""
+        self._contestant.picture()
+        if self._contestant.rasterizer is not None:
+            stages = self._contestant.rasterizer.times
+            self._gpu_s.append(stages["draw"].gpu_s)
+            self._read_s.append(stages["read"].wall_s)
+
+    def option(self, displacement_p99_px: float, surface_fraction: float) -> Option:
+        """Return the contestant with its error and what its pictures took."""
+        return Option(
+            renderer=self._contestant.renderer,
+            label=self._contestant.label,
+            configuration=self._contestant.configuration,
+            displacement_p99_px=displacement_p99_px,
+            surface_fraction=surface_fraction,
+            time_s=Spread.of(self.time_s),
+            gpu_s=Spread.of(self._gpu_s) if self._gpu_s else None,
+            read_s=Spread.of(self._read_s) if self._read_s else None,
+        )

@@ -1,0 +1,7 @@
+"""What a scene calls for, and what it costs.
+
+costs  What an effect costs: the same image with and without it, in turn, and the median of the differences
+plan   What a scene calls for, effect by effect: used or left out, the fact that decided it, and what it
+       costs
+table  What a scene calls for, as text and as JSON
+"""

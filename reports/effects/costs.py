@@ -1,0 +1,166 @@
+"""What an effect costs: the same image with and without it, in turn, and the median of the differences."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reference.transport.transport import PathTracer
+from xfrustum.reports.common.timing import FEWEST_DIFFERENCES, Stopwatch, median_interval
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+ONCE = Sampling()
+PROCEDURE = (
+    "each image with and without the effect, in turn, the first of a pair in alternation, "
+    "after one of each that warms up; "
+    "medians, of the differences for costs; color only, one sample unless samples are what is measured; "
+    "light transport from its time for 4 paths a pixel"
+)
+MEASURED_PATHS = 4
+RENDERERS = ("raster", "reference")
+
+Image = Callable[[], object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """What one effect adds to the time of one image.
+
+    Attributes
+    ----------
+    seconds
+        Median of the differences between the image with it and the one without.
+    spread
+        Half the distance between the quartiles of the differences.
+    interval
+        Ends of the interval that holds the true median difference; see `timing.median_interval`.
+    repetitions
+        How many differences there are.
+    without
+        Median time of the image without it.
+    """
+
+    seconds: float
+    spread: float
+    interval: tuple[float, float]
+    repetitions: int
+    without: float
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the effect is told to take time, or to save it: the interval is on one side of zero."""
+        low, high = self.interval
+        return self.repetitions >= FEWEST_DIFFERENCES and (low > 0 or high < 0)
+
+
+def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
+    """Return what the first of two images costs more than the second.
+
+    Parameters
+    ----------
+    with_it, without_it
+        Make the images.
+    repeat
+        Measured pairs, after one that warms up. Which image of a pair is the first alternates: the second
+        may find caches filled, or a processor slowed down.
+    """
+    pairs = [_pair(with_it, without_it, swapped=turn % 2 == 0) for turn in range(repeat + 1)][1:]
+    differences = [one - other for one, other in pairs]
+    quartiles = statistics.quantiles(differences, n=4) if repeat > 1 else differences * 3
+    return Cost(
+        seconds=statistics.median(differences),
+        spread=(quartiles[2] - quartiles[0]) / 2,
+        interval=median_interval(differences),
+        repetitions=repeat,
+        without=statistics.median(other for _, other in pairs),
+    )
+
+
+def _pair(with_it: Image, without_it: Image, *, swapped: bool) -> tuple[float, float]:
+    if swapped:
+        other = _seconds(without_it)
+        return _seconds(with_it), other
+    return _seconds(with_it), _seconds(without_it)
+
+
+def _seconds(image: Image) -> float:
+    watch = Stopwatch()
+    with watch.stage("image"):
+        image()
+    return watch.seconds["image"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopwatches:
+    """Measures one aperture's image by both renderers.
+
+    Attributes
+    ----------
+    scene, aperture, settings, tracer
+        Which image.
+    repeat
+        Measured pairs.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    tracer: str
+    repeat: int
+
+    def of_effects(
+        self, with_it: frozenset[Effect], without_it: frozenset[Effect], bar: Any
+    ) -> dict[str, Cost]:
+        """Return what the effects of one set cost beyond those of another, by renderer."""
+        found = {}
+        with Rasterizer(self.scene, with_it) as one, Rasterizer(self.scene, without_it) as other:
+            found["raster"] = cost(self._raster(one, ONCE), self._raster(other, ONCE), self.repeat)
+        bar.update()
+        # Which surface a true line meets first does not depend on which cameras would draw it.
+        if (with_it ^ without_it) - {Effect.C, Effect.C_STAR}:
+            true, simpler = (Reference(self.scene, self.tracer, some) for some in (with_it, without_it))
+            found["reference"] = cost(self._trace(true, ONCE), self._trace(simpler, ONCE), self.repeat)
+        bar.update()
+        return found
+
+    def of_sampling(self, sampling: Sampling, bar: Any) -> dict[str, Cost]:
+        """Return what finer sampling costs beyond one sample, by renderer."""
+        found = {}
+        with Rasterizer(self.scene) as rasterizer:
+            images = (self._raster(rasterizer, sampling), self._raster(rasterizer, ONCE))
+            found["raster"] = cost(*images, self.repeat)
+        bar.update()
+        reference = Reference(self.scene, self.tracer)
+        found["reference"] = cost(self._trace(reference, sampling), self._trace(reference, ONCE), self.repeat)
+        bar.update()
+        return found
+
+    def of_transport(self, transport: Transport, bar: Any) -> dict[str, Cost]:
+        """Return what Mitsuba's light transport takes: an image beside the others, all of it a cost."""
+        tracer, few = PathTracer(self.scene), replace(transport, samples=MEASURED_PATHS)
+        found = cost(lambda: tracer.render(self.aperture, few), lambda: None, self.repeat)
+        # Paths are independent of each other: the time is proportional to their number.
+        share = transport.samples / MEASURED_PATHS
+        bar.update(2)
+        low, high = found.interval
+        longer = replace(
+            found,
+            seconds=share * found.seconds,
+            spread=share * found.spread,
+            interval=(share * low, share * high),
+        )
+        return {"reference": longer}
+
+    def _raster(self, rasterizer: Rasterizer, sampling: Sampling) -> Image:
+        return lambda: rasterizer.render(self.aperture, self.settings, normals=False, sampling=sampling)
+
+    def _trace(self, reference: Reference, sampling: Sampling) -> Image:
+        return lambda: reference.trace(self.aperture, sampling)

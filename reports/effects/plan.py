@@ -1,0 +1,191 @@
+"""What a scene calls for, effect by effect: used or left out, the fact that decided it, and what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from xfrustum.compare.extent import require_seen
+from xfrustum.reference import TRACERS
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.timing import FEWEST_DIFFERENCES
+from xfrustum.reports.effects.costs import Cost, Stopwatches
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arguments import whole
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, decide
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.model.slabs import Slab, slabs
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+REPEAT = FEWEST_DIFFERENCES
+"""Measured pairs of images for each effect."""
+NEAR = 1e-3
+"""Of the reach, where nothing else is asked for: the time does not depend on it."""
+
+WOULD_BE = {"antialiasing": Sampling(supersample=2), "band-limiting": Sampling(aperture=4)}
+"""What sampling would cost is measured with, where it is not asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One effect.
+
+    Attributes
+    ----------
+    name
+        As `--effects` takes it, or that of a setting of the scene.
+    used
+        Whether this scene's images have it.
+    reason
+        The fact that decided it.
+    costs
+        By renderer; none where it was not measured or means nothing there.
+    """
+
+    name: str
+    used: bool
+    reason: str
+    costs: dict[str, Cost]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectsPlan:
+    """What will be simulated of one image, decided before anything runs, and what was measured of it.
+
+    Attributes
+    ----------
+    scene, aperture, settings, tracer
+        Which image.
+    rows
+        The local effects, and then the settings of the scene.
+    slabs
+        Of both cameras, from the back.
+    left_out
+        What all local effects would cost beyond those used, by renderer; none if not measured.
+    repeat
+        Measured pairs of images; 0 if nothing was measured.
+    """
+
+    scene: Scene
+    aperture: Aperture
+    settings: DoubleFrustum
+    tracer: str
+    rows: tuple[Row, ...]
+    slabs: tuple[Slab, ...]
+    left_out: dict[str, Cost]
+    repeat: int
+
+    @property
+    def drawn(self) -> tuple[Slab, ...]:
+        """The slabs that have something in them."""
+        return tuple(slab for slab in self.slabs if slab.triangles)
+
+    @property
+    def passes(self) -> tuple[tuple[Camera, tuple[float, float], str], ...]:
+        """Camera, heights and what is drawn of each of the rasterizer's passes, in order."""
+        reflects = any(row.used for row in self.rows if row.name == Effect.REFLECTION)
+        kinds = ("surfaces", "reflections") if reflects else ("surfaces",)
+        return tuple((slab.camera, slab.heights, kind) for kind in kinds for slab in self.drawn)
+
+
+def explain(
+    scene: Scene,
+    aperture: Aperture | None = None,
+    settings: DoubleFrustum | None = None,
+    *,
+    tracer: str = "embree",
+    repeat: int = REPEAT,
+    progress: bool = False,
+) -> EffectsPlan:
+    """Say what an image of a scene calls for, and measure what each effect costs here and now.
+
+    Parameters
+    ----------
+    scene
+        Its sampling and light transport are settings that are asked for.
+    aperture, settings
+        Which image; by default the middle aperture, both cameras and no slabs.
+    tracer
+        One of `xfrustum.reference.TRACERS`.
+    repeat
+        Measured pairs of images for each effect; 0 measures nothing.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
+        usable OpenGL.
+    """
+    aperture = scene.plate.middle if aperture is None else aperture
+    settings = DoubleFrustum(near=NEAR * scene.frustum.longest_reach) if settings is None else settings
+    settings.check_against(scene.frustum)
+    if whole(repeat) < 0:
+        raise InputError(f"explain: repetitions must be a count from 0, not {repeat!r}")
+    if tracer not in TRACERS:
+        raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
+    require_seen(scene, [aperture])
+    decisions = decide(scene, settings.camera)
+    used = frozenset(decision.effect for decision in decisions if decision.used)
+    rows = [Row(name=d.effect, used=d.used, reason=d.reason, costs={}) for d in decisions]
+    rows += _settings_of(scene)
+    left_out: dict[str, Cost] = {}
+    if repeat:
+        watches = Stopwatches(scene=scene, aperture=aperture, settings=settings, tracer=tracer, repeat=repeat)
+        steps = 2 * (len(rows) + 1)
+        with progress_bar(steps, "explain", "measurement", shown=progress) as bar:
+            rows = [replace(row, costs=_measured(row, used, watches, bar)) for row in rows]
+            left_out = watches.of_effects(ALL_EFFECTS, used, bar)
+    return EffectsPlan(
+        scene=scene,
+        aperture=aperture,
+        settings=settings,
+        tracer=tracer,
+        rows=tuple(rows),
+        slabs=slabs(scene, settings),
+        left_out=left_out,
+        repeat=repeat,
+    )
+
+
+def _settings_of(scene: Scene) -> list[Row]:
+    """Return what changes the picture, and therefore is simulated only if it is asked for."""
+    sampling, transport = scene.sampling, scene.transport
+    side, many = sampling.supersample, sampling.multisample
+    finer = side > 1 or many > 1
+    asked = {
+        "antialiasing": (finer, f"{side} x {side} points a pixel and {many} coverage samples are asked for"),
+        "band-limiting": (sampling.aperture > 1, f"{sampling.aperture} sub-apertures are asked for"),
+        "shadows": (transport.shadows, f"asked for, with {transport.samples} light paths a pixel"),
+        "interreflection": (
+            transport.interreflection, f"asked for, with {transport.samples} light paths a pixel"
+        ),
+    }  # fmt: skip
+    would_be = {
+        "antialiasing": "not asked for; the cost is that of 2 x 2 points a pixel",
+        "band-limiting": "not asked for; the cost is that of 4 sub-apertures",
+        "shadows": f"not asked for; the cost is that of {transport.samples} light paths a pixel",
+        "interreflection": f"not asked for; the cost is that of {transport.samples} light paths a pixel",
+    }
+    return [
+        Row(name=name, used=used, reason=reason if used else would_be[name], costs={})
+        for name, (used, reason) in asked.items()
+    ]
+
+
+def _measured(row: Row, used: frozenset[Effect], watches: Stopwatches, bar: Any) -> dict[str, Cost]:
+    """Return what one row costs: an effect that is left out beside those used, one that is used of them."""
+    if row.name in set(Effect):
+        effect = Effect(row.name)
+        return watches.of_effects(used | {effect}, used - {effect}, bar)
+    asked = watches.scene.sampling
+    if row.name == "antialiasing":
+        finer = replace(asked, aperture=1) if row.used else WOULD_BE[row.name]
+        return watches.of_sampling(finer, bar)
+    if row.name == "band-limiting":
+        return watches.of_sampling(Sampling(aperture=asked.aperture) if row.used else WOULD_BE[row.name], bar)
+    transport = Transport(samples=watches.scene.transport.samples, **{row.name: True})
+    return watches.of_transport(transport, bar)

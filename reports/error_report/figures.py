@@ -1,0 +1,217 @@
+"""The curves of a report, as plotly figures: error against near, prediction drawn in, time per stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import plotly.graph_objects as go
+
+from xfrustum.reports.common.figure_style import COLORS, INK, log_axis, look, style
+from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.scenes.plate.plate import Aperture
+
+Number = Callable[[Measurement], float | None]
+
+
+def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
+    """Return the figures of one aperture, by name.
+
+    Every measured point carries its row number in the sweep as `customdata`, so that the page
+    can show the pictures of the point that was clicked.
+    """
+    rows = [(i, row) for i, row in enumerate(sweep.rows) if row.aperture == aperture]
+    reach = sweep.scene.frustum.longest_reach
+    return {
+        "surface": _surface_figure(rows, reach),
+        "displacement_p99": _displacement_figure(rows, reach, "p99", "99th percentile of displacement, px"),
+        "displacement_rms": _displacement_figure(rows, reach, "rms", "rms displacement, px"),
+        "triangle": _fraction_figure(rows, reach, "triangle", "pixels with another triangle"),
+    }
+
+
+def stage_times(sweep: Sweep) -> go.Figure:
+    """Return a bar per stage: wall seconds that add up to those of everything, parts drawn as parts."""
+    stages = list(sweep.times_s)
+    parts = {stage: sum(sweep.parts_s.get(stage, {}).values()) for stage in stages}
+    figure = go.Figure()
+    names = {stage: f"{stage}, of it {' and '.join(part)}" for stage, part in sweep.parts_s.items()}
+    for seconds, label, color in (
+        ([parts[stage] for stage in stages], "part", COLORS[2]),
+        ([sweep.times_s[stage] - parts[stage] for stage in stages], "stage", COLORS[1]),
+    ):
+        whole = label == "stage"
+        figure.add_bar(
+            x=seconds,
+            y=stages,
+            orientation="h",
+            marker={"color": color},
+            text=[f"{sweep.times_s[stage]:.2f} s" if whole else "" for stage in stages],
+            textposition="outside" if whole else "none",
+            cliponaxis=False,
+            customdata=[sweep.times_s[stage] if whole else parts[stage] for stage in stages],
+            hovertext=stages if whole else [names.get(stage, stage) for stage in stages],
+            hovertemplate="%{hovertext}: %{customdata:.3f} s<extra></extra>",
+            showlegend=False,
+        )
+    style(figure)
+    figure.update_layout(
+        barmode="stack", height=70 + 34 * len(stages), margin={"l": 90, "r": 70, "t": 10, "b": 50}
+    )
+    figure.update_xaxes(title_text=f"wall seconds, {sweep.wall_s:.2f} in all", rangemode="tozero")
+    figure.update_yaxes(autorange="reversed", showgrid=False)
+    return figure
+
+
+def number_figure(
+    rows: Sequence[tuple[int, Measurement]], reach: float, number: Number, title: str
+) -> go.Figure:
+    """Draw any number of a row against near, one line for each depth buffer; zeros are left out."""
+    figure = go.Figure()
+    _add_depth_lines(figure, rows, reach, number)
+    figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
+    _log_axes(figure, title)
+    return figure
+
+
+def pair_figure(
+    nears: Sequence[float], measured: Sequence[float], predicted: Sequence[float], title: str
+) -> go.Figure:
+    """Draw a measured number against near, in fractions of the reach, and its closed form, dashed."""
+    figure = go.Figure()
+    for name, values, line in (
+        ("measured", measured, {"color": COLORS[1], "width": 2}),
+        ("closed form", predicted, {"color": INK, "width": 2, "dash": "dash"}),
+    ):
+        mode = "lines+markers" if name == "measured" else "lines"
+        figure.add_scatter(
+            x=nears,
+            y=[value or None for value in values],
+            name=name,
+            mode=mode,
+            line=line,
+            hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}",
+        )
+    _log_axes(figure, title)
+    return figure
+
+
+def _fraction_figure(
+    rows: Sequence[tuple[int, Measurement]], reach: float, key: str, title: str
+) -> go.Figure:
+    """Draw a share of pixels; zeros, which a logarithmic axis lacks, lie at half a pixel and are hollow."""
+    figure = go.Figure()
+
+    def fraction(row: Measurement) -> float | None:
+        share = float(row.comparison[key]["fraction"])
+        return share or 0.5 / max(row.comparison["judged"], 1)
+
+    _add_depth_lines(figure, rows, reach, fraction)
+    for line, group in zip(figure.data, _by_depth(rows).values(), strict=True):
+        comparisons = [row.comparison for _, row in group]
+        symbol = line.marker.symbol
+        line.marker.symbol = [symbol + ("" if c[key]["wrong"] else "-open") for c in comparisons]
+        line.text = [f"{c[key]['wrong']} of {c['judged']}" for c in comparisons]
+        line.hovertemplate = "near %{x:.3g} of the reach<br>%{text} pixels wrong"
+    _log_axes(figure, title)
+    return figure
+
+
+def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go.Figure:
+    """Draw the share of wrong surfaces with its closed forms, one for each depth buffer, dashed."""
+    figure = _fraction_figure(rows, reach, "surface", "pixels with the wrong surface")
+    for place, (label, group) in enumerate(_by_depth(rows).items()):
+        figure.add_scatter(
+            x=[row.settings.near / reach for _, row in group],
+            # Less than half a pixel is as much as none.
+            y=[
+                max(row.predicted.surface_fraction, 0.5 / max(row.comparison["judged"], 1))
+                for _, row in group
+            ],
+            name=f"{label}, closed form",
+            mode="lines",
+            showlegend=False,
+            line={"color": look(place)[0], "dash": "dash", "width": 1.5},
+            hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g}",
+        )
+    # One entry for all of them.
+    figure.add_scatter(
+        x=[None], y=[None], name="closed form", mode="lines", line={"color": INK, "dash": "dash", "width": 2}
+    )
+    return figure
+
+
+def _displacement_figure(
+    rows: Sequence[tuple[int, Measurement]], reach: float, statistic: str, title: str
+) -> go.Figure:
+    """Draw a statistic of displacement with its closed-form prediction, dashed."""
+    figure = go.Figure()
+
+    def measured(row: Measurement) -> float | None:
+        displacement = row.comparison["displacement_px"]
+        return None if displacement is None else displacement[statistic] or None
+
+    _add_depth_lines(figure, rows, reach, measured)
+    figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g} px")
+    forms = {row.settings.near / reach: row.predicted.displacement_px for _, row in rows}
+    predicted = {near: spread for near, spread in forms.items() if spread is not None}
+    nears = sorted(predicted)
+    figure.add_scatter(
+        x=nears,
+        y=[getattr(predicted[near], statistic) or None for near in nears],
+        name="closed form",
+        mode="lines",
+        line={"color": INK, "dash": "dash", "width": 2},
+        hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g} px",
+    )
+    _log_axes(figure, title)
+    return figure
+
+
+def _add_depth_lines(
+    figure: go.Figure, rows: Sequence[tuple[int, Measurement]], reach: float, number: Number
+) -> None:
+    groups = _by_depth(rows)
+    for place, (label, group) in enumerate(groups.items()):
+        color, symbol = look(place)
+        # Curves that coincide stay visible: each lies thinner on the one before.
+        below = len(groups) - 1 - place
+        figure.add_scatter(
+            x=[row.settings.near / reach for _, row in group],
+            y=[number(row) for _, row in group],
+            customdata=[index for index, _ in group],
+            name=label,
+            mode="lines+markers",
+            line={"color": color, "width": 1.6 + 0.8 * below},
+            marker={"symbol": symbol, "size": 6 + below, "color": color},
+        )
+
+
+def _by_depth(rows: Sequence[tuple[int, Measurement]]) -> dict[str, list[tuple[int, Measurement]]]:
+    grouped: dict[str, list[tuple[int, Measurement]]] = {}
+    for index, row in sorted(rows, key=lambda item: item[1].settings.near):
+        grouped.setdefault(row.settings.depth_label, []).append((index, row))
+    order = dict.fromkeys(row.settings.depth_label for _, row in rows)
+    return {label: grouped[label] for label in order}
+
+
+def _log_axes(figure: go.Figure, title: str) -> None:
+    style(figure)
+    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}}, height=400)
+    # Labels side by side take more room than above each other, and turned ones run into the legend.
+    figure.update_xaxes(
+        title_text="near plane / reach", tickangle=0, **log_axis(_nears(figure), ratio=30, labels=3)
+    )
+    figure.update_yaxes(**log_axis(_heights(figure)))
+
+
+def is_blank(figure: go.Figure) -> bool:
+    """Return whether a figure with a logarithmic axis shows no point at all."""
+    return not _heights(figure)
+
+
+def _heights(figure: go.Figure) -> list[float]:
+    return [y for trace in figure.data if trace.y is not None for y in trace.y if y is not None and y > 0]
+
+
+def _nears(figure: go.Figure) -> list[float]:
+    return [x for trace in figure.data if trace.x is not None for x in trace.x if x is not None and x > 0]

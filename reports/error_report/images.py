@@ -1,0 +1,239 @@
+"""Pictures for people: encoded, small, with scales that stay the same over a whole report."""
+
+from __future__ import annotations
+
+import io
+import math
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from plotly.colors import sample_colorscale, unlabel_rgb
+from skimage.measure import block_reduce
+
+from xfrustum.compare.metrics.displacement import lengths
+from xfrustum.compare.metrics.display import LEVELS, encoded
+from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
+from xfrustum.reports.measurements.measurement import SettingPictures
+from xfrustum.scenes.model.hogel_image import HogelImage
+
+if TYPE_CHECKING:
+    from xfrustum.compare import ErrorMaps
+    from xfrustum.scenes.model.scene import Scene
+
+DISPLACEMENT_RANGE_PX = (1e-3, 1e2)
+"""Ends of the logarithmic scale; the lower one is what 32-bit positions can measure."""
+LARGEST_HEIGHT_ERROR = 1e-2
+"""Upper end of the logarithmic scale on both sides of zero, as a fraction of the longest reach."""
+RADIANCE_RANGE = (1e-4, 1.0)
+"""Ends of the logarithmic scale, linear radiance; the lower one is a fortieth of an 8-bit step."""
+SURFACE_COLOR = "rgb(224, 49, 49)"
+TRIANGLE_COLOR = "rgb(245, 135, 0)"
+
+_DISPLACEMENT_STEPS = 40
+_HEIGHT_STEPS = 15
+_DISPLACEMENT_COLORS = sample_colorscale("Viridis", list(np.linspace(0, 1, _DISPLACEMENT_STEPS)))
+_RADIANCE_COLORS = sample_colorscale("Inferno", list(np.linspace(0.15, 1, _DISPLACEMENT_STEPS)))
+_HEIGHT_COLORS = sample_colorscale("RdBu_r", list(np.linspace(0, 1, 2 * _HEIGHT_STEPS + 1)))
+_UNTEXTURED_GRAY = 0.4
+_DROPPED_BITS = 2
+_KEPT_BITS = 0xFF << _DROPPED_BITS & 0xFF
+
+
+def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
+    """Return both ends of the scale of height errors, as fractions of the longest reach.
+
+    Smaller errors than the lower end are white. It is the error that rounding alone may make of a 32-bit
+    surface point (`compare.rounding.positions`) as far away as the reach, or as the scene's largest coordinate if that
+    is larger, rounded up to 1, 2 or 5 of its power of ten.
+
+    Parameters
+    ----------
+    scene
+        None where it is not at hand.
+    reach
+        Longest reach, scene units.
+    """
+    rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
+    if scene is not None:
+        rounding = max(rounding, largest_tolerance(scene) / reach)
+    # A far vertex may make a scale of less than a decade; its upper end stays.
+    return min(_rounded_up(rounding), LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
+
+
+def _rounded_up(value: float) -> float:
+    power = math.floor(math.log10(value))
+    return next(float(f"{digit}e{power}") for digit in (1, 2, 5, 10) if float(f"{digit}e{power}") >= value)
+
+
+def setting_pictures(
+    drawn: HogelImage, maps: ErrorMaps, reach: float, heights: tuple[float, float], reduction: int = 1
+) -> SettingPictures:
+    """Encode the raster image and its error maps.
+
+    Parameters
+    ----------
+    drawn, maps
+        The raster image and what the comparison found, (H, W).
+    reach
+        Longest reach, scene units; the unit of the height scale.
+    heights
+        Both ends of that scale; see `height_range`.
+    reduction
+        Image pixels per picture pixel, along each side; errors keep the worst of a block.
+    """
+    surface = np.zeros_like(maps.triangle) if maps.surface is None else maps.surface
+    return SettingPictures(
+        raster=picture(drawn, reduction),
+        displacement=displacement_map(maps.displacement, reduction),
+        surface=mask(surface, SURFACE_COLOR, reduction),
+        triangle=mask(maps.triangle, TRIANGLE_COLOR, reduction),
+        height=height_map(maps.height, reach, heights, reduction),
+        radiance=None if maps.radiance is None else radiance_map(maps.radiance, reduction),
+    )
+
+
+def picture(image: HogelImage, reduction: int = 1) -> bytes:
+    """Encode the color image as WebP in sRGB, transparent where there is no surface.
+
+    Without loss but for the last `_DROPPED_BITS` of each channel, which nobody sees and which
+    fill half the file.
+    """
+    covered = image.covered
+    if image.color is None:
+        linear = np.full((*covered.shape, 3), _UNTEXTURED_GRAY, dtype=np.float32)
+    else:
+        linear = np.clip(np.nan_to_num(image.color), 0.0, 1.0)
+    linear = np.where(covered[..., None], linear, 0.0)
+    share = covered.astype(np.float32)
+    if reduction > 1:
+        share = block_reduce(share, (reduction, reduction), np.mean)
+        linear = block_reduce(linear, (reduction, reduction, 1), np.mean)
+        linear = linear / np.maximum(share, np.finfo(np.float32).tiny)[..., None]
+    pixels = np.empty((*share.shape, 4), dtype=np.uint8)
+    pixels[..., :3] = _levels(linear) & _KEPT_BITS
+    pixels[..., 3] = np.rint(LEVELS * np.clip(share, 0, 1))
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "WEBP", lossless=True, quality=0, method=0)
+    return buffer.getvalue()
+
+
+def displacement_map(displacement: NDArray[np.float64], reduction: int = 1) -> bytes:
+    """Encode the length of (H, W, 2) displacement vectors as PNG, transparent where undefined.
+
+    The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
+    """
+    length = lengths(displacement)
+    low, high = np.log10(DISPLACEMENT_RANGE_PX)
+    known = np.isfinite(length)
+    level = (_log10(length[known]) - low) / (high - low) * _DISPLACEMENT_STEPS
+    # 0 is both "undefined" and the least: the worst of a block is its largest index.
+    index = np.zeros(length.shape, dtype=np.uint8)
+    index[known] = 1 + np.clip(np.floor(level), 0, _DISPLACEMENT_STEPS - 1)
+    return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
+
+
+def height_map(
+    height: NDArray[np.floating], reach: float, heights: tuple[float, float], reduction: int = 1
+) -> bytes:
+    """Encode the signed (H, W) height error as PNG, transparent where undefined.
+
+    Red is nearer to the viewer than the truth, blue farther; logarithmic between the ends of a
+    `height_range`, in fractions of the reach.
+    """
+    low, high = np.log10(heights)
+    known = np.isfinite(height)
+    error = height[known]
+    level = (_log10(np.abs(error) / reach) - low) / (high - low) * _HEIGHT_STEPS
+    step = np.full(height.shape, np.nan)
+    step[known] = np.sign(error) * np.ceil(np.clip(level, 0, _HEIGHT_STEPS))
+    if reduction > 1:
+        highest = block_reduce(np.nan_to_num(step, nan=-np.inf), (reduction, reduction), np.max, -np.inf)
+        lowest = block_reduce(np.nan_to_num(step, nan=np.inf), (reduction, reduction), np.min, np.inf)
+        step = np.where(np.abs(highest) >= np.abs(lowest), highest, lowest)
+    index = np.where(np.isfinite(step), 1 + _HEIGHT_STEPS + np.nan_to_num(step, posinf=0, neginf=0), 0)
+    return _palette_png(index, _HEIGHT_COLORS)
+
+
+def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
+    """Encode the radiance error (H, W, 3) as PNG: of the channel that is farthest off, whichever its sign.
+
+    Logarithmic over `RADIANCE_RANGE`; smaller errors are transparent, and so is what is not judged.
+    """
+    low, high = np.log10(RADIANCE_RANGE)
+    level = (_log10(np.abs(error).max(axis=-1)) - low) / (high - low) * _DISPLACEMENT_STEPS
+    index = np.clip(1 + np.floor(np.nan_to_num(level, nan=-1.0, neginf=-1.0)), 0, _DISPLACEMENT_STEPS)
+    return _palette_png(_worst(index, reduction), _RADIANCE_COLORS)
+
+
+def mask(wrong: NDArray[np.bool_], color: str, reduction: int = 1) -> bytes:
+    """Encode an (H, W) mask as PNG: the color where it is set, transparent elsewhere."""
+    return _palette_png(_worst(wrong.astype(np.uint8), reduction), [color])
+
+
+def displacement_scale() -> list[str]:
+    """Return the colors of the displacement scale, smallest first."""
+    return list(_DISPLACEMENT_COLORS)
+
+
+def radiance_scale() -> list[str]:
+    """Return the colors of the scale of radiance errors, smallest first."""
+    return list(_RADIANCE_COLORS)
+
+
+def height_scale() -> list[str]:
+    """Return the colors of the height scale, from farther (blue) to nearer (red)."""
+    return list(_HEIGHT_COLORS)
+
+
+def media_type(encoded: bytes) -> str:
+    """Return the media type of an encoded picture."""
+    return "image/webp" if encoded.startswith(b"RIFF") else "image/png"
+
+
+_BIN_BITS = 12
+"""Of a float32's 23 bits of mantissa: colors that differ in these alone are nearly always shown alike."""
+
+
+@cache
+def _level_of_bin() -> NDArray[np.int16]:
+    """Return the level of every color from 0 to 1 by its leading bits; -1 where a bin has two."""
+    first = np.arange((np.float32(1).view(np.uint32) >> _BIN_BITS) + 1, dtype=np.uint32) << _BIN_BITS
+    last = first | ((1 << _BIN_BITS) - 1)
+    low, high = (np.rint(LEVELS * encoded(ends.view(np.float32))) for ends in (first, last))
+    return np.where(low == high, low, -1).astype(np.int16)
+
+
+def _levels(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return the 8-bit levels of colors between 0 and 1, to the last one those of the curve itself.
+
+    The curve rises (but at its knee, by 1e-8, far from where two levels meet): where both ends of a bin
+    have one level, all that is between them has it.
+    """
+    colors = np.ascontiguousarray(linear, dtype=np.float32)
+    levels: NDArray[np.int16] = _level_of_bin()[colors.view(np.uint32) >> _BIN_BITS]
+    doubtful = levels < 0
+    levels[doubtful] = np.rint(LEVELS * encoded(colors[doubtful]))
+    return levels.astype(np.uint8)
+
+
+def _log10(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithm: NDArray[np.floating] = np.log10(values)
+    return logarithm
+
+
+def _worst(index: NDArray[np.generic], reduction: int) -> NDArray[np.generic]:
+    return block_reduce(index, (reduction, reduction), np.max) if reduction > 1 else index
+
+
+def _palette_png(index: NDArray[np.generic], colors: list[str]) -> bytes:
+    """Encode palette indices; 0 is transparent, i is the i-th color."""
+    palette = np.rint([(0, 0, 0), *(unlabel_rgb(color) for color in colors)])
+    encoded = Image.fromarray(index.astype(np.uint8))
+    encoded.putpalette(palette.astype(np.uint8).tobytes())
+    buffer = io.BytesIO()
+    encoded.save(buffer, "PNG", transparency=0, compress_level=6)
+    return buffer.getvalue()

@@ -1,0 +1,149 @@
+"""The page: one HTML file with its pictures, its plots and plotly.js inside."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from dataclasses import fields
+from typing import Any
+
+from xfrustum.compare.metrics.paired import CONFIDENCE
+from xfrustum.reports.common import formatting
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.error_report import figures, images, shading_page
+from xfrustum.reports.error_report.shading import ShadingReport
+from xfrustum.reports.error_report.sweep_bench import REPEAT_BUDGET_S
+from xfrustum.reports.error_report.tables import recommended_command, report_object
+from xfrustum.reports.measurements import best
+from xfrustum.reports.measurements.measurement import TOLERANCE_PX, Measurement, SettingPictures, Sweep
+from xfrustum.reports.scene_check.page_section import scene_fit
+from xfrustum.reports.trade_off import trade_off
+from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
+from xfrustum.scenes.model.hogel_image import Certainty
+
+_CERTAINTY_WORDS = {
+    Certainty.PROVEN: "proven in floating point",
+    Certainty.EXACT: "decided in rational arithmetic",
+    Certainty.TIE: "tie, not judged",
+    Certainty.UNEXAMINED: "not examined",
+}
+
+
+def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
+    """Return the report as one HTML document that needs nothing else, online or offline."""
+    reach = sweep.scene.frustum.longest_reach
+    options = trade_off.options_of(sweep)
+    recommended = trade_off.recommended_of(sweep, options)
+    values = {
+        "scene": sweep.scene,
+        "fit": scene_fit(sweep.scene),
+        "frustum": _frustum_words(sweep),
+        "reach": reach,
+        "sentence": best.sentence(sweep.rows, sweep.scene.units, reach),
+        "can_be_judged": best.can_be_judged(sweep.rows),
+        "verdict": best.best_setting(sweep.rows),
+        "command": recommended_command(sweep),
+        "near_range": best.near_range,
+        "unseen_px": best.UNSEEN_DISPLACEMENT_PX,
+        "confidence": CONFIDENCE,
+        "repeat_budget_s": REPEAT_BUDGET_S,
+        "per_depth": best.best_per_depth(sweep.rows),
+        "apertures": sweep.apertures,
+        "settings_count": len({row.settings for row in sweep.rows}),
+        "rows": sweep.rows,
+        "certainty": _certainty_table(sweep),
+        "versions": sweep.versions,
+        "devices": sweep.devices,
+        "reduction": sweep.reduction,
+        "displacement_colors": images.displacement_scale(),
+        "displacement_range": images.DISPLACEMENT_RANGE_PX,
+        "height_colors": images.height_scale(),
+        "height_range": images.height_range(sweep.scene, reach),
+        "surface_color": images.SURFACE_COLOR,
+        "triangle_color": images.TRIANGLE_COLOR,
+        "shading": shading_page.context(shading),
+        "trade_off": trade_off.answers(options, recommended=recommended),
+        "total_s": sweep.wall_s,
+        "page_data": _page_data(sweep, shading),
+    }
+    filters = {"percent": formatting.percent, "pixels": best.pixels, "digits": formatting.digits}
+    return html_page("report.html.j2", filters, values)
+
+
+def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
+    """Collect what the page's script needs: pictures by hash, rows, figures."""
+    pictures: dict[str, str] = {}
+    rows = [_row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True)]
+    chosen = best.best_setting(sweep.rows).settings
+    start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
+    return {
+        "rows": rows,
+        "apertures": [list(aperture.index) for aperture in sweep.apertures],
+        "truths": [_keep(encoded, pictures) for encoded in sweep.truths],
+        "start": start,
+        "units": sweep.scene.units,
+        "reach": sweep.scene.frustum.longest_reach,
+        "pictures": pictures,
+        "curves": [
+            {
+                name: None if figures.is_blank(figure) else json.loads(figure.to_json())
+                for name, figure in (
+                    figures.curves(sweep, aperture) | shading_page.curves(shading, sweep, aperture)
+                ).items()
+            }
+            for aperture in sweep.apertures
+        ],
+        "eye": shading_page.eye_figure(shading),
+        "times": json.loads(figures.stage_times(sweep).to_json()),
+        "cost": json.loads(trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX).to_json()),
+    }
+
+
+def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) -> dict[str, Any]:
+    return {
+        "aperture": list(row.aperture.index),
+        "depth": row.settings.depth_label,
+        "near": row.settings.near,
+        "comparison": row.comparison,
+        "predicted": row.predicted,
+        "predicted_surface": row.predicted.surface_fraction,
+        "ratio": row.measured_over_predicted,
+        "times_s": row.times_s,
+        "parts_s": row.parts_s,
+        "pictures": {
+            f.name: _keep(encoded, pictures)
+            for f in fields(own)
+            if (encoded := getattr(own, f.name)) is not None
+        },
+    }
+
+
+def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
+    """Store a picture once, however many settings share it, and return its key."""
+    key = hashlib.sha256(encoded).hexdigest()[:16]
+    if key not in pictures:
+        text = base64.b64encode(encoded).decode()
+        pictures[key] = f"data:{images.media_type(encoded)};base64,{text}"
+    return key
+
+
+def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
+    """Return one line per class: its words, and its number of pixels at each aperture."""
+    first = {row.aperture: row.certainty for row in reversed(sweep.rows)}
+    return [
+        (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
+        for kind, words in _CERTAINTY_WORDS.items()
+    ]
+
+
+def _frustum_words(sweep: Sweep) -> str:
+    frustum = report_object(sweep)["scene"]["frustum"]
+    width, height = frustum["resolution"]
+    toward, behind = frustum["reach"]
+    kind = "recentered" if sweep.scene.frustum.recentered else "centered"
+    units = sweep.scene.units
+    return (
+        f"{kind} frustum, {width} x {height} pixels, "
+        f"reaching {toward:g} {units} toward the viewer and {behind:g} {units} behind the plate"
+    )

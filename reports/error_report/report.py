@@ -1,0 +1,160 @@
+"""`xfrustum report`: from a scene to a page, a table and a JSON object, all or nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xfrustum.compare.extent import require_seen
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.timing import Stopwatch
+from xfrustum.reports.error_report.page import render_page
+from xfrustum.reports.error_report.shading import ShadingReport
+from xfrustum.reports.error_report.shading_measure import measure_shading
+from xfrustum.reports.error_report.sweep import (
+    DEFAULT_DEPTHS,
+    DepthBuffer,
+    default_nears,
+    settings_grid,
+    sweep,
+)
+from xfrustum.reports.error_report.tables import recommended_command, report_object, write_parquet
+from xfrustum.reports.measurements.best import Verdict, best_setting, sentence
+from xfrustum.reports.measurements.measurement import Sweep
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportFiles:
+    """What a report left behind.
+
+    Attributes
+    ----------
+    html, json, parquet
+        Paths of the three files.
+    best
+        The best setting, and its numbers at the worst aperture.
+    sentence
+        The same in words.
+    content
+        The object in report.json.
+    notes
+        Further sentences: of a shaded scene, the time that effects take, and what is left out.
+    cost
+        What the sweep took, in words.
+    command
+        The command that draws as is recommended.
+    """
+
+    html: Path
+    json: Path
+    parquet: Path
+    best: Verdict
+    sentence: str
+    content: dict[str, Any]
+    notes: tuple[str, ...]
+    cost: str
+    command: str
+
+
+FILES = ("index.html", "report.json", "measurements.parquet")
+"""What a report writes."""
+
+
+def default_folder(scene: Scene) -> Path:
+    """Return where a report goes unless told otherwise: `report/NAME` in the current folder."""
+    name = re.sub(r"[^\w.-]+", "-", scene.name).strip("-.") or "scene"
+    return Path("report") / name
+
+
+def make_report(  # noqa: PLR0913 - one parameter per option of the command
+    scene: Scene,
+    out: Path | None = None,
+    *,
+    nears: Sequence[float] | None = None,
+    apertures: Sequence[Aperture] | None = None,
+    depths: Sequence[DepthBuffer] | None = None,
+    tracer: str = "embree",
+    effects: str = "auto",
+    progress: bool = False,
+) -> ReportFiles:
+    """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
+
+    Parameters
+    ----------
+    out
+        Folder for the files; `default_folder` where None. Nothing appears there before all are complete.
+    nears
+        Offsets in scene units, each between 0 and the reach; 25 logarithmic ones where None.
+    apertures
+        The middle one where None and, when the frustum is recentered, two corners.
+    depths
+        Depth formats with mappings; `DEFAULT_DEPTHS` where None.
+    tracer
+        Which reference traces the truth.
+    effects
+        What is simulated, as `--effects` takes it: `auto`, `all`, or names between commas.
+    progress
+        Show a progress bar on standard error.
+
+    Raises
+    ------
+    InputError
+        A near outside 0 to the reach, nothing to measure, none of the apertures sees anything of the
+        objects, an unwritable folder, no OpenGL.
+    """
+    apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
+    settings = _settings(scene, nears, depths)
+    if not settings or not apertures:
+        raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
+    require_seen(scene, apertures)
+    with Staging(default_folder(scene) if out is None else out, FILES) as staging:
+        measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
+        watch = Stopwatch()
+        with watch.stage("light"):
+            shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
+        measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
+        content = _write(staging.folder, measured, shading)
+        staging.commit()
+    return ReportFiles(
+        html=staging.out / FILES[0],
+        json=staging.out / FILES[1],
+        parquet=staging.out / FILES[2],
+        best=best_setting(measured.rows),
+        sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
+        content=content,
+        notes=tuple(shading.sentences()) if shading else (),
+        cost=measured.cost_sentence,
+        command=recommended_command(measured),
+    )
+
+
+def _settings(
+    scene: Scene, nears: Sequence[float] | None, depths: Sequence[DepthBuffer] | None
+) -> tuple[DoubleFrustum, ...]:
+    """Return every near with every depth buffer, each once, checked against the scene."""
+    settings = settings_grid(
+        dict.fromkeys(default_nears(scene.frustum) if nears is None else nears),
+        dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths),
+    )
+    for setting in settings:
+        setting.check_against(scene.frustum)
+    return settings
+
+
+def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
+    """Write the three files; return the object in report.json."""
+    content = {**report_object(measured), "shading": json_ready(shading and shading.summary())}
+    (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
+    text = json.dumps(content, allow_nan=False, indent=1)
+    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    write_parquet(measured, folder / "measurements.parquet")
+    return content

@@ -1,0 +1,153 @@
+"""What a report says about light beside its rows: effects and their time, the eye vector, what is missed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from xfrustum.reports.common.formatting import digits, percent
+from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_DIFFERENCES
+from xfrustum.reports.effects.costs import Cost
+from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
+from xfrustum.scenes.model.effects import Decision
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyeError:
+    """What the bent eye vector costs at one near plane: root mean squares over points and channels.
+
+    Attributes
+    ----------
+    near
+        Scene units.
+    predicted
+        Over the truth's surface points.
+    measured
+        Over the points that the device drew, with its float32 arithmetic.
+    """
+
+    near: float
+    predicted: float
+    measured: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MissedLight:
+    """What a rasterizer misses of one aperture.
+
+    Attributes
+    ----------
+    aperture
+        Which one.
+    numbers
+        See `LeftOut.summary`.
+    picture, difference
+        The truth with shadows and interreflection, and how far the one without is from it, encoded.
+    """
+
+    aperture: Aperture
+    numbers: dict[str, Any]
+    picture: bytes
+    difference: bytes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShadingReport:
+    """What a report says about light beside its rows.
+
+    Attributes
+    ----------
+    scene
+        What was measured.
+    names
+        As `--effects` takes them: what was drawn.
+    decisions
+        Of every effect: whether the scene calls for it, and why.
+    saved
+        By renderer: what all effects cost beyond those that the scene calls for.
+    same_bits
+        Whether the rasterizer's images with all and with those are the same, bit by bit.
+    per_sample
+        By renderer: seconds for each point of the aperture; none where it has one.
+    eye
+        By near; none where no highlight and no reflection is drawn.
+    missed
+        By aperture; none where no light transport is asked for.
+    """
+
+    scene: Scene
+    names: str
+    decisions: tuple[Decision, ...]
+    saved: dict[str, Cost]
+    same_bits: bool
+    per_sample: dict[str, float]
+    eye: tuple[EyeError, ...]
+    missed: tuple[MissedLight, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as report.json has them."""
+        return {
+            "effects": self.names,
+            "decisions": self.decisions,
+            "saved_s": {name: cost.seconds for name, cost in self.saved.items()},
+            "saved_interval_s": {name: cost.interval for name, cost in self.saved.items()},
+            "image_s": {name: cost.without for name, cost in self.saved.items()},
+            "same_bits": self.same_bits,
+            "sampling": self.scene.sampling,
+            "seconds_per_aperture_sample": self.per_sample,
+            "eye_vector": self.eye,
+            "left_out": [{"aperture": part.aperture.index, **part.numbers} for part in self.missed],
+        }
+
+    def sentences(self) -> Iterator[str]:
+        """Say what a person asks first: the time saved, and what is missing."""
+        for name, cost in self.saved.items():
+            yield (
+                f"{name.capitalize()}: {milliseconds(cost.without)} an image with what the scene calls for; "
+                f"all effects {_more(cost)}."
+            )
+        for part in self.missed:
+            pixels = self.scene.frustum.resolution[0] * self.scene.frustum.resolution[1]
+            numbers = part.numbers
+            yield (
+                f"Aperture {part.aperture.column},{part.aperture.row}: light transport changes "
+                f"{numbers['pixels']:,} pixels ({percent(numbers['pixels'] / pixels)}), "
+                f"{numbers['darker']:,} of them to darker; rms {digits(numbers['rms'])} in radiance, "
+                f"after noise of {digits(numbers['rms_noise'])} is taken off."
+            )
+
+
+def is_shaded(scene: Scene) -> bool:
+    """Return whether a scene says how it looks: materials, lights, environment, colors, textures, shadows."""
+    looks, surface = scene.appearance, scene.surface
+    if scene.transport.simulated:
+        return True
+    named = bool(looks.materials) or looks.environment is not None or looks.lights != (DEFAULT_LIGHT,)
+    return named or surface.vertex_colors is not None or surface.texture_of_triangle is not None
+
+
+def _more(cost: Cost) -> str:
+    """Say what all effects cost more; where repetitions do not tell it from nothing, that."""
+    low, high = (f"{digits(1e3 * end)}" for end in cost.interval)
+    if not cost.resolved:
+        return (
+            f"could not be told apart from that in {cost.repetitions} repetitions "
+            f"(the difference lies between {low} and {high} ms, {_confidence(cost)})"
+        )
+    more = "more" if cost.seconds > 0 else "less"
+    part = percent(abs(cost.seconds) / cost.without)
+    between = f"the difference lies between {low} and {high} ms, {_confidence(cost)}"
+    return f"take {milliseconds(abs(cost.seconds))} {more} ({part}; {between})"
+
+
+def _confidence(cost: Cost) -> str:
+    known = cost.repetitions >= FEWEST_DIFFERENCES
+    return f"with {percent(CONFIDENCE)} confidence" if known else "with too few repetitions"
+
+
+def milliseconds(seconds: float) -> str:
+    """Write a time, from one second on in seconds."""
+    return f"{digits(seconds)} s" if seconds >= 1 else f"{digits(1e3 * seconds)} ms"

@@ -1,0 +1,261 @@
+"""The recommendation: which depth buffer and near planes are best, and the sentence that says so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from xfrustum.compare.metrics.paired import is_worse
+from xfrustum.reports.common.formatting import _plain, digits, percent
+from xfrustum.reports.measurements.measurement import Measurement
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+SURFACE_TIE = 1e-4
+"""Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which puts
+the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W, for
+contours as long as l image widths. At W = 512 and nine image widths that is one pixel in ten thousand."""
+
+DISPLACEMENT_TIE_PX = 1e-3
+"""Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
+pixels within 1e-3 px on meshes)."""
+
+UNSEEN_DISPLACEMENT_PX = 0.1
+"""Displacements below this are equally good. At 67 pixels per degree, for which FLIP judges, a pixel spans 54
+seconds of arc; people see an offset of 5 at best between two lines that continue each other (vernier acuity,
+Westheimer 1979): a tenth of a pixel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """Consecutive near planes of one depth buffer that are equally good.
+
+    Attributes
+    ----------
+    low, high
+        The least and the largest of them, scene units.
+    nears
+        How many were measured from the one to the other.
+    """
+
+    low: float
+    high: float
+    nears: int
+
+    @property
+    def width(self) -> float:
+        """The largest near over the least."""
+        return self.high / self.low
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """One setting, with its numbers at the worst of the apertures.
+
+    Attributes
+    ----------
+    settings
+        The setting.
+    surface_fraction
+        Share of judged pixels with the wrong surface.
+    displacement_p99_px
+        99th percentile of displacement in pixels.
+    radiance_fraction
+        Share of judged pixels with a channel of color that is off by more than 1/255; None where the scene
+        is not shaded.
+    window
+        The near planes of the same depth buffer that are as good.
+    """
+
+    settings: DoubleFrustum
+    surface_fraction: float
+    displacement_p99_px: float
+    radiance_fraction: float | None
+    window: Window
+
+
+class _Candidate:
+    """One setting at all apertures."""
+
+    def __init__(self, rows: Sequence[Measurement]) -> None:
+        self.settings = rows[0].settings
+        self._rows = {row.aperture: row for row in rows}
+        self.displacement_p99_px = max(row.displacement_p99_px for row in rows)
+
+    def worst(self, kind: str) -> tuple[float, Aperture]:
+        """Return the largest share of pixels that are wrong in one sense, and the aperture that has it."""
+        shares = {place: row.wrong_share(kind) for place, row in self._rows.items()}
+        place = max(shares, key=shares.__getitem__)
+        return shares[place], place
+
+    def is_worse_than(self, other: _Candidate, kind: str, comparisons: int) -> bool:
+        """Return whether it is worse where it is worst: by more than a tie, and beyond chance."""
+        share, place = self.worst(kind)
+        here, there = self._rows[place], other._rows[place]
+        if share <= other.worst(kind)[0] + SURFACE_TIE:
+            return False
+        mine, others = here.wrong_pixels(kind), there.wrong_pixels(kind)
+        shared = mine.shared_with(others) if mine is not None and others is not None else 0
+        return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
+
+    def verdict(self, window: Window) -> Verdict:
+        """Return its numbers."""
+        shaded = all(row.wrong_pixels("radiance") is not None for row in self._rows.values())
+        return Verdict(
+            settings=self.settings,
+            surface_fraction=self.worst("surface")[0],
+            displacement_p99_px=self.displacement_p99_px,
+            radiance_fraction=self.worst("radiance")[0] if shaded else None,
+            window=window,
+        )
+
+
+def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
+    """Return the settings that nothing measured is better than.
+
+    First come the wrong surfaces: what is not worse than the setting with the fewest. Of those, where the
+    scene is shaded, come the wrong colors likewise; of those, displacement: what keeps to
+    `UNSEEN_DISPLACEMENT_PX`, or to the least within `DISPLACEMENT_TIE_PX` where nothing keeps to it. Worse is
+    what has more wrong pixels by more than `SURFACE_TIE`, and beyond chance (`compare.metrics.paired`). The worst
+    aperture counts.
+
+    Raises
+    ------
+    ValueError
+        There are no rows.
+    """
+    return {one.settings for one in _best(_candidates(rows))}
+
+
+def _candidates(rows: Sequence[Measurement]) -> list[_Candidate]:
+    grouped: dict[DoubleFrustum, list[Measurement]] = {}
+    for row in rows:
+        grouped.setdefault(row.settings, []).append(row)
+    return [_Candidate(group) for group in grouped.values()]
+
+
+def _best(candidates: list[_Candidate]) -> list[_Candidate]:
+    comparisons = max(len(candidates) - 1, 1)
+    for kind in ("surface", "radiance"):
+        least = min(candidates, key=lambda one: one.worst(kind)[0])
+        candidates = [one for one in candidates if not one.is_worse_than(least, kind, comparisons)]
+    least_px = min(one.displacement_p99_px for one in candidates)
+    limit = max(least_px + DISPLACEMENT_TIE_PX, UNSEEN_DISPLACEMENT_PX)
+    return [one for one in candidates if one.displacement_p99_px <= limit]
+
+
+def best_setting(rows: Sequence[Measurement]) -> Verdict:
+    """Return what is recommended: the middle of the widest window of equally good near planes.
+
+    A window is a run of near planes of one depth buffer, as they were measured, that all are `equally_good`.
+    Where windows are equally wide, the one with the larger nears is taken, and where these are equal too, the
+    depth buffer that comes first. Its middle, by ratio, is farthest from what a large near bends and from
+    what a small one starves of depth; of two middles it is the larger near.
+
+    Raises
+    ------
+    ValueError
+        There are no rows.
+    """
+    candidates = _candidates(rows)
+    good = {one.settings for one in _best(candidates)}
+    runs = [run for buffer in _by_depth(candidates).values() for run in _runs(buffer, good)]
+    run = max(runs, key=lambda one: (_window(one).width, _window(one).high))
+    window = _window(run)
+    middle = (window.low * window.high) ** 0.5
+    # The ratio to the middle, whichever way; digits beyond the twelfth are those of the square root.
+    chosen = min(
+        reversed(run), key=lambda one: round(max(one.settings.near / middle, middle / one.settings.near), 12)
+    )
+    return chosen.verdict(window)
+
+
+def _window(run: Sequence[_Candidate]) -> Window:
+    return Window(low=run[0].settings.near, high=run[-1].settings.near, nears=len(run))
+
+
+def _by_depth(candidates: Sequence[_Candidate]) -> dict[tuple[DepthFormat, DepthMapping], list[_Candidate]]:
+    grouped: dict[tuple[DepthFormat, DepthMapping], list[_Candidate]] = {}
+    for one in candidates:
+        grouped.setdefault((one.settings.depth, one.settings.mapping), []).append(one)
+    return grouped
+
+
+def _runs(buffer: Sequence[_Candidate], good: set[DoubleFrustum]) -> list[list[_Candidate]]:
+    """Return the runs of consecutive good nears of one depth buffer, each in ascending order."""
+    ascending = sorted(buffer, key=lambda one: one.settings.near)
+    runs = groupby(ascending, key=lambda one: one.settings in good)
+    return [list(run) for is_good, run in runs if is_good]
+
+
+def can_be_judged(rows: Sequence[Measurement]) -> bool:
+    """Return whether there is a pixel that some setting could show wrongly."""
+    shown = any(row.comparison["covered"] or row.comparison["displacement_px"] for row in rows)
+    return shown and any(row.comparison["judged"] for row in rows)
+
+
+def best_per_depth(rows: Sequence[Measurement]) -> list[Verdict]:
+    """Return the best setting of each depth format and mapping, in the order of the rows.
+
+    Each is best among the settings of its own depth buffer.
+    """
+    grouped: dict[tuple[DepthFormat, DepthMapping], list[Measurement]] = {}
+    for row in rows:
+        grouped.setdefault((row.settings.depth, row.settings.mapping), []).append(row)
+    return [best_setting(group) for group in grouped.values()]
+
+
+def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
+    """Say which near planes and which depth buffer are best, and how good they are.
+
+    Parameters
+    ----------
+    rows
+        All rows of a sweep.
+    units, reach
+        The scene's length unit, and its larger reach in it.
+    """
+    if not any(row.comparison["judged"] for row in rows):
+        return "Nothing can be judged: every pixel of the truth is a tie."
+    if not can_be_judged(rows):
+        return "There is nothing to judge: neither the truth nor any raster image shows a surface."
+    verdict = best_setting(rows)
+    settings = len({row.settings for row in rows})
+    apertures = len({row.aperture for row in rows})
+    where = f" at the worst of {apertures} apertures" if apertures > 1 else ""
+    chosen = "The one setting measured" if settings == 1 else f"Best of {settings} settings"
+    wrong = f"{percent(verdict.surface_fraction)} of the judged pixels show the wrong surface{where}"
+    return (
+        f"{chosen}: near {near_range(verdict.window)} {units} "
+        f"({near_range(verdict.window, reach)} of the reach) with {verdict.settings.depth_label} depth"
+        f"{_equally(verdict, units)}{wrong}, {_colors(verdict)}"
+        f"and 99 % of the picture lies within {pixels(verdict.displacement_p99_px)} of where it belongs."
+    )
+
+
+def _equally(verdict: Verdict, units: str) -> str:
+    if verdict.window.nears == 1:
+        return ". "
+    return (
+        f"; the {verdict.window.nears} nears measured there are equally good. "
+        f"At {digits(verdict.settings.near)} {units}, "
+    )
+
+
+def _colors(verdict: Verdict) -> str:
+    if verdict.radiance_fraction is None:
+        return ""
+    return f"{percent(verdict.radiance_fraction)} are off in color by more than a level of 255, "
+
+
+def near_range(window: Window, unit: float = 1.0) -> str:
+    """Write a window, in multiples of a length."""
+    if window.nears == 1:
+        return digits(window.low / unit)
+    return f"{digits(window.low / unit)} to {digits(window.high / unit)}"
+
+
+def pixels(value: float) -> str:
+    """Write a displacement; below `DISPLACEMENT_TIE_PX` the digits mean nothing."""
+    return _plain(f"{max(value, DISPLACEMENT_TIE_PX):.2g} px")

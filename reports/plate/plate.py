@@ -1,0 +1,252 @@
+"""A plate as a stream: any of its apertures drawn into a store, a few at a time, and never twice."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.plate.claims import Claims
+from xfrustum.reports.plate.store import SOURCE, PlateStore, open_store
+from xfrustum.scenes.model.effects import needed
+from xfrustum.scenes.model.look import look_hash
+from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
+
+WRITTEN_BEHIND = 4
+"""Hogels that may wait for the disk while others are drawn: several take it little longer than one."""
+
+Span = tuple[int, int] | None
+"""First and last index; None for all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateFiles:
+    """What became of the apertures that were asked for.
+
+    Attributes
+    ----------
+    out
+        The Zarr group.
+    drawn, found
+        How many hogels were drawn, and how many had been finished before or by others meanwhile.
+    damaged
+        How many of those drawn were there, and not whole.
+    notes
+        What was damaged and has been mended, in sentences.
+    """
+
+    out: Path
+    drawn: int
+    found: int
+    damaged: int
+    notes: tuple[str, ...]
+
+
+def write_plate(  # noqa: PLR0913 - one parameter per option of the command
+    scene: Scene,
+    settings: DoubleFrustum,
+    out: Path,
+    apertures: Iterable[Aperture] | None = None,
+    content: PlateContent | None = None,
+    *,
+    check: bool = False,
+    progress: bool = False,
+) -> PlateFiles:
+    """Draw apertures of a plate that have not been drawn yet, each into a chunk of its own.
+
+    Killed at any moment it loses no finished hogel; called again it goes on with the others and ends
+    with the bytes of a run that was not disturbed. Any number of processes may draw one plate at once:
+    each hogel is drawn by one of them, and each ends when all that it was asked for is finished.
+
+    Parameters
+    ----------
+    scene, settings
+        What is drawn, and how.
+    out
+        Folder of a Zarr group, made where it does not exist.
+    apertures
+        In which order; None for the whole plate.
+    content
+        Type of color, whether triangle numbers come along, and what is simulated.
+    check
+        Whether to read through every hogel that is there; without it, only its layout is looked at. What
+        is damaged is drawn again.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        See `PlateRenderer` and `open_store`.
+    """
+    content = content or PlateContent()
+    chosen = scene.plate.apertures() if apertures is None else apertures
+    if not isinstance(chosen, ApertureBlocks):
+        chosen = list(dict.fromkeys(chosen))
+    with PlateRenderer(scene, settings, content) as renderer:
+        description = described(renderer)
+        store = open_store(out, scene, content, description)
+        with (
+            store.claims() as claims,
+            progress_bar(len(chosen), "plate", "hogel", shown=progress) as bar,
+        ):
+            work = _Work(scene=scene, store=store, claims=claims, check=check, bar=bar)
+            waiting: Sequence[Aperture] = chosen
+            while waiting:
+                for aperture in _written(renderer.hogels(work.taken(waiting)), store):
+                    work.done(aperture)
+                waiting, work.elsewhere = work.elsewhere, []
+                if waiting:
+                    # Nothing of ours is under way: others may be waited for, as they wait for nobody.
+                    claims.wait(work.number(waiting[0]))
+    return PlateFiles(
+        out=out, drawn=work.drawn, found=work.found, damaged=work.damaged, notes=tuple(work.notes())
+    )
+
+
+@dataclass(kw_only=True)
+class _Work:
+    """Which hogels this process draws, and what became of them.
+
+    Attributes
+    ----------
+    elsewhere
+        Apertures that another process is drawing.
+    drawn, found, damaged
+        As in `PlateFiles`.
+    """
+
+    scene: Scene
+    store: PlateStore
+    claims: Claims
+    check: bool
+    bar: tqdm[Any]
+    elsewhere: list[Aperture] = field(default_factory=list)
+    drawn: int = 0
+    found: int = 0
+    damaged: int = 0
+
+    def taken(self, apertures: Iterable[Aperture]) -> Iterator[Aperture]:
+        """Yield those that are not finished and that nobody else is drawing, each claimed."""
+        for aperture in apertures:
+            number = self.number(aperture)
+            if self._finished(aperture):
+                self._count_found()
+            elif not self.claims.take(number):
+                self.elsewhere.append(aperture)
+            # Whoever claimed it before may have finished it since.
+            elif self._finished(aperture):
+                self.claims.release(number)
+                self._count_found()
+            else:
+                self.damaged += self.store.damaged(aperture) or self.store.finished(aperture)
+                yield aperture
+
+    def done(self, aperture: Aperture) -> None:
+        """Count a hogel that has been written."""
+        self.claims.release(self.number(aperture))
+        self.drawn += 1
+        self.bar.update()
+
+    def number(self, aperture: Aperture) -> int:
+        """Return the number of a hogel on its plate, row by row."""
+        return aperture.row * self.scene.plate.hogels[0] + aperture.column
+
+    def notes(self) -> Iterator[str]:
+        """Yield what was damaged and has been mended."""
+        for name in self.store.mended:
+            yield f"{self.store.out}: the description of {name} was damaged and has been written again"
+        if self.damaged:
+            hogels = "hogel was" if self.damaged == 1 else "hogels were"
+            yield f"{self.store.out}: {self.damaged} {hogels} damaged, and drawn again"
+
+    def _finished(self, aperture: Aperture) -> bool:
+        return self.store.finished(aperture) and (not self.check or self.store.readable(aperture))
+
+    def _count_found(self) -> None:
+        self.found += 1
+        self.bar.update()
+
+
+def _written(hogels: Iterable[PlateHogel], store: PlateStore) -> Iterator[Aperture]:
+    """Write hogels while the next ones are drawn; yield each aperture that is finished."""
+    waiting: deque[Future[Aperture]] = deque()
+
+    def write(hogel: PlateHogel) -> Aperture:
+        store.write(hogel)
+        return hogel.aperture
+
+    with ThreadPoolExecutor(WRITTEN_BEHIND, thread_name_prefix="plate") as writer:
+        for hogel in hogels:
+            if len(waiting) == WRITTEN_BEHIND:
+                yield waiting.popleft().result()
+            waiting.append(writer.submit(write, hogel))
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def described(renderer: PlateRenderer) -> dict[str, Any]:
+    """Return everything that decides a plate's pixels, as JSON: what must agree to go on with it.
+
+    Where the scene came from is told as well; it decides nothing, and need not agree.
+    """
+    scene = renderer.scene
+    # More than the scene calls for changes no pixel.
+    simulated = renderer.effects & needed(scene, renderer.settings.camera)
+    ready: dict[str, Any] = json_ready(
+        {
+            "scene": {
+                "name": scene.name,
+                SOURCE: scene.source,
+                "units": scene.units,
+                "hash": scene.content_hash,
+                "look": look_hash(scene),
+            },
+            "plate": asdict(scene.plate),
+            "frustum": asdict(scene.frustum),
+            "settings": asdict(renderer.settings),
+            "effects": sorted(simulated),
+            "content": {"color": renderer.content.color, "ids": renderer.content.ids},
+            "renderer": {"device": renderer.device["renderer"], "xfrustum": metadata.version("xfrustum")},
+        }
+    )
+    return ready
+
+
+def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> ApertureBlocks:
+    """Return the apertures of some blocks.
+
+    Parameters
+    ----------
+    plate
+        The plate.
+    blocks
+        Columns and rows of each.
+
+    Raises
+    ------
+    InputError
+        A block reaches beyond the plate.
+    """
+    found = []
+    for block in blocks:
+        (left, right), (top, bottom) = (
+            (0, count - 1) if span is None else span for span, count in zip(block, plate.hogels, strict=True)
+        )
+        # Both corners first: a mistake is not found in the middle of the work.
+        plate.aperture(left, top), plate.aperture(right, bottom)
+        found.append((range(left, right + 1), range(top, bottom + 1)))
+    return ApertureBlocks(plate, tuple(found))

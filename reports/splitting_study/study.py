@@ -1,0 +1,100 @@
+"""`xfrustum study splitting`: measured, written down, and resumed where it was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.splitting_study.document import content_object, document, sentence
+from xfrustum.reports.splitting_study.figures import maps, svg
+from xfrustum.reports.splitting_study.grid import FULL, Grid
+from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet, write_parquet
+from xfrustum.reports.splitting_study.run import measure, measured_by
+from xfrustum.reports.splitting_study.store import Store, origin_hash
+
+DEFAULT_FOLDER = Path("study") / "splitting"
+DOCUMENT, DATA, RESULTS, IMAGES = "when-to-split.md", "when-to-split.parquet", "measurements.sqlite", "images"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFiles:
+    """What a study left behind.
+
+    Attributes
+    ----------
+    document, data
+        Markdown and Parquet.
+    figures
+        SVG files.
+    rows
+        Everything measured.
+    sentence
+        The result in one sentence.
+    content
+        The same as the command's JSON object.
+    """
+
+    document: Path
+    data: Path
+    figures: tuple[Path, ...]
+    rows: tuple[StudyRow, ...]
+    sentence: str
+    content: dict[str, Any]
+
+
+def make_study(out: Path | None = None, grid: Grid = FULL, *, progress: bool = False) -> StudyFiles:
+    """Measure where one pair of frusta is enough, and write it down.
+
+    Every cell is kept in `measurements.sqlite` in the folder as soon as it is measured; what is there
+    already, from the same sources, libraries and device, is not measured again.
+
+    Parameters
+    ----------
+    out
+        Folder; `DEFAULT_FOLDER` where None.
+    grid
+        What to measure.
+    progress
+        Show progress bars on standard error.
+
+    Raises
+    ------
+    InputError
+        An unwritable folder, a file in the way, no OpenGL.
+    """
+    out = DEFAULT_FOLDER if out is None else out
+    with Staging(out, (DOCUMENT, DATA, RESULTS)), Staging(out / IMAGES):
+        pass  # It can be written; nothing is left lying about while it is being measured.
+    measured_with = measured_by()
+    with Store(out / RESULTS, origin_hash(measured_with)) as store:
+        rows = measure(grid, store, progress=progress)
+    return write_study(rows, measured_with, out)
+
+
+def write_study(rows: Sequence[StudyRow], origin: Origin, out: Path) -> StudyFiles:
+    """Write document, figures and data of some rows.
+
+    The data goes first and the document last: what a document refers to is there.
+    """
+    with Staging(out / IMAGES) as staging:
+        for name, drawn in maps(rows).items():
+            (staging.folder / f"{name}.svg").write_text(svg(drawn), encoding="utf-8")
+        figures = staging.commit()
+    with Staging(out, (DOCUMENT, DATA)) as staging:
+        write_parquet(rows, origin, staging.folder / DATA)
+        # From what is in the file, so that the file alone gives the same document again.
+        rows, origin = read_parquet(staging.folder / DATA)
+        (staging.folder / DOCUMENT).write_text(document(rows, origin), encoding="utf-8")
+        staging.commit()
+    files = {"document": out / DOCUMENT, "data": out / DATA, "figures": figures}
+    return StudyFiles(
+        document=out / DOCUMENT,
+        data=out / DATA,
+        figures=figures,
+        rows=tuple(rows),
+        sentence=sentence(rows),
+        content={"files": files, **content_object(rows, origin)},
+    )

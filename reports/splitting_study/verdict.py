@@ -1,0 +1,126 @@
+"""What the study's rows say: where one pair of frusta is enough, and what helps where it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import dropwhile, takewhile
+
+from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.reports.splitting_study.grid import DepthBuffer
+from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
+from xfrustum.scenes.plate.double_frustum import Camera
+
+TOLERANCE_PX = 0.5
+"""Largest 99th percentile of displacement: a picture moved by less stays within its pixels."""
+
+MAX_DEPTH_WRONG = 1e-3
+"""Largest share of pixels whose wrong surface is charged to depth."""
+
+
+class Verdict(StrEnum):
+    """Why one setting will do, or will not."""
+
+    ENOUGH = "enough"
+    BENT = "bent"
+    STARVED = "starved"
+    BOTH = "both"
+
+
+def verdict(row: StudyRow) -> Verdict:
+    """Judge one cell by what was measured.
+
+    It is bent where displacement exceeds `TOLERANCE_PX`, and starved of depth where more than
+    `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of it, or where sheets
+    `ASKED_SEPARATION` apart at the far end are not ordered.
+    """
+    # A picture in which nothing is left to be displaced has lost everything to depth.
+    bent = row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX
+    starved = row.depth_fraction > MAX_DEPTH_WRONG or row.misordered > MISORDERED
+    return _named(bent, starved)
+
+
+def predicted_verdict(row: StudyRow) -> Verdict:
+    """Judge one cell by the closed forms alone: displacement, and the smallest ordered separation."""
+    bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
+    return _named(bent, row.predicted_separation > ASKED_SEPARATION)
+
+
+def _named(bent: bool, starved: bool) -> Verdict:
+    if bent:
+        return Verdict.BOTH if starved else Verdict.BENT
+    return Verdict.STARVED if starved else Verdict.ENOUGH
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A scene, an image and a depth buffer: what a person has before choosing near and slabs."""
+
+    side: Camera
+    ratio: float
+    resolution: int
+    buffer: DepthBuffer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What is enough in a case.
+
+    Attributes
+    ----------
+    case
+        The question.
+    nears
+        Offsets with which one pair of frusta is enough, largest first; empty where none is.
+    slabs
+        Where none is: the heights at which fewest slabs were enough; None where no number tried was,
+        or none was tried.
+    """
+
+    case: Case
+    nears: tuple[float, ...]
+    slabs: tuple[float, ...] | None
+
+    @property
+    def one_pair(self) -> bool:
+        """Whether one pair of frusta is enough."""
+        return bool(self.nears)
+
+
+def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, ...]:
+    """Return the largest of some nears and those below it that follow without a gap, largest first.
+
+    Parameters
+    ----------
+    nears
+        Any of those measured.
+    measured
+        All of them.
+    """
+    chosen = set(nears)
+    from_largest = dropwhile(lambda near: near not in chosen, sorted(measured, reverse=True))
+    return tuple(takewhile(lambda near: near in chosen, from_largest))
+
+
+def case_of(row: StudyRow) -> Case:
+    """Return the case that a row belongs to."""
+    return Case(side=row.side, ratio=row.ratio, resolution=row.resolution, buffer=row.buffer)
+
+
+def answers(rows: Iterable[StudyRow]) -> dict[Case, Answer]:
+    """Return what is enough in each case, in the order in which cases first appear."""
+    grouped: dict[Case, list[StudyRow]] = {}
+    for row in rows:
+        grouped.setdefault(case_of(row), []).append(row)
+    return {case: _answer(case, group) for case, group in grouped.items()}
+
+
+def _answer(case: Case, rows: Sequence[StudyRow]) -> Answer:
+    good = [row for row in rows if verdict(row) is Verdict.ENOUGH]
+    cuts = sorted((row.slabs for row in good if row.slabs), key=len)
+    return Answer(
+        case=case,
+        nears=tuple(sorted((row.near for row in good if not row.slabs), reverse=True)),
+        slabs=cuts[0] if cuts else None,
+    )

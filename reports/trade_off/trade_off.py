@@ -1,0 +1,393 @@
+"""Error against time: which configurations are worth it, and which is the cheapest within a tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from xfrustum.reports.common.formatting import digits, percent
+from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Spread
+from xfrustum.reports.common.turns import open_races
+from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, best_setting, pixels
+from xfrustum.reports.measurements.measurement import MAX_WRONG, TOLERANCE_PX, Measurement, Sweep
+
+STRICTER = 0.2
+"""Of the tolerance: what is asked besides, a tenth of a pixel where half a pixel is asked for."""
+
+MAX_NAMED_OPTIONS = 3
+"""Most options that a sentence names one by one; more are counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """One way to make a picture: its error and its time.
+
+    Attributes
+    ----------
+    renderer
+        `raster`, `embree`, `mitsuba` or `certified`.
+    label
+        The configuration in words.
+    configuration
+        The same as names and values.
+    displacement_p99_px, surface_fraction
+        Its error.
+    time_s
+        Seconds of a whole picture with read-back, over repetitions.
+    gpu_s, read_s
+        Of that, what the device drew, and what read-back took; None for who does not draw.
+    """
+
+    renderer: str
+    label: str
+    configuration: dict[str, Any]
+    displacement_p99_px: float
+    surface_fraction: float
+    time_s: Spread
+    gpu_s: Spread | None = None
+    read_s: Spread | None = None
+
+    @property
+    def family(self) -> str:
+        """What it belongs to: a depth buffer, or whatever else was varied."""
+        return str(self.configuration.get("family", self.configuration.get("depth", self.label)))
+
+    def within(self, tolerance_px: float) -> bool:
+        """Whether its error is below a tolerance."""
+        return self.displacement_p99_px <= tolerance_px and self.surface_fraction <= MAX_WRONG
+
+    def beats(self, other: Option) -> bool:
+        """Whether it is nowhere worse than another, and somewhere better.
+
+        Its time is no worse where its median is not beyond the other's interval, and better where the two
+        are told apart.
+        """
+        mine, others = self._errors(), other._errors()
+        if self.time_s.median > other.time_s.interval[1] or any(
+            a > b for a, b in zip(mine, others, strict=True)
+        ):
+            return False
+        return mine != others or self.time_s.told_below(other.time_s)
+
+    def _errors(self) -> tuple[float, float]:
+        return self.displacement_p99_px, self.surface_fraction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranking:
+    """The options within a tolerance that nothing is told to be faster than.
+
+    Attributes
+    ----------
+    fastest
+        Those whose timing intervals overlap with that of the least median, which comes first; all within
+        the tolerance where nothing was repeated often enough to rank it.
+    ranked
+        Whether there were enough repetitions.
+    """
+
+    fastest: tuple[Option, ...]
+    ranked: bool
+
+    @property
+    def least_error(self) -> Option:
+        """The one of them with the least displacement, then the fewest wrong surfaces."""
+        return min(
+            self.fastest,
+            key=lambda one: (
+                max(one.displacement_p99_px, DISPLACEMENT_TIE_PX),
+                one.surface_fraction,
+                one.time_s.median,
+            ),
+        )
+
+    @property
+    def range_s(self) -> tuple[float, float]:
+        """The least and the largest of their medians."""
+        medians = [one.time_s.median for one in self.fastest]
+        return min(medians), max(medians)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """The fastest options within a tolerance; None where nothing keeps it.
+
+    Attributes
+    ----------
+    tolerance_px, ranking, sentence
+        What was asked, which options they are, and the same in words.
+    """
+
+    tolerance_px: float
+    ranking: Ranking | None
+    sentence: str
+
+    @property
+    def option(self) -> Option | None:
+        """The one of them with the least error."""
+        return self.ranking.least_error if self.ranking else None
+
+
+def pareto(options: Sequence[Option]) -> list[bool]:
+    """Return which options no other one beats in time, displacement and wrong surfaces together."""
+    return [not any(other.beats(option) for other in options) for option in options]
+
+
+def rank(options: Sequence[Option], tolerance_px: float) -> Ranking | None:
+    """Return the fastest options within a tolerance, ties included; None where nothing keeps it."""
+    allowed = [option for option in options if option.within(tolerance_px)]
+    if not allowed:
+        return None
+    if len(allowed) == 1:
+        return Ranking(fastest=tuple(allowed), ranked=True)
+    repeated = [option for option in allowed if option.time_s.repetitions >= FEWEST_REPETITIONS]
+    if not repeated:
+        return Ranking(fastest=tuple(sorted(allowed, key=lambda one: one.time_s.median)), ranked=False)
+    repeated.sort(key=lambda option: option.time_s.median)
+    tied = (option for option in repeated if not repeated[0].time_s.told_below(option.time_s))
+    return Ranking(fastest=tuple(tied), ranked=True)
+
+
+def cheapest(options: Sequence[Option], tolerance_px: float) -> Option | None:
+    """Return the option with the least error of the fastest ones within a tolerance."""
+    ranking = rank(options, tolerance_px)
+    return ranking.least_error if ranking else None
+
+
+def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:
+    """Return which options further repetitions could rank, within the tolerance or a fifth of it.
+
+    See `turns.open_races`; options that do not keep the tolerance take no part.
+    """
+    racing = [False] * len(options)
+    for tolerance in (tolerance_px, STRICTER * tolerance_px):
+        ranking = rank(options, tolerance)
+        if ranking is None:
+            continue
+        tied = [one.time_s for one in ranking.fastest]
+        turns = open_races(tied, [one.time_s for one in options])
+        racing = [
+            before or (turn and one.within(tolerance))
+            for before, turn, one in zip(racing, turns, options, strict=True)
+        ]
+    return racing
+
+
+def answers(
+    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
+) -> tuple[Answer, ...]:
+    """Return what a tolerance costs, and what a fifth of it would cost, in words.
+
+    Parameters
+    ----------
+    recommended
+        An option that was recommended before; without one, the least error among ties is named.
+    """
+    tolerances = (tolerance_px, STRICTER * tolerance_px)
+    loose, strict = (rank(options, tolerance) for tolerance in tolerances)
+    sentences = (
+        _none(tolerance_px) if loose is None else _fastest(tolerance_px, loose, recommended),
+        _none(tolerances[1]) if strict is None else _stricter(tolerances[1], loose, strict, recommended),
+    )
+    return tuple(
+        Answer(tolerance_px=tolerance, ranking=ranking, sentence=sentence)
+        for tolerance, ranking, sentence in zip(tolerances, (loose, strict), sentences, strict=True)
+    )
+
+
+def _fastest(tolerance_px: float, ranking: Ranking, recommended: Option | None) -> str:
+    under = f"under {digits(tolerance_px)} px"
+    if len(ranking.fastest) == 1:
+        return f"The fastest way to stay {under}: {_described(ranking.fastest[0])}."
+    count = len(ranking.fastest)
+    if not ranking.ranked:
+        return (
+            f"{count} ways stay {under}, {_milliseconds(*ranking.range_s)} a picture; they are not ranked "
+            f"by time, which takes {FEWEST_REPETITIONS} repetitions. {_least(ranking, recommended)}"
+        )
+    return (
+        f"The fastest way to stay {under} is one of these {count}, "
+        f"{_milliseconds(*ranking.range_s)} a picture, which {_repetitions(ranking)} do not tell apart: "
+        f"{_listed(ranking.fastest)}. {_least(ranking, recommended)}"
+    )
+
+
+def _stricter(tolerance_px: float, loose: Ranking | None, strict: Ranking, recommended: Option | None) -> str:
+    asked = f"{digits(tolerance_px)} px would cost"
+    if loose is None or not (loose.ranked and strict.ranked):
+        return _fastest(tolerance_px, strict, recommended)
+    one, other = loose.fastest[0].time_s, strict.fastest[0].time_s
+    if not one.told_below(other):
+        if loose.fastest == strict.fastest:
+            return f"{asked} nothing more: {_same(len(strict.fastest))}."
+        return f"{asked} nothing more that can be told: {_fewer(strict)}. {_least(strict, recommended)}"
+    low, high = other.interval[0] / one.interval[1], other.interval[1] / one.interval[0]
+    times = f"{other.median / one.median:.2f} times ({low:.2f} to {high:.2f}) the time of that"
+    if len(strict.fastest) == 1:
+        return f"{asked} {times}: {_described(strict.fastest[0])}."
+    return f"{asked} {times}: {_fewer(strict)}. {_least(strict, recommended)}"
+
+
+def _same(count: int) -> str:
+    return "the same configuration keeps it" if count == 1 else f"the same {count} configurations keep it"
+
+
+def _fewer(ranking: Ranking) -> str:
+    if len(ranking.fastest) == 1:
+        return _described(ranking.fastest[0])
+    return (
+        f"one of these {len(ranking.fastest)} keeps it fastest, {_milliseconds(*ranking.range_s)} a picture, "
+        f"which {_repetitions(ranking)} do not tell apart: {_listed(ranking.fastest)}"
+    )
+
+
+def _least(ranking: Ranking, recommended: Option | None) -> str:
+    """Say which of several is to be taken."""
+    if recommended is None:
+        return f"The least error among them is that of {_described(ranking.least_error)}."
+    if recommended in ranking.fastest:
+        return "The setting recommended above is one of them."
+    return f"The setting recommended above takes {_taken(recommended.time_s)}."
+
+
+def _listed(options: Sequence[Option]) -> str:
+    """Name a few options; count many by their families."""
+    if len(options) <= MAX_NAMED_OPTIONS:
+        return "; ".join(option.label for option in options)
+    families = Counter(option.family for option in options)
+    return ", ".join(f"{count} of {family}" for family, count in families.items())
+
+
+def _repetitions(ranking: Ranking) -> str:
+    fewest, most = (pick(one.time_s.repetitions for one in ranking.fastest) for pick in (min, max))
+    return f"{fewest} repetitions" if fewest == most else f"{fewest} to {most} repetitions"
+
+
+def _none(tolerance_px: float) -> str:
+    return (
+        f"Nothing that was measured stays under {digits(tolerance_px)} px with at most "
+        f"{percent(MAX_WRONG)} of wrong surfaces."
+    )
+
+
+def _described(option: Option) -> str:
+    return (
+        f"{option.label}, {_taken(option.time_s)} a picture; 99 % of it lies within "
+        f"{pixels(option.displacement_p99_px)} of where it belongs, and {percent(option.surface_fraction)} "
+        "of the judged pixels show the wrong surface"
+    )
+
+
+def _taken(time_s: Spread) -> str:
+    """Write a time with the interval of its median."""
+    low, high = time_s.interval
+    spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if time_s.repetitions > 1 else ", taken once,"
+    return f"{1000 * time_s.median:.3g} ms{spread}"
+
+
+def _milliseconds(low: float, high: float) -> str:
+    one, other = f"{1000 * low:.3g}", f"{1000 * high:.3g}"
+    return f"{one} ms" if one == other else f"{one} to {other} ms"
+
+
+def options_of(sweep: Sweep) -> list[Option]:
+    """Return the settings of a sweep as options, and the certified truth.
+
+    Errors are those of the worst aperture, times those of the first: other apertures show other pictures.
+    """
+    grouped: dict[str, list[Measurement]] = {}
+    for row in sweep.rows:
+        grouped.setdefault(raster_label(row, sweep), []).append(row)
+    first = next(row for row in sweep.rows if row.aperture == sweep.apertures[0])
+    return [
+        Option(
+            renderer="raster",
+            label=label,
+            configuration={"near": rows[0].settings.near, "depth": rows[0].settings.depth_label},
+            displacement_p99_px=max(row.displacement_p99_px for row in rows),
+            surface_fraction=max(row.surface_fraction for row in rows),
+            time_s=sweep.frames_s.get(rows[0].settings, Spread.of([rows[0].times_s["raster"]])),
+            gpu_s=Spread.of([rows[0].parts_s["raster"]["gpu"]]),
+        )
+        for label, rows in grouped.items()
+    ] + [certified(Spread.of([first.times_s["trace"]]))]
+
+
+def recommended_of(sweep: Sweep, options: Sequence[Option]) -> Option:
+    """Return the option that a sweep recommends."""
+    chosen = best_setting(sweep.rows).settings
+    row = next(row for row in sweep.rows if row.settings == chosen)
+    return next(option for option in options if option.label == raster_label(row, sweep))
+
+
+def raster_label(row: Measurement, sweep: Sweep) -> str:
+    """Return the words for a row's settings."""
+    scene = sweep.scene
+    return near_label(row.settings.near, scene.units, scene.frustum.longest_reach, row.settings.depth_label)
+
+
+def near_label(near: float, units: str, reach: float, depth: str) -> str:
+    """Return the words for a near plane with a depth buffer."""
+    return f"raster, near {digits(near)} {units} ({digits(near / reach)} of the reach) with {depth} depth"
+
+
+def certified(time_s: Spread) -> Option:
+    """Return the truth, which has no error."""
+    return Option(
+        renderer="certified",
+        label="the certified truth",
+        configuration={"certified": True},
+        displacement_p99_px=0.0,
+        surface_fraction=0.0,
+        time_s=time_s,
+    )
+
+
+def summary(
+    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
+) -> dict[str, Any]:
+    """Return options and answers as `cost --json` prints them."""
+    return {
+        "rows": [
+            {
+                "renderer": option.renderer,
+                "label": option.label,
+                **option.configuration,
+                "error": {
+                    "displacement_p99_px": option.displacement_p99_px,
+                    "surface_fraction": option.surface_fraction,
+                },
+                "time_s": _seconds(option.time_s),
+                "gpu_s": _seconds(option.gpu_s),
+                "read_back_s": _seconds(option.read_s),
+                "pareto": best,
+            }
+            for option, best in zip(options, pareto(options), strict=True)
+        ],
+        "answers": [
+            {
+                "tolerance_px": answer.tolerance_px,
+                "configuration": answer.option and answer.option.label,
+                "time_s": _seconds(answer.option.time_s) if answer.option else None,
+                "ranked": answer.ranking is not None and answer.ranking.ranked,
+                "fastest": [one.label for one in answer.ranking.fastest] if answer.ranking else [],
+                "sentence": answer.sentence,
+            }
+            for answer in answers(options, tolerance_px, recommended)
+        ],
+    }
+
+
+def _seconds(spread: Spread | None) -> dict[str, Any] | None:
+    if spread is None or not math.isfinite(spread.median):
+        return None
+    return {
+        "median": spread.median,
+        "low": spread.lowest,
+        "high": spread.highest,
+        "interval": list(spread.interval),
+        "repetitions": spread.repetitions,
+    }

@@ -1,0 +1,10 @@
+"""The verification of foreign renderers: sources, verdict, files.
+
+commands      A foreign renderer as a program that is run once for each aperture
+files         What a verification leaves behind: a page, JSON, JUnit XML, and lines for the terminal
+sources       Where a foreign renderer's hogel images come from: files, or a function
+verdict       The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together
+verification  `xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong
+              with it?
+worst_hogels  Pictures of the worst hogels, kept small while all hogels pass by
+"""

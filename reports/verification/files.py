@@ -1,0 +1,169 @@
+"""What a verification leaves behind: a page, JSON, JUnit XML, and lines for the terminal."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from xfrustum.compare.judging.judged import SURFACES, WRONG_WORDS, MeasuredBy
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.outputs import Staging, write_output
+from xfrustum.reports.common.provenance import machine, versions
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.verification.verdict import COLORS, DISPLACEMENT, Verification, percent, totals
+
+FILES = PAGE, DATA = "index.html", "verification.json"
+
+LISTED = 10
+"""Missing hogels that the terminal names one by one."""
+
+
+def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
+    """Write the page and the JSON object, all or nothing.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    with Staging(out, FILES) as staging:
+        (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
+        text = json.dumps(json_ready(found.summary()), allow_nan=False, indent=1)
+        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
+        return staging.commit()
+
+
+def render_page(found: Verification) -> str:
+    """Return one HTML document that needs nothing else, online or offline."""
+    values = {
+        "found": found,
+        "summary": found.summary(),
+        "sentence": sentence(found),
+        "explained": explained(found),
+        "as_found": _worded(totals([hogel.as_found for hogel in found.hogels])),
+        "corrected": _worded(totals([hogel.corrected for hogel in found.hogels])),
+        "versions": {**versions(), **machine()},
+    }
+    return html_page("verify.html.j2", {"percent": percent, "figures": figures_words}, values)
+
+
+def _worded(figures: dict[str, Any] | None) -> str | None:
+    return None if figures is None else figures_words(figures)
+
+
+def write_junit(found: Verification, path: Path) -> None:
+    """Write one test case for each hogel as JUnit XML, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    suite = ElementTree.Element(
+        "testsuite",
+        name=_xml_text(f"xfrustum verify {found.scene.name}"),
+        tests=str(len(found.hogels)),
+        failures=str(sum(not hogel.passed and not hogel.problem for hogel in found.hogels)),
+        errors=str(sum(bool(hogel.problem) for hogel in found.hogels)),
+    )
+    classname = _xml_text(found.scene.name) or "scene"
+    words = "; ".join(fault.words for fault in found.diagnosis.faults) or "no fault named"
+    for hogel in found.hogels:
+        name = f"hogel {hogel.aperture.column},{hogel.aperture.row}"
+        case = ElementTree.SubElement(suite, "testcase", classname=classname, name=name)
+        if hogel.problem:
+            ElementTree.SubElement(case, "error", message=_xml_text(hogel.problem))
+        elif not hogel.passed:
+            assert hogel.as_found is not None
+            exceeded = "; ".join(check.words for check in hogel.checks if not check.held)
+            failure = ElementTree.SubElement(case, "failure", message=_xml_text(exceeded))
+            failure.text = _xml_text(f"{figures_words(hogel.as_found)}\ndiagnosis: {words}")
+    ElementTree.SubElement(suite, "system-out").text = _xml_text(table(found))
+    ElementTree.indent(suite)
+    write_output(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True), "--junit")
+
+
+_NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What a document of XML 1.0 cannot hold, not even as a reference (the specification's `Char`)."""
+
+
+def _xml_text(text: str) -> str:
+    """Return text in which replacement characters stand for all that XML has no way to write."""
+    return _NOT_IN_XML.sub("\ufffd", text)
+
+
+def sentence(found: Verification) -> str:
+    """Return the verdict in one sentence, with the figures of the worst hogel that decided it."""
+    missing = sum(bool(hogel.problem) for hogel in found.hogels)
+    bad = sum(not hogel.passed and not hogel.problem for hogel in found.hogels)
+    if found.passed:
+        kept = ", ".join(check.words for check in found.checks)
+        return f"Right: all {len(found.hogels)} hogels keep to the limits: at most {kept}."
+    exceeded = ", ".join(check.words for check in found.checks if not check.held)
+    parts = [f"{bad} of {len(found.hogels)} hogels exceed a limit: up to {exceeded}"] if bad else []
+    parts += [f"{missing} of {len(found.hogels)} could not be had"] if missing else []
+    return f"Not right: {'; and '.join(parts)}."
+
+
+def table(found: Verification) -> str:
+    """Return verdict, diagnosis and figures as lines."""
+    lines = [sentence(found), f"judged: {found.judged}", f"diagnosis, by {found.diagnosis.means}:"]
+    lines += [f"  {fault.words}{_interval(fault.low, fault.high)}" for fault in found.diagnosis.faults]
+    if found.diagnosis.faults:
+        lines += [f"  explained: {told}" for told in explained(found)]
+    elif found.explained is False:
+        lines.append("  no known fault explains what is wrong")
+        lines += [f"    {fault.words}" for fault in found.diagnosis.does_not_explain]
+    else:
+        judged = any(hogel.as_found for hogel in found.hogels)
+        lines.append("  nothing found" if judged else "  nothing: no hogel could be judged")
+    for name, figures in (
+        ("as found", totals([hogel.as_found for hogel in found.hogels])),
+        ("corrected", totals([hogel.corrected for hogel in found.hogels])),
+    ):
+        if figures is not None:
+            lines.append(f"{name}: {figures_words(figures)}")
+    problems = [hogel for hogel in found.hogels if hogel.problem]
+    lines += [f"hogel {h.aperture.column},{h.aperture.row}: {h.problem}" for h in problems[:LISTED]]
+    if len(problems) > LISTED:
+        lines.append(f"and {len(problems) - LISTED} more like these")
+    return "\n".join(lines)
+
+
+def explained(found: Verification) -> list[str]:
+    """Return in words how much of what is wrong the diagnosis explains; none where nothing is wrong."""
+    shares = [fault.explains for fault in found.diagnosis.faults if fault.explains is not None]
+    return [f"{percent(min(shares))} of the wrong pixels of the hogels that were tested"] if shares else []
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f"  [{low:.6g}, {high:.6g}]"
+
+
+def figures_words(figures: dict[str, Any]) -> str:
+    """Return figures of one hogel, or of all, in words; each says which wrong it counts."""
+    parts = [f"{figures['shown']:,} pixels show something"]
+    if figures["surface"] is not None:
+        surface = figures["surface"]
+        parts.append(f"{SURFACES} {surface['wrong']:,} ({percent(surface['fraction'])})")
+    counted = " or ".join(WRONG_WORDS[name] for name in figures["by"].split(" or "))
+    parts.append(f"{counted} {figures['wrong']:,} ({percent(figures['fraction'])})")
+    if figures["invalid"]:
+        parts.append(f"{figures['invalid']:,} claim what does not exist")
+    if figures["radiance"] is not None:
+        parts.append(f"{COLORS} on right surfaces {figures['radiance']['wrong']:,}")
+    spread = figures["displacement_px"]
+    value = "unknown" if spread is None else f"{spread.get('worst_p99', spread.get('p99')):.3g} px"
+    means = [name for name in figures["displacement_by"].split(" or ") if name != MeasuredBy.NOTHING]
+    by = f" by {' or '.join(means)}" if spread is not None else ""
+    if spread is not None and str(MeasuredBy.NOTHING) in figures["displacement_by"].split(" or "):
+        by += ", unknown of other hogels"
+    parts.append(f"{DISPLACEMENT} (p99{' of the worst hogel' if 'hogels' in figures else ''}) {value}{by}")
+    text = ", ".join(parts)
+    if figures["causes"] is not None and figures["wrong"]:
+        causes = ", ".join(f"{name} {count:,}" for name, count in figures["causes"].items())
+        text += f"; causes of {counted}: {causes}"
+    return text

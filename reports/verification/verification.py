@@ -1,0 +1,281 @@
+"""`xfrustum verify`: is a renderer that nobody here wrote right, and if not, what is wrong with it?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from xfrustum.compare.diagnosis.diagnosis import declared
+from xfrustum.compare.diagnosis.encodings import ACCEPTABLE, ENCODING
+from xfrustum.compare.diagnosis.findings import Findings, find_out
+from xfrustum.compare.extent import require_seen
+from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.shown_points import shown_points
+from xfrustum.reference import Reference
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.verification.commands import Command
+from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
+from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
+from xfrustum.reports.verification.worst_hogels import WorstHogels
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.arguments import choice, real, wholes
+from xfrustum.scenes.disk.durable import Aside, scratch_folder
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.foreign_images import Encoding
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
+from xfrustum.scenes.plate.plate import Aperture
+
+Item = TypeVar("Item")
+
+SAMPLE_SIDE = 5
+"""Columns and rows of hogels that are diagnosed: 25 tell apart all orders of apertures, many times over."""
+
+SAMPLE_PIXELS, FEWEST = 1 << 22, 4
+"""Of all of them together, which bounds the memory; and how many hogels there are at any size."""
+
+
+def verify(  # noqa: PLR0913 - one keyword for each option of the command
+    scene: Scene | str,
+    source: str | Renderer | None = None,
+    *,
+    command: str | None = None,
+    encoding: Encoding | str | None = None,
+    apertures: Sequence[tuple[int, int]] | None = None,
+    near: float | None = None,
+    accept: Sequence[str] = (),
+    max_wrong: float = 0.01,
+    max_displacement_px: float | None = 0.5,
+    max_color: float | None = None,
+    compare: Compared | str = Compared.COLOR,
+    timeout_s: float = 60.0,
+    progress: bool = False,
+) -> Verification:
+    """Judge the hogel images of any renderer, and say what is wrong with it.
+
+    Parameters
+    ----------
+    scene, source
+        What was to be drawn; and files named by {i} and {j}, or a function of scene and aperture.
+    command
+        Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
+    encoding
+        What pictures mean; `rgb` where nobody says.
+    apertures
+        Column and row of each; the whole plate where None.
+    near
+        The near offset that the renderer's author states; it is then part of the question.
+    accept
+        Conventions out of `ACCEPTABLE`, of which images are judged by what was found.
+    max_wrong
+        Limits the share of wrong surfaces of each hogel; of plain pictures, that of wrong colors or outlines.
+    max_displacement_px
+        Limits how far 99 of 100 surface points or outlines are off; unknown is too far. None: no limit.
+    max_color
+        Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None.
+    compare
+        What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
+    timeout_s, progress
+        For each run of the command; and whether to draw a bar.
+
+    Raises
+    ------
+    InputError
+        The scene, the source or an option is not usable, or none of the apertures sees any object.
+    """
+    opened = open_scene(scene) if isinstance(scene, str) else scene
+    limits = _limits(max_wrong, max_displacement_px, compare, max_color)
+    nominal = _nominal(opened, near, accept)
+    asked = _apertures(opened, apertures)
+    require_seen(opened, asked)
+    reference = Reference(opened)
+    with _source(reference, source, command, encoding, timeout_s) as opened_source:
+        opened_source.check(asked)
+        run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
+        return run.verified(nominal, tuple(accept), progress=progress)
+
+
+def _limits(
+    wrong: float, displacement_px: float | None, compare: Compared | str, max_color: float | None
+) -> Limits:
+    """Return the limits, and how images are judged."""
+    judging = Judging(compared=choice(Compared, compare, "compare"))
+    if max_color is not None:
+        judging = replace(judging, color_tolerance=real(max_color))
+    return Limits(wrong=wrong, displacement_px=displacement_px, judging=judging)
+
+
+def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
+    """Return what the renderer's author says of it, if that can be."""
+    strange = [name for name in ((accept,) if isinstance(accept, str) else accept) if name not in ACCEPTABLE]
+    if strange:
+        raise InputError(f"accept: {strange[0]!r} is not one of {', '.join(ACCEPTABLE)}")
+    reach = scene.frustum.longest_reach
+    if near is not None and not 0 <= real(near) < reach:
+        raise InputError(f"near {near} must be at least 0 and smaller than the reach, {reach}")
+    return DrawnModel(near=real(near or 0.0))
+
+
+def _apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> Sequence[Aperture]:
+    """Return the apertures of some indices, each once; all of the plate, row by row, where there are none."""
+    if not indices:
+        return scene.plate.apertures()
+    pairs = [wholes(index, 2) for index in indices]
+    for given, pair in zip(indices, pairs, strict=True):
+        if len(pair) < 2:
+            raise InputError(f"apertures are pairs of a column and a row, such as (2, 1), not {given!r:.100}")
+    return [scene.plate.aperture(*pair) for pair in dict.fromkeys(pairs)]
+
+
+@contextmanager
+def _source(
+    reference: Reference,
+    source: str | Renderer | None,
+    command: str | None,
+    encoding: Encoding | str | None,
+    timeout_s: float,
+) -> Iterator[Source]:
+    """Open a source, with a folder of its own for what a command writes."""
+    if (source is None) == (command is None):
+        raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
+    meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
+    if command is not None:
+        if not real(timeout_s) > 0:
+            raise InputError(f"timeout must be positive, not {timeout_s}")
+        suffix = ".exr" if encoding is None else ".png"
+        with Aside(scratch_folder(), folder=True) as aside:
+            yield Command(
+                template=command,
+                reference=reference,
+                encoding=meant,
+                folder=aside.path,
+                timeout_s=timeout_s,
+                suffix=suffix,
+            )
+    elif isinstance(source, str):
+        yield Files(pattern=source, reference=reference, encoding=meant)
+    else:
+        assert source is not None
+        yield Function(function=source, reference=reference)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Question:
+    """What hogels are judged by.
+
+    Attributes
+    ----------
+    asked
+        How the renderer is supposed to draw.
+    found
+        How it draws, and how its images are to be read.
+    read_as_found
+        Whether that reading is accepted.
+    """
+
+    asked: DrawnModel
+    found: Findings
+    read_as_found: bool
+
+    @property
+    def reads_all_as_found(self) -> bool:
+        """Whether correction reads nothing in another way than the verdict does."""
+        encoding = self.found.encoding
+        return encoding.restoring is None and (self.read_as_found or encoding.reading is None)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Run:
+    """One verification under way."""
+
+    reference: Reference
+    source: Source
+    asked: Sequence[Aperture]
+    limits: Limits
+    kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
+
+    def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
+        sample = sampled(self.asked, self.reference.scene)
+        with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
+            for aperture in sample:
+                self.kept[aperture] = self._had(aperture)
+                bar.update()
+            images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
+            found = find_out(self.reference, images, nominal, self.limits.judging)
+            conventions = [name for name in accept if name != ENCODING]
+            question = _Question(
+                asked=declared(nominal, found.diagnosis.model, conventions),
+                found=found,
+                read_as_found=ENCODING in accept and found.encoding.reading is not None,
+            )
+            worst, hogels = WorstHogels(), []
+            for aperture in self.asked:
+                hogels.append(self._hogel(aperture, question, worst))
+                bar.update()
+        return Verification(
+            scene=self.reference.scene,
+            source=self.source.name,
+            limits=self.limits,
+            diagnosis=found.diagnosis,
+            hogels=tuple(hogels),
+            worst=worst,
+        )
+
+    def _had(self, aperture: Aperture) -> HogelImage | Problem:
+        try:
+            return self.source.image(aperture)
+        except Problem as problem:
+            return problem
+
+    def _hogel(self, aperture: Aperture, question: _Question, worst: WorstHogels) -> Hogel:
+        image = self.kept.pop(aperture, None) or self._had(aperture)
+        if isinstance(image, Problem):
+            return Hogel(aperture=aperture, problem=str(image))
+        encoding, found = question.found.encoding, question.found.diagnosis.model
+        given = encoding.plainly(image) if question.read_as_found else image
+        read, judging = encoding.read(image), self.limits.judging
+        same = question.asked == found and question.reads_all_as_found
+        as_found = self._judged(question.asked, found, given, judging, explained=same)
+        corrected = as_found
+        if not same:
+            corrected = self._judged(found, found, read, question.found.judging, explained=True)
+        worst.add(aperture, as_found, corrected)
+        return Hogel(
+            aperture=aperture,
+            checks=self.limits.checks(as_found),
+            as_found=as_found.summary(),
+            corrected=corrected.summary(),
+        )
+
+    def _judged(
+        self, asked: DrawnModel, found: DrawnModel, image: HogelImage, judging: Judging, *, explained: bool
+    ) -> Figures:
+        points = shown_points(self.reference.scene, found, image)
+        return judge(self.reference, asked, image, points, judging, explained=explained)
+
+
+def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
+    """Return the apertures to be diagnosed: spread over the plate, few enough for the memory."""
+    width, height = scene.frustum.resolution
+    count = int(np.clip(SAMPLE_PIXELS // (width * height), FEWEST, SAMPLE_SIDE**2))
+    side = max(2, int(np.sqrt(count)))
+    if isinstance(apertures, ApertureBlocks):
+        columns, rows = (_spread(range(count), side) for count in scene.plate.hogels)
+        return [scene.plate.aperture(column, row) for row in rows for column in columns]
+    columns = _spread(sorted({aperture.column for aperture in apertures}), side)
+    rows = _spread(sorted({aperture.row for aperture in apertures}), side)
+    chosen = [a for a in apertures if a.column in columns and a.row in rows]
+    if len(chosen) < min(side, len(apertures)):
+        chosen = _spread(list(apertures), count)
+    return chosen
+
+
+def _spread(items: Sequence[Item], count: int) -> list[Item]:
+    """Return at most so many items, evenly spread."""
+    return [items[index] for index in np.unique(np.linspace(0, len(items) - 1, count).astype(int))]

@@ -1,0 +1,95 @@
+"""Pictures of the worst hogels, kept small while all hogels pass by."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from xfrustum.compare.judging.judged import Figures
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.plate.plate import Aperture
+
+SHOWN = 6
+"""Hogels on the page."""
+
+LARGEST_PX = 512
+"""Longest side of a picture on the page; larger ones are reduced by leaving pixels out."""
+
+WRONG_RGB, BACKGROUND, DIMMED = (224, 49, 49), 250, 0.35
+"""Of wrong pixels, of nothing, and how strongly the truth shows beneath errors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pictured:
+    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
+
+    aperture: Aperture
+    words: str
+    badness: tuple[float, float]
+    fraction: float
+    corrected_fraction: float
+    pictures: dict[str, str]
+
+
+@dataclass(kw_only=True)
+class WorstHogels:
+    """The worst so far, worst first."""
+
+    kept: list[Pictured] = field(default_factory=list)
+
+    def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
+        """Keep a hogel if it is among the worst: as found, then corrected."""
+        badness = (as_found.judged_fraction, corrected.judged_fraction)
+        if len(self.kept) == SHOWN and badness <= self.kept[-1].badness:
+            return
+        pictured = Pictured(
+            aperture=aperture,
+            words=as_found.limited_words,
+            badness=badness,
+            fraction=as_found.fraction,
+            corrected_fraction=corrected.fraction,
+            pictures={
+                "truth": _encoded(_shown(as_found.answer)),
+                "image": _encoded(_shown(as_found.image)),
+                "error": _encoded(_errors(as_found)),
+                "rest": _encoded(_errors(corrected)),
+            },
+        )
+        self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[:SHOWN]
+
+
+def _shown(image: HogelImage) -> NDArray[np.uint8]:
+    """Return what people can see of an image: its colors, else a color for each surface."""
+    if image.color is not None:
+        linear = np.clip(np.nan_to_num(image.color), 0, 1)
+        # IEC 61966-2-1; scikit-image has no public function for the transfer curve alone.
+        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        return np.asarray(np.rint(255 * encoded), dtype=np.uint8)
+    named = image.triangle if (image.triangle != NOTHING).any() else image.object
+    if not (named != NOTHING).any():
+        named = np.where(image.covered, 0, NOTHING)
+    # Neighboring numbers get colors far apart: multiples of odd constants, modulo 256.
+    pixels = (
+        named[..., None].astype(np.int64) * np.array([37, 101, 173]) + np.array([90, 60, 140])
+    ) % 200 + 30
+    pixels[named == NOTHING] = BACKGROUND
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def _errors(figures: Figures) -> NDArray[np.uint8]:
+    beneath = BACKGROUND - DIMMED * (BACKGROUND - _shown(figures.answer).astype(np.float64))
+    beneath[~figures.answer.covered] = BACKGROUND
+    beneath[figures.error] = WRONG_RGB
+    return np.asarray(beneath, dtype=np.uint8)
+
+
+def _encoded(pixels: NDArray[np.uint8]) -> str:
+    step = -(-max(pixels.shape[:2]) // LARGEST_PX)
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels[::step, ::step])).save(buffer, "PNG")
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -1,0 +1,104 @@
+"""Lights: directional, and an environment around everything.
+
+See docs/method.md, "Light"; paper, sections 3 and 6.
+
+Parameters only; the two answers shade with formulas of their own. CONVENTIONS.md, "Light", has the model.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Color
+from xfrustum.scenes.arguments import real, reals, settle
+from xfrustum.scenes.errors import InputError
+
+BRIGHTEST = 1e30
+"""Radiance: sums and products with coefficients stay within float32's range in pictures, 3e38."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionalLight:
+    """A light at infinity, hence its own conjugate (paper, section 3).
+
+    Attributes
+    ----------
+    direction
+        Toward the light, scene axes; made a unit vector.
+    color
+        Linear RGB of its irradiance over pi: a white diffuse surface that faces it shows this.
+
+    Raises
+    ------
+    InputError
+        A direction without length, or a color that is negative or not finite.
+    """
+
+    direction: tuple[float, float, float]
+    color: Color = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        direction, color = reals(self.direction, 3), reals(self.color, 3)
+        length = math.hypot(*direction)
+        if not (math.isfinite(length) and length > 0):
+            raise InputError(f"direction must be a vector with a length, not {self.direction!r}")
+        if not all(0 <= part <= LARGEST_COEFFICIENT for part in color):
+            raise InputError(
+                f"color must be three numbers between 0 and {LARGEST_COEFFICIENT:.0e}, not {self.color!r}"
+            )
+        settle(self, direction=tuple(part / length for part in direction), color=color)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Environment:
+    """Radiance from all directions, as a latitude-longitude map.
+
+    The map's middle lies behind the plate (-z), its top above (+y); to the right of the middle follows
+    +x, then +z at both ends. It is seen only in reflections: a line that meets nothing shows black.
+
+    Attributes
+    ----------
+    radiance
+        (H, W, 3) float32 linear RGB, row 0 at the top; finite and at least 0.
+    strength
+        Factor, at least 0.
+    name
+        Where it came from.
+
+    Raises
+    ------
+    InputError
+        Another shape, or radiance that is negative, not finite, or beyond `BRIGHTEST`.
+    """
+
+    radiance: NDArray[np.float32]
+    strength: float = 1.0
+    name: str = "environment"
+
+    def __post_init__(self) -> None:
+        try:
+            radiance = np.ascontiguousarray(self.radiance, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.name}: an environment map is an RGB picture ({error})") from error
+        strength = real(self.strength)
+        if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
+            raise InputError(f"{self.name}: an environment map is an RGB picture, not {radiance.shape}")
+        if not (np.isfinite(radiance).all() and radiance.min() >= 0):
+            raise InputError(f"{self.name}: radiance must be finite and not negative; repair the map")
+        if not (math.isfinite(strength) and strength >= 0):
+            raise InputError(f"strength must be a number of at least 0, not {self.strength!r}")
+        if strength * float(radiance.max()) > BRIGHTEST:
+            raise InputError(
+                f"{self.name}: strength {self.strength} makes the map brighter than 32-bit images can hold; "
+                f"at most {BRIGHTEST:.0e} in all"
+            )
+        radiance.flags.writeable = False
+        settle(self, radiance=radiance, strength=strength)
+
+
+DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
+"""From above, left, and the viewer's side: of scenes that name no light and no environment."""

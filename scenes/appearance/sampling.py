@@ -1,0 +1,116 @@
+"""How finely a picture is sampled over pixels and over the aperture; all of it off unless asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.arguments import settle, switch, whole
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.plate.plate import Aperture, Plate
+
+MAX_SAMPLES = 1 << 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """Samples per pixel and per aperture. Only color is averaged: what a pixel *shows* is at its center.
+
+    Attributes
+    ----------
+    supersample
+        Points along each side of a pixel, on a regular grid: color is their mean (box filter).
+    multisample
+        Coverage samples of the rasterizer's own antialiasing, 1 for none; the reference answers with
+        the mean over the same box.
+    aperture
+        Sub-apertures over which the image is averaged (paper, section 6: band limiting).
+
+    Raises
+    ------
+    InputError
+        A count below one or beyond `MAX_SAMPLES`.
+    """
+
+    supersample: int = 1
+    multisample: int = 1
+    aperture: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("supersample", "multisample", "aperture"):
+            count = whole(getattr(self, name))
+            if not 1 <= count <= MAX_SAMPLES:
+                raise InputError(
+                    f"{name} must be a count between 1 and {MAX_SAMPLES}, not {getattr(self, name)!r}"
+                )
+            settle(self, **{name: count})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transport:
+    """Light transport that a rasterizer leaves out, and that Mitsuba simulates.
+
+    Attributes
+    ----------
+    shadows, interreflection
+        Whether surfaces hide lights from each other, and whether they light each other.
+    samples
+        Light paths per pixel.
+
+    Raises
+    ------
+    InputError
+        A switch is not True or False, or a count is below two or beyond `MAX_SAMPLES`.
+    """
+
+    shadows: bool = False
+    interreflection: bool = False
+    samples: int = 64
+
+    def __post_init__(self) -> None:
+        samples = whole(self.samples)
+        if not 2 <= samples <= MAX_SAMPLES:
+            raise InputError(
+                f"samples must be a count between 2 and {MAX_SAMPLES}, not {self.samples!r}: "
+                "fewer than two have no variance"
+            )
+        settle(
+            self,
+            samples=samples,
+            shadows=switch(self.shadows, "shadows"),
+            interreflection=switch(self.interreflection, "interreflection"),
+        )
+
+    @property
+    def simulated(self) -> bool:
+        """Whether there is anything to simulate."""
+        return self.shadows or self.interreflection
+
+
+PLASTIC = 1.32471795724474602596
+"""The real root of x^3 = x + 1: its powers give the most even additive recurrence in two dimensions."""
+
+
+def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Aperture, ...]:
+    """Return points spread evenly over one hogel pitch about an aperture (paper, section 6).
+
+    One point is the aperture itself. More follow the additive recurrence of Roberts, "The unreasonable
+    effectiveness of quasirandom sequences" (2018): any number of them is evenly spread, and the error
+    of a smooth integrand falls as 1 / count.
+    """
+    if count == 1:
+        return (aperture,)
+    offsets = additive_recurrence(count) - 0.5
+    pitch = (plate.size[0] / plate.hogels[0], plate.size[1] / plate.hogels[1])
+    return tuple(
+        replace(aperture, x=aperture.x + float(x) * pitch[0], y=aperture.y + float(y) * pitch[1])
+        for x, y in offsets
+    )
+
+
+def additive_recurrence(count: int) -> NDArray[np.float64]:
+    """Return (count, 2) points in [0, 1), centered: their mean tends to one half."""
+    steps = np.arange(count, dtype=np.float64)[:, None]
+    return np.asarray((0.5 + (steps + 0.5) * [1 / PLASTIC, 1 / PLASTIC**2]) % 1.0)

@@ -1,0 +1,6 @@
+"""Files on the disk: read within bounds, written whole or not at all.
+
+durable      Files and folders that are whole or absent, whatever ends the process or fills the disk
+input_files  Files from outside: regular files only, and a bound on the memory that reading one may take
+quiet        Libraries that print on standard error what they also raise
+"""

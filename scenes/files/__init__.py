@@ -1,0 +1,12 @@
+"""Scenes from files: tables, meshes, maps and images.
+
+meshes/           mesh files: what is checked, what is read, and nothing that is made up
+openexr/          hogel images as OpenEXR files
+environment_file  Environment maps from OpenEXR and Radiance HDR files, through OpenImageIO
+foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
+scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key,
+                  turned into a scene
+scene_tables      The tables of a scene file: which keys there are, and what each may hold (see
+                  CONVENTIONS.md)
+table_errors      What is wrong with a table, in one line: the key, and what is allowed there
+"""

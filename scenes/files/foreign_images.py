@@ -1,0 +1,208 @@
+"""Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.openexr.header import MAGIC
+from xfrustum.scenes.files.openexr.reader import read_image
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+
+LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
+"""Pillow's names of formats that change pixels; WebP and others may too, but need not."""
+
+
+class Encoding(StrEnum):
+    """What the RGB values of a picture mean; an OpenEXR file says so itself."""
+
+    RGB = "rgb"
+    """Linear radiance."""
+    SRGB = "srgb"
+    TRIANGLE_ID = "triangle-id"
+    """Red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing."""
+    OBJECT_ID = "object-id"
+    """The same with the object's number."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StoredPixels:
+    """A picture's pixels as its file stores them, before they are read as numbers or colors.
+
+    Attributes
+    ----------
+    rgb
+        (H, W, 3) uint8.
+    lossy
+        Whether the file's format changes pixels when it stores them, as JPEG does.
+    """
+
+    rgb: NDArray[np.uint8]
+    lossy: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForeignImage(HogelImage):
+    """A hogel image that was read from a picture, with that picture.
+
+    Attributes
+    ----------
+    stored
+        The picture's own pixels; None where the image comes from OpenEXR or from a function.
+    """
+
+    stored: StoredPixels | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """A way to read stored pixels.
+
+    Attributes
+    ----------
+    encoding
+        What they mean.
+    channels
+        The stored channel (0 red, 1 green, 2 blue) that holds the high, the middle and the low byte of a
+        number.
+    offset
+        What was added to numbers before they were stored.
+    background
+        What is stored for nothing.
+    """
+
+    encoding: Encoding
+    channels: tuple[int, int, int] = (0, 1, 2)
+    offset: int = 1
+    background: int = 0
+
+    @property
+    def first_is_lost(self) -> bool:
+        """Whether number 0 is stored as nothing is."""
+        return self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID) and self.offset == self.background
+
+    def packed(self, rgb: NDArray[np.uint8]) -> NDArray[np.int32]:
+        """Return the stored integers (H, W) of pixels (H, W, 3), the offset still in them."""
+        return np.asarray(
+            rgb[..., list(self.channels)].astype(np.int32) @ np.array([65536, 256, 1], dtype=np.int32)
+        )
+
+    def numbers(self, packed: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the numbers (H, W) that stored integers stand for, `NOTHING` for nothing."""
+        numbers = np.maximum(packed - self.offset, NOTHING)
+        return np.where(packed == self.background, NOTHING, numbers).astype(np.int32)
+
+    def stored(self, numbers: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the integers that numbers are stored as: the inverse of `numbers`."""
+        return np.where(numbers == NOTHING, self.background, numbers + self.offset).astype(np.int32)
+
+
+def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelImage:
+    """Read a hogel image by any renderer.
+
+    Parameters
+    ----------
+    path
+        An OpenEXR file with any of the channels of the contract, or a picture.
+    camera
+        What it answers for; what a file says of itself is not believed.
+    encoding
+        What the RGB values of a picture mean.
+
+    Raises
+    ------
+    InputError
+        Missing, unreadable, or of another size.
+    """
+    regular_size(path, "file")
+    try:
+        with path.open("rb") as file:
+            magic = file.read(len(MAGIC))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    if magic == MAGIC:
+        return read_image(path, camera, partial=True)
+    return read_again(_of_picture(_stored(path, camera), camera), Reading(encoding=encoding))
+
+
+def _stored(path: Path, camera: HogelCamera) -> StoredPixels:
+    """Return what a picture stores."""
+    try:
+        with bounded_memory(path), Image.open(path) as picture:
+            _check_size(path, picture.size, camera)
+            if picture.mode not in ("RGB", "RGBA", "P", "L", "1"):
+                raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
+            lossy = picture.format in LOSSY_FORMATS
+            return StoredPixels(rgb=np.asarray(picture.convert("RGB")), lossy=lossy)
+    except InputError:
+        raise
+    except UnidentifiedImageError as error:
+        raise InputError(f"{path}: is not an image that can be read") from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(f"{path}: the image is damaged ({error})") from error
+
+
+def _check_size(path: Path, size: tuple[int, int], camera: HogelCamera) -> None:
+    if size != tuple(camera.resolution):
+        width, height = camera.resolution
+        raise InputError(f"{path}: is {size[0]} x {size[1]}, but the scene says {width} x {height}")
+
+
+def _of_picture(stored: StoredPixels, camera: HogelCamera) -> ForeignImage:
+    """Return an image that says nothing yet but what its file stores."""
+    shape = stored.rgb.shape[:2]
+    nothing = np.full(shape, NOTHING, dtype=np.int32)
+    position = np.full((*shape, 3), np.nan, dtype=np.float32)
+    return ForeignImage(camera=camera, triangle=nothing, object=nothing, position=position, stored=stored)
+
+
+def read_again(image: HogelImage, reading: Reading) -> HogelImage:
+    """Return an image as it is when its stored pixels are read in another way.
+
+    Images that come from OpenEXR or from a function hold numbers already: of these only the offset is read
+    anew, and whether they count triangles or objects.
+    """
+    mine = {item.name: getattr(image, item.name) for item in fields(image)}
+    nothing = np.full_like(image.triangle, NOTHING)
+    if reading.encoding in (Encoding.RGB, Encoding.SRGB):
+        mine |= {"triangle": nothing, "object": nothing}
+        mine["color"] = _colors(stored_rgb(image), reading.encoding)
+        return type(image)(**mine)
+    numbers = reading.numbers(stored_integers(image, reading))
+    if isinstance(image, ForeignImage):
+        mine["color"] = None
+    mine["triangle"] = numbers if reading.encoding is Encoding.TRIANGLE_ID else nothing
+    mine["object"] = numbers if reading.encoding is Encoding.OBJECT_ID else nothing
+    return type(image)(**mine)
+
+
+def stored_integers(image: HogelImage, reading: Reading) -> NDArray[np.int32]:
+    """Return the integers (H, W) that an image stores; of one that is no picture, its numbers plus one."""
+    if isinstance(image, ForeignImage) and image.stored is not None:
+        return reading.packed(image.stored.rgb)
+    told = image.triangle if (image.triangle != NOTHING).any() else image.object
+    return np.asarray(told + np.int32(1))
+
+
+def stored_rgb(image: HogelImage) -> NDArray[np.uint8]:
+    """Return the bytes (H, W, 3) that an image stores; if it is no picture, those of its numbers plus one."""
+    if isinstance(image, ForeignImage) and image.stored is not None:
+        return image.stored.rgb
+    packed = stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID))
+    return np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
+
+
+def _colors(rgb: NDArray[np.uint8], encoding: Encoding) -> NDArray[np.float32]:
+    """Return the linear radiance (H, W, 3) of stored pixels."""
+    color = (rgb / 255).astype(np.float32)
+    if encoding is Encoding.SRGB:
+        # IEC 61966-2-1, decoding.
+        color = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return color

@@ -1,0 +1,118 @@
+"""Bezier patch files (`.bpt`): read, checked, and tessellated to a chord tolerance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.geometry.tessellation import tessellate
+from xfrustum.scenes.model.scene import SceneObject
+
+RELATIVE_CHORD = 1e-3
+"""Default chord tolerance, of the diagonal of the box about the control points: half a pixel where the
+patches fill an image of 512."""
+
+LARGEST_COORDINATE = 1e100
+"""Coordinates of control points: their squares and degrees' products stay far from overflow, 1e308."""
+
+_WORDS_AT_MOST = 1 << 27
+"""Numbers in a file: more would not fit into memory as Python's own."""
+
+
+def load_patches(
+    path: Path, *, chord_tolerance: float | None = None, material: str | None = None
+) -> SceneObject:
+    """Read a patch file as one object, in its own coordinates.
+
+    Parameters
+    ----------
+    path
+        A text: the number of patches, then for each its degrees n m and (n + 1) (m + 1) points x y z,
+        those along m one after the other.
+    chord_tolerance
+        Largest distance between surface and triangles, in the file's unit; None for `RELATIVE_CHORD` of
+        the patches' size.
+    material
+        Name of the object's material.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged, or the tolerance asks for too many triangles.
+    """
+    nets = read_patches(path)
+    if chord_tolerance is None:
+        points = np.concatenate([net.reshape(-1, 3) for net in nets])
+        chord_tolerance = RELATIVE_CHORD * float(np.linalg.norm(np.ptp(points, axis=0)))
+        if chord_tolerance == 0:
+            raise InputError(f"{path}: all control points are the same; write the patches again")
+    try:
+        return tessellate(nets, chord_tolerance, name=str(path), material=material)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def read_patches(path: Path) -> list[NDArray[np.float64]]:
+    """Return the control nets (n + 1, m + 1, 3) of a patch file.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged.
+    """
+    regular_size(path, "patch file", "a mesh path is relative to its scene file")
+    with bounded_memory(path):
+        return _nets(path)
+
+
+def _nets(path: Path) -> list[NDArray[np.float64]]:
+    try:
+        words = path.read_text(encoding="ascii").split(maxsplit=_WORDS_AT_MOST)
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the patches ({error.strerror})") from error
+    except ValueError as error:
+        raise InputError(f"{path}: is not a text of Bezier patches; write the file again") from error
+    count = _whole(path, words[:1], "the number of patches")
+    nets, at = [], 1
+    for number in range(count):
+        degrees = [_whole(path, words[at + k : at + k + 1], f"a degree of patch {number}") for k in (0, 1)]
+        shape = (degrees[0] + 1, degrees[1] + 1, 3)
+        end = at + 2 + shape[0] * shape[1] * shape[2]
+        nets.append(_net(path, words[at + 2 : end], shape, number))
+        at = end
+    if at < len(words):
+        raise InputError(f"{path}: goes on after {count} patches; correct their number in the first line")
+    return nets
+
+
+def _whole(path: Path, words: list[str], what: str) -> int:
+    """Return a positive whole number."""
+    if not words:
+        raise InputError(f"{path}: ends before {what}; write the file again")
+    digits = words[0].lstrip("0")
+    if not (digits.isascii() and digits.isdigit()):
+        raise InputError(f"{path}: {what} must be a whole number of at least 1, not {words[0][:40]!r}")
+    # A file has no more words than this, and Python refuses to read a number of thousands of digits.
+    if len(digits) > len(str(_WORDS_AT_MOST)):
+        raise InputError(f"{path}: {what} must be at most {_WORDS_AT_MOST:,}, not {words[0][:40]}..")
+    return int(digits)
+
+
+def _net(path: Path, words: list[str], shape: tuple[int, int, int], number: int) -> NDArray[np.float64]:
+    if len(words) < shape[0] * shape[1] * shape[2]:
+        raise InputError(f"{path}: ends within the control points of patch {number}; write the file again")
+    try:
+        net = np.array(words, dtype=np.float64).reshape(shape)
+    except ValueError as error:
+        raise InputError(f"{path}: a control point of patch {number} is not a number ({error})") from error
+    if not np.isfinite(net).all():
+        raise InputError(f"{path}: a control point of patch {number} is NaN or infinite; repair it")
+    if np.abs(net).max() > LARGEST_COORDINATE:
+        raise InputError(
+            f"{path}: a control point of patch {number} is beyond {LARGEST_COORDINATE:.0e}; repair it"
+        )
+    return net

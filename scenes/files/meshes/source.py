@@ -1,0 +1,170 @@
+"""What is checked of a mesh file before trimesh reads it: what it declares, and what it refers to."""
+
+from __future__ import annotations
+
+import bz2
+import json
+import math
+import struct
+import tarfile
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from trimesh.resolvers import FilePathResolver
+
+from xfrustum.scenes.disk.input_files import allowed_memory, check_declared, regular_size
+from xfrustum.scenes.errors import InputError
+
+MEMORY_PER_UNPACKED_BYTE = 16
+"""Bytes of memory that a byte of an unpacked mesh takes: double precision, 64-bit indices, copies."""
+
+MEMORY_PER_PIXEL = 16
+"""Bytes of memory that a pixel of a texture takes: four channels as read, and three copies."""
+
+_PIECE = 1 << 20
+"""Bytes that are unpacked at once where a format does not declare its size."""
+
+_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+"""glTF 2.0, table 5.1.1.3: bytes of a component by its type's code."""
+
+_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""glTF 2.0, the same table: components of an element."""
+
+_GLB_MAGIC, _GLB_JSON = 0x46546C67, 0x4E4F534A
+"""glTF 2.0, section 4.4: the first word of a binary file, and the type of its first chunk."""
+
+
+class MeshResolver(FilePathResolver):
+    """The files that a mesh refers to: trimesh's own rules, regular files only, pictures of bounded size.
+
+    trimesh goes on without a file that cannot be had. What must not be passed over is kept in `refused`.
+
+    Attributes
+    ----------
+    refused
+        Why files that exist were not read, one line each.
+    """
+
+    def __init__(self, source: str, refused: list[str] | None = None) -> None:
+        super().__init__(source)
+        self.refused: list[str] = [] if refused is None else refused
+
+    def get(self, name: str) -> Any:
+        """Return the bytes of a file beside the mesh.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is none, or it is refused.
+        """
+        for candidate in (name.strip(), name.strip().lstrip("/"), Path(name).name):
+            try:
+                path = self.absolute(candidate)
+                if not path.exists():
+                    continue
+            except (ValueError, OSError):
+                continue
+            try:
+                regular_size(path, "file that a mesh refers to")
+                _check_picture(path)
+            except InputError as error:
+                self.refused.append(str(error))
+                raise FileNotFoundError(name) from error
+            return super().get(name)
+        raise FileNotFoundError(name)
+
+    def namespaced(self, namespace: str) -> MeshResolver:
+        """Return a resolver for a folder below."""
+        return MeshResolver(str(Path(self.parent) / namespace), self.refused)
+
+
+def _check_picture(path: Path) -> None:
+    """Refuse a picture that declares more pixels than may be held; what is no picture passes."""
+    try:
+        with Image.open(path) as picture:
+            width, height = picture.size
+    except (OSError, SyntaxError, ValueError):
+        return
+    check_declared(path, MEMORY_PER_PIXEL * width * height, f"{width} x {height} pixels")
+
+
+def check_mesh_source(path: Path) -> None:
+    """Refuse a mesh file that is no regular file, or that declares much more than it has.
+
+    Raises
+    ------
+    InputError
+        See above.
+    """
+    regular_size(path, "mesh file", "a mesh path is relative to its scene file")
+    name = path.name.lower()
+    try:
+        if name.endswith((".zip", ".3mf", ".zae", ".3dxml")):
+            _check_unpacked(path, (info.file_size for info in _zip_members(path)))
+        elif name.endswith((".tar.gz", ".tar.bz2")):
+            with tarfile.open(path) as archive:
+                _check_unpacked(path, (member.size for member in archive))
+        elif name.endswith(".bz2"):
+            with bz2.open(path) as unpacked:
+                _check_unpacked(path, (len(piece) for piece in iter(lambda: unpacked.read(_PIECE), b"")))
+        elif name.endswith((".gltf", ".glb")):
+            check_declared(path, _declared_by_gltf(_gltf_json(path)), "arrays")
+    except (OSError, EOFError, zlib.error, tarfile.TarError, zipfile.BadZipFile, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise InputError(f"{path}: cannot be unpacked ({reason}); pack it again") from error
+
+
+def _zip_members(path: Path) -> list[zipfile.ZipInfo]:
+    with zipfile.ZipFile(path) as archive:
+        return archive.infolist()
+
+
+def _check_unpacked(path: Path, sizes: Iterable[int]) -> None:
+    """Refuse an archive as soon as its members together take too much."""
+    total, allowed = 0, allowed_memory(regular_size(path, "file"))
+    for size in sizes:
+        total += size
+        if total * MEMORY_PER_UNPACKED_BYTE > allowed:
+            check_declared(path, total * MEMORY_PER_UNPACKED_BYTE, "unpacking")
+
+
+def _gltf_json(path: Path) -> object:
+    """Return the JSON of a glTF file; None where there is none, which trimesh then says better."""
+    data = path.read_bytes()
+    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
+        length, kind = struct.unpack_from("<II", data, 12)
+        data = data[20 : 20 + length] if kind == _GLB_JSON else b""
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _declared_by_gltf(tree: object) -> int:
+    """Return the bytes of memory that all accessors of a glTF file ask for."""
+    accessors = tree.get("accessors") if isinstance(tree, dict) else None
+    if not isinstance(accessors, list):
+        return 0
+    return MEMORY_PER_UNPACKED_BYTE * sum(
+        _count(accessor.get("count"))
+        * _looked_up(_COMPONENT_BYTES.get, accessor.get("componentType"), 4)
+        * _looked_up(_COMPONENTS.get, accessor.get("type"), 1)
+        for accessor in accessors
+        if isinstance(accessor, dict)
+    )
+
+
+def _count(value: object) -> int:
+    """Return a declared count; what is no number is trimesh's to refuse."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return 0
+    return max(0, int(value))
+
+
+def _looked_up(table: Callable[[Any], int | None], key: object, otherwise: int) -> int:
+    known = table(key) if isinstance(key, int | str) else None
+    return otherwise if known is None else known

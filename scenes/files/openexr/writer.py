@@ -1,0 +1,218 @@
+"""Writing hogel images as OpenEXR files, band by band, aside and then renamed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import Imath
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from xfrustum.scenes.disk.durable import NewFile
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.openexr.channels import (
+    CAMERA_ATTRIBUTE,
+    CAMERA_JSON,
+    CERTAINTY,
+    COLOR,
+    HEIGHT,
+    NORMAL,
+    OBJECT,
+    POSITION,
+    RENDERING_ATTRIBUTE,
+    RENDERING_JSON,
+    TRIANGLE,
+    VARIANCE,
+    pixel_type,
+)
+from xfrustum.scenes.files.openexr.whole import check_whole
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
+from xfrustum.scenes.model.rendering import Rendering
+
+MOST_PIXELS = (2**31 - 1) // 4
+"""Of an image: OpenEXR's Python module counts the bytes of one channel, 4 a pixel, in 32 bits."""
+
+
+class ImageWriter:
+    """Writes an image band by band, from the top down, in the memory of one band.
+
+    A context manager. The file appears under its name when the block ends without an exception,
+    complete, and not at all otherwise.
+
+    Parameters
+    ----------
+    path
+        The file; one that exists is replaced at the end.
+    camera
+        What the whole image answers for; its resolution is the size of the image.
+    normals, color, variance, certainty
+        Whether the bands have these arrays.
+    rendering
+        What makes the color of the whole image; None where nobody says.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written, or the image has more than `MOST_PIXELS`.
+    """
+
+    def __init__(  # noqa: PLR0913 - one parameter per optional part of the file
+        self,
+        path: str | Path,
+        camera: HogelCamera,
+        *,
+        normals: bool = False,
+        color: bool = False,
+        variance: bool = False,
+        certainty: bool = False,
+        rendering: Rendering | None = None,
+    ) -> None:
+        self._path = Path(path)
+        self._camera = camera
+        self._next_row = 0
+        self._channels = (
+            *(COLOR if color else ()),
+            *(VARIANCE if variance else ()),
+            *POSITION,
+            *(NORMAL if normals else ()),
+            HEIGHT,
+            TRIANGLE,
+            OBJECT,
+            *((CERTAINTY,) if certainty else ()),
+        )
+        width, height = camera.resolution
+        if width * height > MOST_PIXELS:
+            raise InputError(
+                f"{self._path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
+                f"{MOST_PIXELS:,}; lower frustum.resolution"
+            )
+        header = OpenEXR.Header(*camera.resolution)
+        header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
+        header["channels"] = {name: Imath.Channel(pixel_type(name)) for name in self._channels}
+        header[CAMERA_ATTRIBUTE] = CAMERA_JSON.dump_json(camera)
+        if rendering is not None:
+            header[RENDERING_ATTRIBUTE] = RENDERING_JSON.dump_json(rendering)
+        try:
+            self._new = NewFile(self._path)
+        except OSError as error:
+            raise InputError(
+                f"{self._path}: cannot write the image ({error.strerror}); choose another folder"
+            ) from error
+        try:
+            # The older interface, because the newer one writes whole images only.
+            self._file = OpenEXR.OutputFile(self._new.open_name, header)
+        except BaseException as error:
+            self._new.discard()
+            if not isinstance(error, OSError):
+                raise
+            raise InputError(
+                f"{self._path}: cannot write the image (OpenEXR cannot open it); choose another folder"
+            ) from error
+
+    def write_rows(self, first_row: int, band: HogelImage) -> None:
+        """Write the next rows.
+
+        Parameters
+        ----------
+        first_row
+            The image row of the band's row 0; bands come in order and leave no row out.
+        band
+            Arrays of full width and any number of rows.
+        """
+        if first_row != self._next_row:
+            raise ValueError(f"rows from {first_row} do not follow the {self._next_row} rows written")
+        rows, width = band.triangle.shape
+        if width != self._camera.resolution[0] or first_row + rows > self._camera.resolution[1]:
+            raise ValueError(
+                f"a band of {width} x {rows} at row {first_row} leaves {self._camera.resolution}"
+            )
+        planes = _planes(band)
+        pixels = {name: np.ascontiguousarray(planes[name]).tobytes() for name in self._channels}
+        try:
+            self._file.writePixels(pixels, rows)
+        except (OSError, RuntimeError) as error:
+            raise self._refused(error) from error
+        self._next_row += rows
+
+    def close(self) -> None:
+        """Put the complete file under its name, once it is on the disk."""
+        if self._next_row != self._camera.resolution[1]:
+            self.abort()
+            raise ValueError(f"only {self._next_row} of {self._camera.resolution[1]} rows were written")
+        try:
+            self._file.close()
+            # OpenEXR keeps to itself what goes wrong with the last bytes that it writes.
+            check_whole(self._new.aside, self._camera.resolution[1])
+            self._new.commit()
+        except (OSError, RuntimeError) as error:
+            raise self._refused(error) from error
+        finally:
+            self._new.discard()
+
+    def abort(self) -> None:
+        """Leave nothing behind."""
+        try:
+            self._file.close()
+        finally:
+            self._new.discard()
+
+    def _refused(self, error: OSError | RuntimeError) -> InputError:
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+        # OpenEXR names the file that was set aside, which nobody will find.
+        reason = reason.replace(self._new.open_name, self._path.name)
+        return InputError(f"{self._path}: cannot write the image ({reason}); check the disk")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+
+def write_image(path: str | Path, image: HogelImage) -> None:
+    """Write an image: floats in 32 bits, numbers plus one, lossless.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written; nothing is left behind.
+    """
+    with ImageWriter(
+        path,
+        image.camera,
+        normals=image.normal is not None,
+        color=image.color is not None,
+        variance=image.variance is not None,
+        certainty=image.certainty is not None,
+        rendering=image.rendering,
+    ) as writer:
+        writer.write_rows(0, image)
+
+
+def _planes(image: HogelImage) -> dict[str, NDArray[Any]]:
+    """Return every channel that the image has as (H, W) in its stored type."""
+    planes: dict[str, NDArray[Any]] = {
+        HEIGHT: image.height.astype(np.float32),
+        TRIANGLE: (image.triangle + 1).astype(np.uint32),
+        OBJECT: (image.object + 1).astype(np.uint32),
+    }
+    if image.certainty is not None:
+        planes[CERTAINTY] = image.certainty.astype(np.uint32)
+    vectors = (
+        (POSITION, image.position),
+        (NORMAL, image.normal),
+        (COLOR, image.color),
+        (VARIANCE, image.variance),
+    )
+    for names, array in vectors:
+        if array is not None:
+            planes |= {name: array[..., axis].astype(np.float32) for axis, name in enumerate(names)}
+    return planes

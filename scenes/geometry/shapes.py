@@ -1,0 +1,139 @@
+"""Built-in shapes of size one about the origin: what `shape = "..."` in a scene file names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.scene import SceneObject
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""Vertices (V, 3) and faces (F, 3)."""
+
+
+def box() -> Mesh:
+    """Return the cube of side 1."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, triangulate(np.array(quads))
+
+
+def square() -> Mesh:
+    """Return the square of side 1 in z = 0 that faces +z."""
+    return np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]), triangulate(
+        np.array([(0, 1, 2, 3)])
+    )
+
+
+def sphere() -> Mesh:
+    """Return a sphere of diameter 1, poles on the y axis, 48 sectors by 24 bands."""
+    polar = np.linspace(0, np.pi, 25)
+    return lathe(0.5 * np.sin(polar), -0.5 * np.cos(polar), sectors=48)
+
+
+def cylinder() -> Mesh:
+    """Return a closed cylinder about the y axis, diameter and height 1."""
+    return lathe(np.array([0, 0.5, 0.5, 0]), np.array([-0.5, -0.5, 0.5, 0.5]), sectors=48)
+
+
+def cone() -> Mesh:
+    """Return a closed cone about the y axis, diameter and height 1, tip at the top."""
+    return lathe(np.array([0, 0.5, 0]), np.array([-0.5, -0.5, 0.5]), sectors=48)
+
+
+def torus() -> Mesh:
+    """Return a torus about the y axis of outer diameter 1 and tube diameter 0.3."""
+    turn = np.linspace(0, 2 * np.pi, 25)
+    return lathe(0.35 + 0.15 * np.cos(turn), 0.15 * np.sin(turn), sectors=48)
+
+
+def lathe(radii: NDArray[np.float64], heights: NDArray[np.float64], *, sectors: int) -> Mesh:
+    """Turn a profile about the y axis.
+
+    Parameters
+    ----------
+    radii, heights
+        (N,) the profile, from the bottom up along the outside; facets face outward.
+    sectors
+        Number of facets around.
+    """
+    turn = 2 * np.pi * np.arange(sectors) / sectors
+    rings = np.stack(
+        [
+            radii[:, None] * np.sin(turn),
+            np.broadcast_to(heights[:, None], (len(heights), sectors)),
+            radii[:, None] * np.cos(turn),
+        ],
+        axis=-1,
+    )
+    return wrapped_grid(rings)
+
+
+def wrapped_grid(rings: NDArray[np.float64]) -> Mesh:
+    """Join rings of points (N, M, 3) into a tube; rings that shrink to a point close it.
+
+    Triangles without area, which such a point leaves, are dropped. Coordinates are rounded to
+    1e-6 of the shape's unit, so that sine tables that differ from machine to machine in the last
+    bit give the same mesh and the same content hash.
+    """
+    count, around = rings.shape[:2]
+    vertices = np.round(rings.reshape(-1, 3), 6) + 0.0
+    index = np.arange(count * around).reshape(count, around)
+    beside = np.roll(index, -1, axis=1)
+    quads = np.stack([index[:-1], beside[:-1], beside[1:], index[1:]], axis=-1).reshape(-1, 4)
+    return drop_flat(vertices, triangulate(quads))
+
+
+def open_grid(points: NDArray[np.float64]) -> Mesh:
+    """Join a grid of points (N, M, 3) into a sheet; it faces where rows x columns point."""
+    rows, columns = points.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
+    return np.round(points.reshape(-1, 3), 6) + 0.0, triangulate(quads.reshape(-1, 4))
+
+
+def triangulate(quads: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Split quads (N, 4) into triangles (2 N, 3) along the first diagonal."""
+    return np.asarray(quads, dtype=np.int64)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+
+
+def drop_flat(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Mesh:
+    """Leave out triangles two of whose corners are the same point."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    flat = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
+    return vertices, faces[~flat]
+
+
+def join(*meshes: Mesh) -> Mesh:
+    """Put meshes into one, in order."""
+    offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    faces = [faces + offset for (_, faces), offset in zip(meshes, offsets, strict=False)]
+    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
+
+
+SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType(
+    {"box": box, "square": square, "sphere": sphere, "cylinder": cylinder, "cone": cone, "torus": torus}
+)
+
+
+def build_shape(name: str, *, material: str | None = None) -> SceneObject:
+    """Return a built-in shape as an object in its own coordinates.
+
+    Raises
+    ------
+    InputError
+        There is no such shape.
+    """
+    if name not in SHAPES:
+        nearest = difflib.get_close_matches(name, list(SHAPES), n=1, cutoff=0.0)[0]
+        raise InputError(
+            f"no built-in shape is called {name!r}; the nearest is {nearest}, "
+            f"and there are {', '.join(SHAPES)}"
+        )
+    vertices, faces = SHAPES[name]()
+    return SceneObject(name=name, vertices=vertices, faces=faces, material=material)

@@ -1,0 +1,229 @@
+"""A car: a smooth lofted body with cabin, windows, wheel arches and wheels, about 42,000 triangles.
+
+In the car's own frame x is to the side, y up and z forward; lengths are millimeters, the wheels
+stand on y = 0, the car is 100 long, 42 wide and 32 high. Drawn for this project.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from xfrustum.scenes.geometry.placement import place, placement
+from xfrustum.scenes.geometry.shapes import Mesh, join, lathe, wrapped_grid
+from xfrustum.scenes.model.scene import SceneObject
+
+Array = NDArray[np.float64]
+Knots = Sequence[tuple[float, float]]
+
+_WHEEL_RADIUS = 7.2
+_ARCH_RADIUS = 8.6
+_AXLES = (-29.5, 31.0)
+_TRACK = 17.6
+_WHEEL_SECTORS = 60
+_END = 45.0
+"""From here to the tip the body is a rounded cap, `_CAP` long."""
+_CAP = 5.0
+_SECTION = 3.4
+"""Exponent of the lower body's cross section."""
+
+# Lines of the lower body along z.
+_SHOULDER: Knots = (
+    (-50, 17.5), (-44, 20), (-33, 21), (-12, 20.5), (8, 20.3), (20, 20.2), (32, 19), (42, 17), (50, 14),
+)  # fmt: skip
+_SILL: Knots = ((-50, 8.5), (-44, 6), (-36, 4.6), (38, 4.4), (46, 5), (50, 6.2))
+_HALF_WIDTH: Knots = ((-50, 17.5), (-42, 19.8), (-20, 20.8), (10, 20.9), (34, 20.4), (44, 18.9), (50, 16.4))
+
+# Lines of the cabin over its height.
+_GLASS_BASE, _GLASS_TOP = 20.8, 29.4
+_WINDSHIELD: Knots = ((17, 24), (20.5, 19.5), (30, 3.5))
+_REAR_WINDOW: Knots = ((17, -41), (20.5, -37), (30, -22))
+_CABIN_HALF_WIDTH: Knots = ((17, 19.2), (20.5, 18.6), (30, 14.6))
+_ROOF_EDGE, _ROOF_RISE = 30.0, 2.2
+
+# Half a wheel's section: radius, and position along the axle, outward. The rim begins inside the bead.
+_WHEEL: Knots = (
+    (0, -2), (4.5, -2.2), (5.6, -2.6), (6.5, -2.5), (7.0, -2.0), (7.2, -1.2), (7.2, 0), (7.2, 1.2),
+    (7.0, 2.0), (6.5, 2.5), (5.6, 2.6), (5.2, 2.4), (5.0, 1.9), (4.5, 1.7), (3.6, 1.8), (2.6, 1.9),
+    (1.7, 2.0), (1.5, 2.4), (0.8, 2.5), (0, 2.5),
+)  # fmt: skip
+_RIM = _WHEEL.index((5.2, 2.4))
+
+
+def car() -> tuple[SceneObject, ...]:
+    """Return body, glass, wheels and trim in the scene: turned by 35 degrees, straddling the plate.
+
+    The middle aperture lies just over the hood, at the foot of the windshield: part of the car is
+    before it and part behind.
+    """
+    frame, glass = _cabin()
+    parts = {
+        "body": join(_lower_body(), frame),
+        "glass": glass,
+        "wheels": join(*(_wheel(side, axle) for axle in _AXLES for side in (-1, 1))),
+        "trim": _trim(),
+    }
+    scene_from_car = placement(1.0, (0.0, 35.0, 0.0), (-14.0, -27.0, -17.0))
+    return tuple(
+        place(SceneObject(name=f"car {name}", vertices=vertices, faces=faces), scene_from_car)
+        for name, (vertices, faces) in parts.items()
+    )
+
+
+def rim_faces(wheels: SceneObject) -> NDArray[np.bool_]:
+    """Return (F,) which faces of the car's wheels belong to the rims; the others are tires."""
+    row = wheels.faces % (_WHEEL_SECTORS * len(_WHEEL)) // _WHEEL_SECTORS
+    return np.asarray((row >= _RIM).all(axis=1))
+
+
+def _curve(knots: Knots, at: Array) -> Array:
+    """Interpolate without overshoot between knots."""
+    where, value = np.array(knots, dtype=np.float64).T
+    return np.asarray(PchipInterpolator(where, value)(at), dtype=np.float64)
+
+
+def _superellipse(exponent: float, points: int) -> Array:
+    """Return (points, 2) on the unit superellipse, evenly along its length, from (1, 0) to the left."""
+    turn = np.linspace(0, 2 * np.pi, 4001)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    dense = np.stack(
+        [
+            np.sign(cosine) * np.abs(cosine) ** (2 / exponent),
+            np.sign(sine) * np.abs(sine) ** (2 / exponent),
+        ],
+        axis=1,
+    )
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
+    even = np.linspace(0, length[-1], points, endpoint=False)
+    return np.stack([np.interp(even, length, dense[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def _lower_body() -> Mesh:
+    """Loft the body along z, below the shoulder; wheel arches are cut across its whole width."""
+    z, arch = _stations()
+    inside = np.clip(z, -_END, _END)
+    cap = np.clip(np.abs(z - inside) / _CAP, 0, 1)
+    shrink = (1 - cap**2.4) ** (1 / 2.4)
+    top, bottom = _curve(_SHOULDER, z), _curve(_SILL, z)
+    section = _superellipse(_SECTION, 108)
+    half_width, half_height = _curve(_HALF_WIDTH, z) * shrink, (top - bottom) / 2 * shrink
+    x = half_width[:, None] * section[:, 0]
+    y = ((top + bottom) / 2)[:, None] + half_height[:, None] * section[:, 1]
+    # Where an arch cuts above the widest line, what it cuts away must not fold over its roof.
+    above = np.clip((arch - (top + bottom) / 2) / half_height, 0, 1)
+    roof = (half_width * (1 - above**_SECTION) ** (1 / _SECTION))[:, None]
+    cut = y < arch[:, None]
+    x, y = np.where(cut, np.clip(x, -roof, roof), x), np.where(cut, arch[:, None], y)
+    # Turned so that the facets face outward for z running forward.
+    return wrapped_grid(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1))
+
+
+def _stations() -> tuple[Array, Array]:
+    """Return z of the sections, back to front, and the height up to which an arch cuts each."""
+    around = np.linspace(0, np.pi, 23)
+    bend = np.sin(np.linspace(0, np.pi / 2, 11))
+    z: list[Array] = [-_END - _CAP * bend[:0:-1]]
+    arch: list[Array] = [np.full(10, -np.inf)]
+    start = -_END
+    for axle in _AXLES:
+        # The section at either end of an arch comes twice, uncut and cut: an upright wall.
+        plain = np.linspace(start, axle - _ARCH_RADIUS, 12 if axle < 0 else 30)
+        z += [plain, axle - _ARCH_RADIUS * np.cos(around)]
+        arch += [np.full(len(plain), -np.inf), _WHEEL_RADIUS + _ARCH_RADIUS * np.sin(around)]
+        start = axle + _ARCH_RADIUS
+    plain = np.linspace(start, _END, 10)
+    z += [plain, _END + _CAP * bend[1:]]
+    arch += [np.full(len(plain) + 10, -np.inf)]
+    return np.concatenate(z), np.concatenate(arch)
+
+
+def _cabin() -> tuple[Mesh, Mesh]:
+    """Loft the cabin upward and return its frame and its glass, set in by a bevel."""
+    outline = _superellipse(4.2, 104)
+    heights = np.concatenate([[17], np.linspace(_GLASS_BASE, _GLASS_TOP, 14), [_ROOF_EDGE]])
+    dome = np.linspace(0, np.pi / 2, 12)[1:]
+    y = np.concatenate([[17], heights, _ROOF_EDGE + _ROOF_RISE * np.sin(dome) ** 0.8])
+    scale = np.concatenate([[0], np.ones(len(heights)), np.cos(dome) ** 0.8])
+    scale[-1] = 0
+    level = np.minimum(y, _ROOF_EDGE)
+    front, rear = _curve(_WINDSHIELD, level), _curve(_REAR_WINDOW, level)
+    middle, half_length = (front + rear) / 2, (front - rear) / 2
+    half_width = _curve(_CABIN_HALF_WIDTH, level)
+    # Facets face outward for rings running upward if the outline runs from +z to +x.
+    across, along = outline[:, 1], outline[:, 0]
+    pane = _panes(across, along) & ((level > _GLASS_BASE) & (level < _GLASS_TOP) & (scale == 1))[:, None]
+    set_in = np.where(pane, 0.35, 0.0)
+    x = (half_width * scale)[:, None] * across - set_in * np.sign(across) * (np.abs(across) > 0.9)
+    z = middle[:, None] + (half_length * scale)[:, None] * along
+    z = z - set_in * np.sign(along) * (np.abs(along) > 0.9)
+    points = np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1)
+    vertices, faces = wrapped_grid(points)
+    is_glass = pane.reshape(-1)[faces].all(axis=1)
+    return _used(vertices, faces[~is_glass]), _used(vertices, faces[is_glass])
+
+
+def _panes(across: Array, along: Array) -> NDArray[np.bool_]:
+    """Return which points of the outline belong to a window: front, rear, two on each side."""
+    screens = (np.abs(along) > 0.9) & (np.abs(across) < 0.84)
+    sides = (np.abs(across) > 0.9) & (np.abs(along) < 0.82) & (np.abs(along + 0.08) > 0.035)
+    return np.asarray(screens | sides)
+
+
+def _used(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
+    """Leave out vertices that no face uses."""
+    used, compact = np.unique(faces, return_inverse=True)
+    return vertices[used], compact.reshape(faces.shape).astype(np.int64)
+
+
+def _wheel(side: int, axle: float) -> Mesh:
+    """Return a tire with a rim of five spokes; `side` is -1 or +1 and says where it faces."""
+    radii, heights = np.array(_WHEEL, dtype=np.float64).T
+    sectors = _WHEEL_SECTORS
+    vertices, faces = lathe(radii, heights, sectors=sectors)
+    turn = 2 * np.pi * np.arange(sectors) / sectors
+    gap = 1.4 * np.clip(1.5 * np.cos(5 * turn), 0, 1)
+    spoked = [row for row, (radius, height) in enumerate(_WHEEL) if 1.6 < radius < 4.6 and height > 0]
+    for row in spoked:
+        vertices[row * sectors : (row + 1) * sectors, 1] -= gap
+    # The lathe's axis y becomes the axle, pointing outward; one side is a half turn of the other.
+    outward = np.stack([side * vertices[:, 1], vertices[:, 0], -side * vertices[:, 2]], axis=1)
+    center = np.array([side * _TRACK, _WHEEL_RADIUS, axle])
+    return np.round(outward + center, 6), faces
+
+
+def _trim() -> Mesh:
+    """Return bumpers, lamps, mirrors and door handles."""
+    parts = [
+        _pebble((0, 9.0, 48.0), (17.0, 1.6, 3.4), 4.0),
+        _pebble((0, 10.5, -48.0), (17.5, 1.6, 3.2), 4.0),
+    ]
+    for side in (-1, 1):
+        parts += [
+            _pebble((side * 13.0, 13.6, 46.6), (3.0, 1.9, 3.0), 2.4),
+            _pebble((side * 13.8, 16.0, -47.2), (2.8, 1.7, 2.4), 2.8),
+            _pebble((side * 19.4, 21.5, 11.0), (2.4, 1.6, 1.3), 2.6),
+            _pebble((side * 20.9, 17.0, -9.0), (0.5, 0.5, 2.2), 2.6),
+        ]
+    return join(*parts)
+
+
+def _pebble(center: tuple[float, float, float], half: tuple[float, float, float], exponent: float) -> Mesh:
+    """Return a superellipsoid: half sizes along x, y, z, boxier for larger exponents."""
+    section = _superellipse(exponent, 24)
+    rise = np.linspace(-np.pi / 2, np.pi / 2, 11)
+    power = 2 / exponent
+    height = np.sign(rise) * np.abs(np.sin(rise)) ** power
+    spread = np.abs(np.cos(rise)) ** power
+    spread[[0, -1]] = 0
+    unit = np.stack(
+        [
+            spread[:, None] * section[:, 1],
+            np.broadcast_to(height[:, None], (11, 24)),
+            spread[:, None] * section[:, 0],
+        ],
+        axis=-1,
+    )
+    return wrapped_grid(unit * half + center)

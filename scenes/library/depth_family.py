@@ -1,0 +1,161 @@
+"""Scenes whose depth alone changes: the same picture on the film, from shallow to deep.
+
+All lie on one side of the plate. For C* they are reflected through the middle aperture, which moves no
+point on the film and only changes who sees it: C keeps the nearest surface of a line, C* the farthest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.geometry.placement import place, placement
+from xfrustum.scenes.library.car import car
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.double_frustum import Camera
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Plate
+
+Floats = NDArray[np.float64]
+
+REACH = 1000.0
+"""On both sides, scene units."""
+
+FARTHEST = 0.999 * REACH
+"""Of any surface: nothing is cut by the reach."""
+
+CAR_RATIO = 1.5
+"""Farthest to nearest |z| of one car; no scene of cars is shallower."""
+
+CARS = 4
+"""One in each quarter of the film, so that none hides another at any depth."""
+
+SHEET_CELLS = 16
+"""Along each side of the film: 512 triangles a sheet."""
+
+SHEET_PHASE = 0.05
+"""A sheet's cells differ in height by up to this share, so that all their depths do not round alike."""
+
+SHEET_HEIGHT = FARTHEST / (1 + SHEET_PHASE)
+"""Mean |z| of the sheets: the cells of the farther one end at the farthest surface."""
+
+SHOWN_SHEET = {Camera.C: 1, Camera.C_STAR: 3}
+"""Object that belongs in every pixel of `sheet_pair`, by camera."""
+
+_FOV = math.radians(50)
+_PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
+
+
+def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
+    """Return cars at geometric distances, of a given depth, before or behind the plate.
+
+    Each car fills a quarter of the film and is scaled about the aperture, which changes its distance
+    and not its picture: scenes of any two ratios show C the same triangles.
+
+    Parameters
+    ----------
+    ratio
+        Farthest to nearest |z| of all surfaces, at least `CAR_RATIO`. The farthest lies at `FARTHEST`.
+    camera
+        `C` for cars behind the plate, `C_STAR` for cars before it.
+    resolution
+        W, H of the film.
+
+    Raises
+    ------
+    InputError
+        The ratio is smaller than that of one car.
+    """
+    if not (math.isfinite(ratio) and ratio >= CAR_RATIO):
+        raise InputError(f"the depth of a scene of cars must be at least {CAR_RATIO}, not {ratio}")
+    parts = _car_behind_plate()
+    scales = np.geomspace(1.0, CAR_RATIO / ratio, CARS)
+    objects = []
+    for aside, scale in zip(_into_quarters(parts), scales.tolist(), strict=True):
+        moved = [replace(part, vertices=scale * (part.vertices + aside)) for part in parts]
+        objects += [_on_side_of(camera, part) for part in moved]
+    return _scene(f"cars of depth {ratio:g}", resolution, objects)
+
+
+def sheet_pair(offset: float, separation: float, pixels: int) -> Scene:
+    """Return two parallel sheets at the far end of either side, each covering the film of a camera.
+
+    Of each pair the sheet that must not show comes first, so that equal depths show it.
+
+    Parameters
+    ----------
+    offset
+        How far the cameras that draw the far end stand back from the aperture: n, or 0 where a slab's
+        own camera draws it.
+    separation
+        Of the sheets along z, scene units.
+    pixels
+        W = H of the film.
+    """
+    phases = np.random.default_rng(4).uniform(-SHEET_PHASE, SHEET_PHASE, (SHEET_CELLS**2, 1))
+    farther = SHEET_HEIGHT * (1 + phases)
+    nearer = farther - separation
+    sheets = [
+        (Camera.C, farther), (Camera.C, nearer), (Camera.C_STAR, nearer), (Camera.C_STAR, farther)
+    ]  # fmt: skip
+    objects = [_on_side_of(camera, _sheet(height, offset)) for camera, height in sheets]
+    return _scene("sheets", (pixels, pixels), objects)
+
+
+def _scene(name: str, resolution: tuple[int, int], objects: list[SceneObject]) -> Scene:
+    frustum = Frustum(resolution=resolution, reach=(REACH, REACH), fov=(_FOV, _FOV))
+    return Scene(name=name, plate=_PLATE, frustum=frustum, objects=tuple(objects))
+
+
+def _car_behind_plate() -> list[SceneObject]:
+    """Return the parts of a car, seen from above a corner, on the axis of the film at full distance."""
+    turned = [place(part, placement(rotate_deg=(25.0, 20.0, 0.0))) for part in car()]
+    corners = np.concatenate([part.vertices for part in turned])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    # From |z| = x to CAR_RATIO x over the car's own extent along z, and then to full size.
+    nearest = (high[2] - low[2]) / (CAR_RATIO - 1)
+    size = FARTHEST / (CAR_RATIO * nearest)
+    middle = (low + high) / 2
+    to_place = np.array([middle[0], middle[1], high[2] + nearest])
+    return [replace(part, vertices=size * (part.vertices - to_place)) for part in turned]
+
+
+def _into_quarters(parts: list[SceneObject]) -> list[Floats]:
+    """Return the shifts (3,) along x and y that bring a car's picture to the middle of each quarter."""
+    corners = np.concatenate([part.vertices for part in parts])
+    depth = -corners[:, 2:]
+    shifts = []
+    for turn in np.array([(-1, 1), (1, 1), (-1, -1), (1, -1)]):
+        middle = turn * math.tan(_FOV / 2) / 2
+        shift = np.zeros(2)
+        # Depths differ by half, so that each step leaves less than half of what was missing.
+        for _ in range(60):
+            seen = (corners[:, :2] + shift) / depth
+            shift += (middle - (seen.min(axis=0) + seen.max(axis=0)) / 2) * depth.min()
+        shifts.append(np.append(shift, 0.0))
+    return shifts
+
+
+def _sheet(height: Floats, offset: float) -> SceneObject:
+    """Return a sheet behind the plate whose cells, at some heights |z| (N, 1), tile a camera's film."""
+    edges = np.linspace(-1, 1, SHEET_CELLS + 1) * math.tan(_FOV / 2)
+    at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
+    row, column = np.divmod(np.arange(SHEET_CELLS**2), SHEET_CELLS)
+    slopes = np.stack((edges[column[:, None] + at[:, 0]], edges[row[:, None] + at[:, 1]]), axis=-1)
+    depth = np.broadcast_to(-height[..., None], (*slopes.shape[:2], 1))
+    corners = np.concatenate((slopes * (height[..., None] + offset), depth), axis=-1)
+    cells = np.arange(4 * SHEET_CELLS**2).reshape(-1, 4)
+    faces = np.concatenate((cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]))
+    return SceneObject(name="sheet", vertices=corners.reshape(-1, 3), faces=faces)
+
+
+def _on_side_of(camera: Camera, part: SceneObject) -> SceneObject:
+    """Return a part as it is for C, reflected through the aperture for C*."""
+    if camera is Camera.C:
+        return part
+    # A point reflection turns insides out; the other winding turns them back.
+    return replace(part, vertices=-part.vertices, faces=part.faces[:, ::-1])

@@ -1,0 +1,109 @@
+"""A car in a studio: paint, glass, tires and metal, lights, and an environment that is reflected.
+
+What a designer looks at (paper, section 6): reflections of sky, ground and area lights run over the
+body. Nothing in the surroundings is symmetric, so that no flip of the eye vector or the map goes unseen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.geometry.smoothing import smoothed
+from xfrustum.scenes.library.car import car, rim_faces
+from xfrustum.scenes.model.scene import SceneObject
+
+_MATERIALS = MappingProxyType(
+    {
+        "paint": Material(
+            ambient=(0.03, 0.006, 0.008),
+            diffuse=(0.42, 0.045, 0.05),
+            specular=(0.35, 0.35, 0.35),
+            exponent=50.0,
+            reflectivity=(0.16, 0.16, 0.16),
+        ),
+        "glass": Material(
+            ambient=(0.004, 0.006, 0.007),
+            diffuse=(0.015, 0.022, 0.025),
+            specular=(0.6, 0.6, 0.6),
+            exponent=200.0,
+            reflectivity=(0.3, 0.32, 0.34),
+        ),
+        "tire": Material(ambient=(0.008,) * 3, diffuse=(0.035,) * 3, specular=(0.04,) * 3, exponent=8.0),
+        "metal": Material(
+            ambient=(0.02,) * 3,
+            diffuse=(0.12, 0.12, 0.13),
+            specular=(0.5,) * 3,
+            exponent=80.0,
+            reflectivity=(0.55, 0.55, 0.58),
+        ),
+    }
+)
+_MATERIAL_OF_PART = MappingProxyType({"body": "paint", "glass": "glass", "trim": "metal"})
+
+_LIGHTS = (
+    DirectionalLight(direction=(-2.0, 3.0, 2.0), color=(0.9, 0.87, 0.8)),
+    DirectionalLight(direction=(3.0, 1.0, 1.5), color=(0.2, 0.24, 0.32)),
+    DirectionalLight(direction=(0.5, 1.5, -3.0), color=(0.3, 0.3, 0.28)),
+)
+
+
+def studio_car() -> tuple[SceneObject, ...]:
+    """Return the car with smooth normals, a material on every part, and rims apart from tires."""
+    parts = []
+    for part in (smoothed(part) for part in car()):
+        kind = part.name.removeprefix("car ")
+        if kind in _MATERIAL_OF_PART:
+            parts.append(replace(part, material=_MATERIAL_OF_PART[kind]))
+            continue
+        rim = rim_faces(part)
+        parts.append(replace(part, name="car tires", faces=part.faces[~rim], material="tire"))
+        parts.append(replace(part, name="car rims", faces=part.faces[rim], material="metal"))
+    return tuple(parts)
+
+
+def studio() -> Appearance:
+    """Return the studio's materials, lights and surroundings."""
+    return Appearance(materials=_MATERIALS, lights=_LIGHTS, environment=surroundings())
+
+
+def surroundings(height: int = 256) -> Environment:
+    """Return sky, ground and three softboxes as a latitude-longitude map of 2 height x height pixels.
+
+    Edges of softboxes and the horizon are soft, several pixels wide: a reflection's place is then seen
+    in its brightness, and not at its border only.
+    """
+    rows = (np.arange(height) + 0.5) / height
+    columns = (np.arange(2 * height) + 0.5) / (2 * height)
+    latitude, longitude = 90 - 180 * rows[:, None], 360 * columns[None, :] - 180
+    rise = np.clip(latitude / 90, 0, 1)[..., None]
+    sky = (1 - rise) * [0.62, 0.66, 0.7] + rise * [0.12, 0.2, 0.42]
+    # Brighter toward the right; the same from all sides at the pole, where all longitudes meet.
+    aside = np.sin(np.radians(longitude)) * np.cos(np.radians(latitude))
+    ground = (0.16 + 0.05 * aside)[..., None] * [1.0, 0.85, 0.7]
+    horizon = _smooth_step(latitude, 0.0, width=6.0)[..., None]
+    radiance = horizon * sky + (1 - horizon) * ground
+    for longitudes, latitudes, color in (
+        ((-170.0, -95.0), (28.0, 46.0), (5.0, 5.0, 4.6)),
+        ((105.0, 165.0), (12.0, 18.0), (2.4, 2.0, 1.5)),
+        ((-60.0, 20.0), (60.0, 72.0), (2.0, 2.3, 2.8)),
+    ):
+        box = _between(longitude, longitudes) * _between(latitude, latitudes)
+        radiance = radiance + box[..., None] * color
+    return Environment(radiance=radiance.astype(np.float32), name="studio")
+
+
+def _between(angle: NDArray[np.float64], limits: tuple[float, float]) -> NDArray[np.float64]:
+    return _smooth_step(angle, limits[0], width=4.0) * (1 - _smooth_step(angle, limits[1], width=4.0))
+
+
+def _smooth_step(angle: NDArray[np.float64], edge: float, *, width: float) -> NDArray[np.float64]:
+    """Return 0 before an edge and 1 after it, a cubic between; degrees."""
+    share = np.clip((angle - edge) / width + 0.5, 0, 1)
+    return np.asarray(share**2 * (3 - 2 * share))

@@ -1,0 +1,163 @@
+"""Objects made to show one thing each: orientation, order in depth, the cut at the plate, clipping.
+
+Lengths are millimeters; the plate is 80 x 60, the reach 150 on both sides.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.geometry.placement import place, placement
+from xfrustum.scenes.geometry.shapes import Mesh, box, build_shape, join, open_grid, triangulate
+from xfrustum.scenes.model.scene import SceneObject
+
+Vector = tuple[float, float, float]
+
+
+def asymmetric() -> tuple[SceneObject, ...]:
+    """Return unlike parts on both sides of the plate, none symmetric with another.
+
+    The torus in front hides the box behind: their directions from the middle aperture agree. The bar
+    crosses the plate beside the aperture.
+    """
+    return (
+        _shape("torus", 19.0, (70.0, 15.0, 0.0), (14.0, 10.0, 60.0)),
+        _shape("cone", 13.0, (0.0, 0.0, -65.0), (-15.0, 9.0, 48.0)),
+        _shape("sphere", 7.0, (0.0, 0.0, 0.0), (6.0, -9.0, 34.0)),
+        _shape("box", 15.0, (25.0, 40.0, 10.0), (-12.5, -8.0, -52.0)),
+        _letter(2.6, (8.0, -20.0, 5.0), (-3.0, 15.0, -62.0)),
+        _letter(3.2, (-12.0, 30.0, -20.0), (-14.0, -17.0, 70.0)),
+        _shape("cylinder", 22.0, (20.0, 0.0, 70.0), (34.0, -9.0, -85.0)),
+        _bar((17.0, 7.0, -75.0), (9.0, -18.0, 75.0), width=3.0),
+    )
+
+
+def _shape(name: str, size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
+    return place(build_shape(name), placement(size, rotate_deg, center))
+
+
+def _letter(size: float, rotate_deg: Vector, center: Vector) -> SceneObject:
+    """Return a letter F whose strokes stand out by different depths: no rotation undoes a mirror."""
+    strokes = [
+        ((-1.5, 0.0, 0.0), (1.0, 6.0, 1.0)),
+        ((0.5, 2.5, 0.5), (3.0, 1.0, 2.0)),
+        ((0.0, 0.3, -0.5), (2.0, 1.0, 2.0)),
+    ]
+    corners, faces = box()
+    vertices, all_faces = join(*((corners * extent + middle, faces) for middle, extent in strokes))
+    letter = SceneObject(name="letter", vertices=vertices, faces=all_faces)
+    return place(letter, placement(size, rotate_deg, center))
+
+
+def _bar(start: Vector, end: Vector, *, width: float) -> SceneObject:
+    """Return a bar with square ends parallel to the plate."""
+    corners, faces = box()
+    along = corners[:, 2:] + 0.5
+    middle = np.array(start) * (1 - along) + np.array(end) * along
+    return SceneObject(name="bar", vertices=middle + corners * (width, width, 0.0), faces=faces)
+
+
+SHEET_HEIGHTS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""Height of each row of pairs above or below the plate, as a fraction of the reach."""
+SHEET_SEPARATIONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+"""Separation of each column of pairs, as a fraction of the reach."""
+
+
+def sheets(*, reach: float) -> tuple[SceneObject, ...]:
+    """Return pairs of parallel sheets: object 0 the upper sheets, toward the viewer, object 1 the lower.
+
+    Seen from the middle aperture, the pairs behind the plate fill the left half of the film and those
+    in front of it the right half; rows are `SHEET_HEIGHTS` from the bottom, columns
+    `SHEET_SEPARATIONS` from the left. In every cell the upper sheet covers the left 7/10 and the
+    lower one the right 7/10, so both show, and where they overlap a wrong order shows too. The pairs
+    lean a little: a sheet of one single depth would be all right or all wrong.
+    """
+    upper, lower = [], []
+    for side, first_column in ((-1, 0), (1, len(SHEET_SEPARATIONS))):
+        for row, height in enumerate(SHEET_HEIGHTS):
+            for column, separation in enumerate(SHEET_SEPARATIONS):
+                near = side * height * reach
+                far = near + side * separation * reach
+                cell = (first_column + column, row)
+                upper.append(_sheet(max(near, far), cell, (0.0, 0.7)))
+                lower.append(_sheet(min(near, far), cell, (0.3, 1.0)))
+    named = (("upper sheets", upper), ("lower sheets", lower))
+    return tuple(
+        SceneObject(name=name, vertices=mesh[0], faces=mesh[1])
+        for name, mesh in ((name, join(*meshes)) for name, meshes in named)
+    )
+
+
+_SHEET_SLOPES = (-0.55, 0.55)
+"""Slopes of the outermost lines to the sheets: just inside a full angle of 60 degrees."""
+_LEAN = (0.2, 0.1)
+_CELL_FILLED = 0.9
+
+
+def _sheet(z: float, cell: tuple[int, int], part: tuple[float, float]) -> Mesh:
+    """Return the sheet that fills a part of the width of a film cell from height z.
+
+    The sheet leans about the point in which the line through the cell's middle has height z, so the
+    sheets of a pair are parallel and exactly the difference of their heights apart along that line.
+    """
+    grid = (2 * len(SHEET_SEPARATIONS), len(SHEET_HEIGHTS))
+    low, high = _SHEET_SLOPES
+    per_cell = [(high - low) / count for count in grid]
+    x = [-z * (low + per_cell[0] * (cell[0] + _CELL_FILLED * edge)) for edge in part]
+    y = [-z * (low + per_cell[1] * (cell[1] + _CELL_FILLED * edge)) for edge in (0.0, 1.0)]
+    middle = [-z * (low + step * (c + 0.5)) for step, c in zip(per_cell, cell, strict=True)]
+    corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
+    lean = (corners[:, 0] - middle[0]) * _LEAN[0] + (corners[:, 1] - middle[1]) * _LEAN[1]
+    # Both axes change sign in front of the plate, which is half a turn: the winding stays.
+    return np.column_stack([corners, z + lean]), triangulate(np.array([(0, 1, 2, 3)]))
+
+
+def crossing() -> tuple[SceneObject, ...]:
+    """Return a steep wavy surface that contains the origin exactly, a ball before it and a box behind.
+
+    The cell about the origin is a piece of the plane z = 2 x with the origin inside one of its two
+    triangles, off every edge: all lines of the middle aperture meet the surface in the plate itself,
+    unless something in front hides it there. The box shows from other apertures only.
+
+    Cells shrink toward the origin, by powers of two: the near planes meet the plate in a window
+    as small as n, and float32 places a corner only relative to its distance from the origin.
+    """
+    shrinking = 2.0 ** -np.arange(1, 6)
+    x = np.concatenate([np.linspace(-31, -1, 31), -shrinking, 2 * shrinking[::-1], np.linspace(2, 32, 31)])
+    y = np.concatenate(
+        [np.linspace(-31.5, -1.5, 25), -1.5 * shrinking, shrinking[::-1], np.linspace(1, 31, 25)]
+    )
+    columns, rows = np.meshgrid(x, y)
+    # Zero on the four corners about the origin, full a few millimeters away.
+    distance = np.maximum(np.maximum(columns - 2, -1 - columns), np.maximum(rows - 1, -1.5 - rows))
+    fade = np.clip(distance / 6, 0, 1)
+    wave = fade * (9 * np.sin(0.31 * rows + 0.4) + 6 * np.sin(0.23 * columns - 0.37 * rows))
+    points = np.stack([columns, rows, 2 * columns + wave], axis=-1)
+    vertices, faces = open_grid(points)
+    return (
+        SceneObject(name="wave", vertices=vertices, faces=faces),
+        _shape("sphere", 12.0, (0.0, 0.0, 0.0), (-12.0, 8.0, 55.0)),
+        _shape("box", 16.0, (20.0, 30.0, 0.0), (-18.0, 6.0, -70.0)),
+    )
+
+
+def large_triangles() -> tuple[SceneObject, ...]:
+    """Return a wall, a floor and a slope of one triangle each, meters wide, and small parts.
+
+    Each of the three crosses the plate beside the middle aperture, which sees a hundredth of its
+    length or less: the rest is for clipping to remove.
+    """
+    return (
+        _triangle("wall", (26.0, -4000.0, -3000.0), (31.0, 5000.0, -2500.0), (43.0, 300.0, 6000.0)),
+        _triangle("floor", (-6000.0, -13.0, -4000.0), (6000.0, -22.0, -4500.0), (100.0, -29.0, 7000.0)),
+        _triangle("slope", (-7000.0, -9000.0, 3253.0), (6000.0, -7000.0, -25231.0), (500.0, 9000.0, 12344.0)),
+        _shape("sphere", 14.0, (0.0, 0.0, 0.0), (7.0, 6.0, 42.0)),
+        _shape("box", 18.0, (30.0, 20.0, 10.0), (24.0, -12.0, -66.0)),
+        _shape("cone", 20.0, (15.0, 0.0, 40.0), (-20.0, 14.0, 80.0)),
+    )
+
+
+def _triangle(name: str, *corners: Vector) -> SceneObject:
+    vertices: NDArray[np.float64] = np.array(corners)
+    return SceneObject(name=name, vertices=vertices, faces=np.array([[0, 1, 2]]))

@@ -1,0 +1,42 @@
+"""A hash of what a scene looks like, beside that of its geometry."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from xfrustum.scenes.model.scene import Scene
+
+
+def look_hash(scene: Scene) -> str:
+    """Return the SHA-256 of all that color depends on beside `Scene.content_hash`.
+
+    These are the material of each object, normals, colors and textures of its surface, lights, and the
+    environment. Names are left out: they decide no pixel.
+    """
+    appearance, surface = scene.appearance, scene.surface
+    environment = appearance.environment
+    digest = hashlib.sha256()
+    parameters = {
+        "materials": [asdict(material) for material in scene.materials],
+        "lights": [asdict(light) for light in appearance.lights],
+        "strength": None if environment is None else environment.strength,
+    }
+    digest.update(json.dumps(parameters, sort_keys=True).encode())
+    arrays: list[np.ndarray[Any, Any] | None] = [
+        None if environment is None else environment.radiance,
+        surface.vertex_normals,
+        surface.vertex_colors,
+        surface.uv,
+        surface.texture_of_triangle,
+        *surface.textures,
+    ]
+    for array in arrays:
+        # Shapes first: no two lists of arrays are the same bytes.
+        digest.update(json.dumps(None if array is None else array.shape).encode())
+        digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

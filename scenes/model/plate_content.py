@@ -1,0 +1,82 @@
+"""A plate as a stream of hogels: what of each is wanted, and what each brings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from xfrustum.scenes.arguments import choice, settle, switch
+from xfrustum.scenes.model.effects import Effect, checked
+from xfrustum.scenes.plate.plate import Aperture
+
+
+class ColorType(StrEnum):
+    """How linear RGB is kept.
+
+    `UINT8` is 255 times the radiance, rounded; what lies outside 0 to 1 is cut off.
+    """
+
+    UINT8 = "uint8"
+    FLOAT16 = "float16"
+    FLOAT32 = "float32"
+
+    @property
+    def dtype(self) -> np.dtype[np.generic]:
+        """NumPy's name of it."""
+        wanted: DTypeLike = self.value
+        return np.dtype(wanted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateContent:
+    """The images that a stream of hogels carries.
+
+    Attributes
+    ----------
+    color
+        Type of linear RGB.
+    ids
+        Whether triangle numbers come along.
+    effects
+        What is simulated; None for what the scene calls for. The pictures are the same with more.
+
+    Raises
+    ------
+    InputError
+        A type, a switch or an effect that is not one.
+    """
+
+    color: ColorType = ColorType.FLOAT16
+    ids: bool = False
+    effects: frozenset[Effect] | None = None
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            color=choice(ColorType, self.color, "color"),
+            ids=switch(self.ids, "ids"),
+            effects=None if self.effects is None else checked(self.effects),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlateHogel:
+    """What one aperture shows, row 0 at the top.
+
+    Attributes
+    ----------
+    aperture
+        Whose image it is.
+    color
+        (H, W, 3) linear RGB in the type that was asked for.
+    triangle
+        (H, W) int32 numbers, -1 where there is no surface; None unless asked for.
+    """
+
+    aperture: Aperture
+    color: NDArray[Any]
+    triangle: NDArray[np.int32] | None

@@ -1,0 +1,332 @@
+"""A scene: what is asked of every renderer. Immutable, validated, in scene coordinates."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arguments import one_of, settle
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.surface_attributes import SurfaceAttributes
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
+
+SHORTEST, LONGEST = 1e-30, 1e30
+"""Lengths of plate, reach and screen, and largest coordinate: products of two stay within float32's
+range in pictures, and products of three far within that of doubles, where bounds on rounding hold."""
+
+SMALLEST_COORDINATE = 1e-75
+"""Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at least
+2^-53 of it, and products of three differences stay within the range of doubles even where all but the last
+digit of a sum cancels: the bounds on rounding, which are relative, hold (docs/truth.md)."""
+
+STEEPEST = 1e12
+"""Largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart."""
+
+TRIANGLES_AT_ONCE = 1 << 19
+"""Bounds the memory of intermediate results, 300 bytes a triangle, in scenes of many millions."""
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """Return the array with writing switched off."""
+    array.flags.writeable = False
+    return array
+
+
+class NormalsMade(StrEnum):
+    """How many of an object's vertex normals were made from its faces; the others are the mesh's own."""
+
+    NONE = "none"
+    SOME = "some"
+    ALL = "all"
+
+
+def _points(name: str, vertices: object) -> NDArray[np.float64]:
+    """Return vertices as (V, 3) float64."""
+    try:
+        points = np.ascontiguousarray(vertices, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: vertices must be numbers, (V, 3) ({error})") from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{name}: vertices must be one triple each, (V, 3), not {points.shape}")
+    return points
+
+
+def _indices(name: str, faces: object) -> NDArray[np.int64]:
+    """Return faces as (F, 3) int64, none of them cut down to a whole number."""
+    given = np.asarray(faces)
+    if given.dtype.kind not in "iu" and given.size:
+        raise InputError(f"{name}: faces must be whole numbers, (F, 3), not of type {given.dtype}")
+    return np.ascontiguousarray(given, dtype=np.int64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneObject:
+    """One object of a scene: a triangle mesh in scene coordinates.
+
+    Attributes
+    ----------
+    name
+        The mesh file or the built-in shape it came from.
+    vertices
+        (V, 3) float64, scene units, finite.
+    faces
+        (F, 3) int64 indices into `vertices`, at least one.
+    material
+        Name of the material table it refers to, if any.
+    uv
+        (V, 2) float64 texture coordinates, v up, if the mesh has them; NaN at vertices without.
+    textures
+        (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top; empty if the mesh has none.
+    texture_of_triangle
+        (F,) int32 index into `textures`, -1 where a triangle has none; None if the mesh has none.
+    vertex_normals
+        (V, 3) float64 normals to shade with, on the side that the winding faces. Not all of one length:
+        what is interpolated linearly over a triangle, and then made a unit vector, is these. NaN at
+        vertices without, whose triangles are flat; None if the mesh has none.
+    vertex_colors
+        (V, 3) float64 linear RGB; None if the mesh has none.
+    normals_made
+        Whether vertex normals were made from the faces, as `smooth = true` asks.
+    warnings
+        What was found wrong on reading and does not hinder drawing, one line each.
+
+    Raises
+    ------
+    InputError
+        No faces, vertices that are not finite, or faces that point past the vertices.
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    material: str | None = None
+    uv: NDArray[np.float64] | None = None
+    textures: tuple[NDArray[np.uint8], ...] = ()
+    texture_of_triangle: NDArray[np.int32] | None = None
+    vertex_normals: NDArray[np.float64] | None = None
+    vertex_colors: NDArray[np.float64] | None = None
+    normals_made: NormalsMade = NormalsMade.NONE
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        one_of(self.name, str, "an object's name")
+        if self.material is not None:
+            one_of(self.material, str, f"{self.name}: the name of a material")
+        vertices, faces = _points(self.name, self.vertices), _indices(self.name, self.faces)
+        if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
+            raise InputError(f"{self.name}: the mesh has no triangles; give it a mesh with faces")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InputError(
+                f"{self.name}: faces point past the vertices (index {faces.max()}, "
+                f"{len(vertices)} vertices); export the mesh again"
+            )
+        if not np.isfinite(vertices).all():
+            bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
+            raise InputError(
+                f"{self.name}: {bad} vertices are NaN or infinite in scene coordinates; "
+                "repair the mesh or its transform"
+            )
+        for name in ("vertex_normals", "vertex_colors"):
+            values = getattr(self, name)
+            if values is None:
+                continue
+            if np.shape(values) != vertices.shape:
+                raise InputError(f"{self.name}: {name} must be one triple per vertex")
+            object.__setattr__(self, name, read_only(np.array(values, dtype=np.float64)))
+        object.__setattr__(self, "vertices", read_only(vertices))
+        object.__setattr__(self, "faces", read_only(faces))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """Plate, frustum and objects: one question for every renderer.
+
+    Triangles are numbered through the objects in order, and within one in the order of its faces.
+
+    Attributes
+    ----------
+    name, units
+        For people; `units` names the scene's own length unit.
+    objects
+        May be empty: the true image of nothing is nothing. Coordinates are zero, or between
+        `SMALLEST_COORDINATE` and `LONGEST`.
+    source
+        What the command line calls this scene: the path of a file, or a built-in name. Images
+        carry it, so that a comparison can trace the scene again.
+    appearance
+        Materials and lights; by default gray, under one directional light.
+    sampling, transport
+        How finely it is sampled, and which light transport is simulated; by default neither.
+    """
+
+    name: str
+    plate: Plate
+    frustum: Frustum
+    objects: tuple[SceneObject, ...]
+    units: str = "units"
+    source: str = ""
+    appearance: Appearance = field(default_factory=Appearance)
+    sampling: Sampling = field(default_factory=Sampling)
+    transport: Transport = field(default_factory=Transport)
+
+    def __post_init__(self) -> None:
+        self._check_kinds()
+        lengths = [*self.plate.size, *self.frustum.reach]
+        corners = [self._largest_coordinate(part) for part in self.objects]
+        screen = self.frustum.screen
+        if screen is not None:
+            lengths += [abs(screen.height), *screen.size, *(abs(c) for c in screen.center if c)]
+            # How far the lines of some aperture run aside on their way to the screen.
+            extents = zip(screen.center, screen.size, self.plate.size, strict=True)
+            aside = max(abs(center) + size + plate for center, size, plate in extents)
+            if aside > STEEPEST * abs(screen.height):
+                raise InputError(
+                    f"frustum.screen.height {screen.height} is too small for a screen and a plate of this "
+                    f"size: lines may run aside at most {STEEPEST:.0e} times their depth"
+                )
+        if min(lengths) < SHORTEST or max((*lengths, *corners)) > LONGEST:
+            raise InputError(
+                f"{self.name}: lengths must lie between {SHORTEST:.0e} and {LONGEST:.0e} {self.units}, "
+                "which is what 32-bit images can hold; choose another unit of length"
+            )
+
+    def _largest_coordinate(self, part: SceneObject) -> float:
+        """Return the largest absolute coordinate of an object.
+
+        Raises
+        ------
+        InputError
+            One is not zero and smaller than `SMALLEST_COORDINATE`.
+        """
+        coordinates = np.abs(part.vertices)
+        smallest = float(coordinates.min(where=coordinates > 0, initial=np.inf))
+        if smallest < SMALLEST_COORDINATE:
+            raise InputError(
+                f"{self.name}: {part.name} has a coordinate of {smallest:.3g} {self.units}, which is not "
+                f"zero but below {SMALLEST_COORDINATE:.0e}, where no bound on rounding holds; round it to "
+                "zero, or scale the mesh"
+            )
+        return float(coordinates.max())
+
+    def _check_kinds(self) -> None:
+        """Raise InputError where something is not of the class that it must be of."""
+        one_of(self.name, str, "a scene's name")
+        one_of(self.units, str, "a scene's units")
+        one_of(self.plate, Plate, "a scene's plate")
+        one_of(self.frustum, Frustum, "a scene's frustum")
+        one_of(self.appearance, Appearance, "a scene's appearance")
+        one_of(self.sampling, Sampling, "a scene's sampling")
+        one_of(self.transport, Transport, "a scene's transport")
+        one_of(self.objects, Iterable, "a scene's objects")
+        settle(self, objects=tuple(self.objects))
+        for number, part in enumerate(self.objects):
+            one_of(part, SceneObject, f"object {number} of a scene")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found wrong on reading its meshes and does not hinder drawing, each line once."""
+        return tuple(dict.fromkeys(line for part in self.objects for line in part.warnings))
+
+    @cached_property
+    def vertices(self) -> NDArray[np.float64]:
+        """(V, 3) vertices of all objects, scene units."""
+        parts = [o.vertices for o in self.objects]
+        return read_only(np.concatenate(parts) if parts else np.zeros((0, 3)))
+
+    @cached_property
+    def faces(self) -> NDArray[np.int64]:
+        """(F, 3) faces of all objects; the row is the triangle number."""
+        offsets = np.cumsum([0, *(len(o.vertices) for o in self.objects)])
+        parts = [o.faces + offset for o, offset in zip(self.objects, offsets, strict=False)]
+        return read_only(np.concatenate(parts) if parts else np.zeros((0, 3), dtype=np.int64))
+
+    @cached_property
+    def object_of_triangle(self) -> NDArray[np.int32]:
+        """(F,) object number of each triangle."""
+        counts = [len(o.faces) for o in self.objects]
+        return read_only(np.repeat(np.arange(len(counts), dtype=np.int32), counts))
+
+    @cached_property
+    def triangles(self) -> NDArray[np.float64]:
+        """(F, 3, 3) corner positions: triangle, corner, coordinate."""
+        return read_only(self.vertices[self.faces])
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates of all vertices; NaN where there are none."""
+        if not len(self.vertices):
+            return read_only(np.full((2, 3), np.nan))
+        return read_only(np.stack((self.vertices.min(axis=0), self.vertices.max(axis=0))))
+
+    @cached_property
+    def height_ranges(self) -> NDArray[np.float64]:
+        """(2, F) lowest and highest z of each triangle."""
+        z = self.vertices[:, 2][self.faces]
+        return read_only(np.stack((z.min(axis=1, initial=np.inf), z.max(axis=1, initial=-np.inf))))
+
+    @cached_property
+    def largest_coordinates(self) -> NDArray[np.float64]:
+        """(F,) largest absolute coordinate of each triangle: what roundings of it are relative to."""
+        of_vertex = np.abs(self.vertices).max(axis=1, initial=0.0)
+        return read_only(of_vertex[self.faces].max(axis=1, initial=0.0))
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """(F, 3) unit normals by the mesh's winding; zero for triangles without area.
+
+        Each triangle is scaled to size one first, so that neither tiny nor huge ones
+        underflow or overflow in the cross product.
+        """
+        normals = np.zeros((len(self.faces), 3))
+        for start in range(0, len(normals), TRIANGLES_AT_ONCE):
+            corners = self.triangles[start : start + TRIANGLES_AT_ONCE]
+            edges = corners[:, 1:] - corners[:, :1]
+            scale = np.abs(edges).max(axis=(1, 2), initial=0.0)
+            edges = edges / np.where(scale > 0, scale, 1.0)[:, None, None]
+            cross = np.cross(edges[:, 0], edges[:, 1])
+            length = np.linalg.norm(cross, axis=1, keepdims=True)
+            np.divide(cross, length, out=normals[start : start + len(cross)], where=length > 0)
+        return read_only(normals)
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 of what the geometry of an image depends on: plate, frustum, triangles."""
+        digest = hashlib.sha256()
+        parameters: dict[str, Any] = {"plate": asdict(self.plate), "frustum": asdict(self.frustum)}
+        digest.update(json.dumps(parameters, sort_keys=True).encode())
+        for part in self.objects:
+            digest.update(np.array([len(part.vertices), len(part.faces)], dtype=np.int64).tobytes())
+            digest.update(part.vertices.tobytes())
+            digest.update(part.faces.tobytes())
+        return digest.hexdigest()
+
+    @cached_property
+    def materials(self) -> tuple[Material, ...]:
+        """One material per object; the default where an object names none."""
+        return tuple(self.appearance.material(part.material) for part in self.objects)
+
+    @cached_property
+    def surface(self) -> SurfaceAttributes:
+        """Normals, colors and textures of all objects."""
+        return SurfaceAttributes.of(self.objects)
+
+    def default_apertures(self) -> tuple[Aperture, ...]:
+        """Return the apertures of a report: the middle one and, when recentered, two corners."""
+        if not self.frustum.recentered:
+            return (self.plate.middle,)
+        candidates = (self.plate.middle, *self.plate.corners)
+        return tuple(dict.fromkeys(candidates))

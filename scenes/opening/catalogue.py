@@ -1,0 +1,46 @@
+"""Scenes by what people type: the path of a scene file, or the name of a built-in scene."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.scene_file import read_scene
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.model.scene import Scene
+
+
+def open_scene(text: str | os.PathLike[str]) -> Scene:
+    """Open a scene file or a built-in scene.
+
+    Parameters
+    ----------
+    text
+        The path of a TOML file, or a name out of `builtin.names()` or `hard_cases.names()`. A path
+        that ends in .toml is a file even if it is missing, and so is a `Path`; a built-in name comes
+        before a file of the same name.
+
+    Raises
+    ------
+    InputError
+        Neither, or the file is not a valid scene.
+    """
+    if isinstance(text, os.PathLike):
+        return read_scene(Path(text))
+    one_of(text, str, "a scene's name or path")
+    if text in builtin.names():
+        return builtin.build(text)
+    if text in hard_cases.CASES:
+        return hard_cases.build(text)
+    if text.endswith(".toml") or Path(text).exists():
+        return read_scene(Path(text))
+    known = [*builtin.names(), *hard_cases.names()]
+    nearest = difflib.get_close_matches(text, known, n=1)
+    meant = f" (did you mean {nearest[0]}?)" if nearest else ""
+    raise InputError(
+        f"no scene file and no built-in scene is called {text!r}{meant}; `xfrustum scenes` lists all"
+    )

@@ -1,0 +1,189 @@
+"""The settings of the paper's double frustum: what is asked of a rasterizer (paper, section 4).
+
+Both answers need them: the rasterizer draws with them, and the reference traces the same offset
+cameras as an exact model of what the rasterizer should have drawn.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from xfrustum.scenes.arguments import choice, real, reals, settle
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.plate.frustum import Frustum
+
+SMALLEST_NEAR = 2.0**-126
+"""Scene units: the smallest normal float32. What a device makes of a smaller one is up to it."""
+
+
+class DepthFormat(StrEnum):
+    """Storage of the depth buffer."""
+
+    D16 = "d16"
+    D24 = "d24"
+    D32F = "d32f"
+
+
+class DepthMapping(StrEnum):
+    """How distance w from the camera, near n to far f, becomes the stored value.
+
+    `STANDARD` is hyperbolic, 0 at near to 1 at far, with clip depth 0..1; `GL` the same with
+    OpenGL's own clip depth -1..1; `REVERSED` 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and
+    `LINEAR` (w - n)/(f - n), both written by the fragment.
+    """
+
+    STANDARD = "standard"
+    GL = "gl"
+    REVERSED = "reversed"
+    LOGARITHMIC = "logarithmic"
+    LINEAR = "linear"
+
+
+class Pivot(StrEnum):
+    """Where the shear of a recentered frustum is centered.
+
+    `APERTURE` moves the two cameras apart so that their frusta cross in the aperture plane (paper,
+    section 5); `CAMERA` is the ordinary off-axis projection about each camera's own center.
+    """
+
+    APERTURE = "aperture"
+    CAMERA = "camera"
+
+
+class Offset(StrEnum):
+    """Whether the cameras step back so that near planes meet at the plate (paper), or stay and clip."""
+
+    PLATE = "plate"
+    NONE = "none"
+
+
+class Fit(StrEnum):
+    """Which angles the offset cameras keep: the frustum's own, or those that draw the screen exactly."""
+
+    ANGLE = "angle"
+    SCREEN = "screen"
+
+
+class Camera(StrEnum):
+    """Which of the two cameras draws (paper, figure 7)."""
+
+    BOTH = "both"
+    C = "c"
+    C_STAR = "c-star"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoubleFrustum:
+    """One way to draw the two cameras C and C*.
+
+    Attributes
+    ----------
+    near
+        Offset of both cameras from the plate, n > 0, in scene units.
+    depth, mapping
+        Depth buffer format, and what it stores.
+    camera
+        Both cameras, or one alone.
+    pivot, offset
+        Of the cameras.
+    fit
+        A `Fit`, or the height |z| whose two planes are drawn exactly; None for the usual: the first
+        slab's far end where there are slabs, else the angle.
+    slabs
+        Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
+        plane of its own and cameras exactly at the aperture; `fit` and `offset` are about the first.
+
+    Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`.
+
+    Raises
+    ------
+    InputError
+        A name that means nothing, or a length that is not positive and finite.
+    """
+
+    near: float
+    depth: DepthFormat = DepthFormat.D24
+    mapping: DepthMapping = DepthMapping.STANDARD
+    camera: Camera = Camera.BOTH
+    pivot: Pivot = Pivot.APERTURE
+    offset: Offset = Offset.PLATE
+    fit: Fit | float | None = None
+    slabs: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        near, slabs = real(self.near), reals(self.slabs)
+        if not (math.isfinite(near) and near > 0):
+            raise InputError(f"near must be a positive length, not {self.near!r}")
+        if near < SMALLEST_NEAR:
+            raise InputError(
+                f"near must be at least {SMALLEST_NEAR:.3g}, as matrices have 32 bits, not {self.near}"
+            )
+        ascending = all(low < high for low, high in itertools.pairwise((0.0, *slabs, math.inf)))
+        if not ascending:
+            raise InputError(f"slabs must be positive heights in ascending order, not {self.slabs!r}")
+        settle(
+            self,
+            near=near,
+            slabs=slabs,
+            fit=_fit(self.fit),
+            depth=choice(DepthFormat, self.depth, "depth"),
+            mapping=choice(DepthMapping, self.mapping, "mapping"),
+            camera=choice(Camera, self.camera, "camera"),
+            pivot=choice(Pivot, self.pivot, "pivot"),
+            offset=choice(Offset, self.offset, "offset"),
+        )
+
+    def check_against(self, frustum: Frustum) -> None:
+        """Raise InputError where these settings make no sense for a frustum.
+
+        That is unless 0 < near < reach (the larger of the two sides), where slabs lie beyond
+        the reach, where a fit to the screen has no screen, and where without an offset the near
+        plane would swallow the first slab.
+        """
+        if not self.near < frustum.longest_reach:
+            raise InputError(
+                f"near {self.near} must be smaller than the reach, {frustum.longest_reach}; "
+                "it is the distance that both cameras step back from the plate"
+            )
+        if self.slabs and not self.slabs[-1] < frustum.longest_reach:
+            raise InputError(
+                f"slabs must lie within the reach, {frustum.longest_reach}, not at {self.slabs[-1]}"
+            )
+        if self.fit is Fit.SCREEN and frustum.screen is None:
+            raise InputError("fit screen needs a recentered frustum; give a height instead")
+        first = min((*self.slabs, *frustum.reach))
+        if self.offset is Offset.NONE and not self.near < first:
+            raise InputError(
+                f"near {self.near} without an offset must be smaller than {first}: it clips what is nearer"
+            )
+
+    def fitted_height(self, frustum: Frustum) -> float | None:
+        """Return the height |z| whose planes the first slab draws exactly; None to keep the angle."""
+        if self.fit is Fit.SCREEN and frustum.screen is not None:
+            return abs(frustum.screen.height)
+        if self.fit is None and self.slabs:
+            return self.slabs[0]
+        return None if self.fit is None or isinstance(self.fit, Fit) else self.fit
+
+    def sections(self, reach: float) -> tuple[tuple[float, float], ...]:
+        """Return the heights |z| from which to which each slab of one side extends, innermost first."""
+        cuts = (0.0, *(height for height in self.slabs if height < reach), reach)
+        return tuple(itertools.pairwise(cuts))
+
+    @property
+    def depth_label(self) -> str:
+        """Format and mapping as people write them, such as `D24 standard`."""
+        return f"{self.depth.upper()} {self.mapping}"
+
+
+def _fit(given: Fit | float | None) -> Fit | float | None:
+    """Return a fit as a name or a positive height; None for the usual."""
+    if given is None or (isinstance(given, str) and given in list(Fit)):
+        return None if given is None else Fit(given)
+    height = real(given)
+    if not (math.isfinite(height) and height > 0):
+        raise InputError(f"fit must be angle, screen, or a positive height, not {given!r}")
+    return height

@@ -1,0 +1,62 @@
+"""The command about time: what accuracy costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.numbers import Positive
+
+
+@click.command()
+@options.scene_argument
+@options.aperture_option
+@click.option(
+    "--tolerance-px",
+    type=Positive(),
+    default=0.5,
+    show_default=True,
+    help="Displacement that 99 % may have.",
+)
+@click.option(
+    "--repeat",
+    type=click.IntRange(1),
+    default=5,
+    show_default=True,
+    help="Pictures that are timed, after a warm-up.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and cost.json.")
+@options.quiet_option
+@options.json_option
+def cost(
+    *,
+    scene: str,
+    aperture: tuple[int, int] | None,
+    tolerance_px: float,
+    repeat: int,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Measure error against time of every configuration; name the cheapest within a tolerance.
+
+    The answer is given for the tolerance and for a fifth of it.
+    """
+    from xfrustum.reports.common.outputs import check_writable_folder
+    from xfrustum.reports.cost.cost import measure_cost
+    from xfrustum.reports.cost.page import FILES, table, write_cost
+
+    opened = options.open_scene(scene)
+    chosen = options.chosen_aperture(opened, aperture)
+    if out is not None:
+        check_writable_folder(out, FILES)
+    options.look_at(opened, [chosen])
+    measured = measure_cost(opened, chosen, tolerance_px, repeat=repeat, progress=not quiet)
+    if out is not None:
+        write_cost(measured, out)
+    if as_json:
+        options.print_json(measured.summary())
+    else:
+        click.echo(table(measured))

@@ -1,0 +1,81 @@
+"""The command that plans: which settings keep what is required."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.numbers import Positive
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+
+
+@click.command()
+@options.scene_argument
+@options.aperture_option
+@click.option(
+    "--apertures",
+    type=click.IntRange(1),
+    help="Number of apertures instead: the middle, the corners, then between.",
+)
+@click.option(
+    "--tolerance-px",
+    type=Positive(),
+    default=0.5,
+    show_default=True,
+    help="Displacement that 99 % may have.",
+)
+@click.option(
+    "--separation",
+    type=Positive(),
+    help="Distance of two sheets that must be ordered.  [default: reach/1000]",
+)
+@click.option(
+    "--max-wrong",
+    type=Positive(below=1),
+    default=1e-3,
+    show_default=True,
+    help="Limits the share of pixels wrong by depth.",
+)
+@click.option("--depth", type=options.Name("DepthFormat"), help="Depth buffer format.  [default: any]")
+@click.option("--mapping", type=options.Name("DepthMapping"), help="Depth mapping.  [default: any]")
+@options.quiet_option
+@options.json_option
+def plan(
+    *,
+    scene: str,
+    aperture: tuple[int, int] | None,
+    apertures: int | None,
+    tolerance_px: float,
+    separation: float | None,
+    max_wrong: float,
+    depth: DepthFormat | None,
+    mapping: DepthMapping | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Find the fewest slabs, then the largest near, that keep what is required; measure the plan."""
+    from xfrustum.compare.planning.plan import depth_buffers
+    from xfrustum.compare.planning.views import Requirement
+    from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
+
+    if aperture is not None and apertures is not None:
+        raise click.UsageError(
+            "--aperture names one aperture and --apertures asks for many: give one of them"
+        )
+    requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
+    opened = options.open_scene(scene)
+    chosen = (
+        [options.chosen_aperture(opened, aperture)]
+        if apertures is None
+        else spread_apertures(opened.plate, apertures)
+    )
+    options.look_at(opened, chosen)
+    made = make_plan(opened, chosen, requirement, depth_buffers(depth, mapping), progress=not quiet)
+    if as_json:
+        options.print_json(made.summary())
+    else:
+        click.echo(table(made, opened, chosen, requirement))

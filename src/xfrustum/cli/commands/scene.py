@@ -1,0 +1,69 @@
+"""Commands about scene files themselves: one that fits a mesh, and whether a scene makes sense."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
+from xfrustum.cli.numbers import Positive
+
+
+@click.command()
+@click.argument("mesh", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Scene file.  [default: NAME.toml, here]")
+@click.option("--units", help="Name of the length unit.  [default: m for glTF, else units]")
+@click.option("--size", type=Positive(), help="Scale its longest side to this.  [default: as it is]")
+@click.option("--through", "place", flag_value="through", default=True, help="Across the plate.  [default]")
+@click.option("--behind", "place", flag_value="behind", help="All of it behind the plate.")
+@click.option("--before", "place", flag_value="before", help="All of it on the viewer's side.")
+@click.option("--force", is_flag=True, help="Replace a file that is there.")
+@options.json_option
+def new(
+    *,
+    mesh: Path,
+    out: Path | None,
+    units: str | None,
+    size: float | None,
+    place: str,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write a scene file whose plate, reach and field of view fit MESH."""
+    from xfrustum.reports.scene_check.new_scene import new_scene
+
+    written = new_scene(mesh, out, units=units, size=size, place=place, force=force)
+    if as_json:
+        options.print_json({**asdict(written), "path": str(written.path)})
+    else:
+        click.echo(written.sentence)
+
+
+@click.command()
+@options.scene_argument
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for side.svg and top.svg.")
+@options.json_option
+def check(scene: str, out: Path | None, as_json: bool) -> int:
+    """Say where each object lies, which apertures see it, and what looks like a mistake.
+
+    Exit status 1 if no aperture of the plate sees anything.
+    """
+    from xfrustum.reports.common.outputs import check_writable_folder
+    from xfrustum.reports.scene_check.checking import FILES, table, write_check
+    from xfrustum.reports.scene_check.checking import check as checked
+    from xfrustum.scenes import open_scene
+
+    if out is not None:
+        check_writable_folder(out, FILES)
+    found = checked(open_scene(scene))
+    files = () if out is None else write_check(found, out)
+    for warning in found.warnings:
+        options.warn(warning)
+    if as_json:
+        options.print_json({**found.summary(), "files": [str(file) for file in files]})
+    else:
+        click.echo("\n".join([table(found), *([""] if files else []), *map(str, files)]))
+    return 0 if found.seen else LIMIT_EXCEEDED

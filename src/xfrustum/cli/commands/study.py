@@ -1,0 +1,34 @@
+"""Commands that study: answers over many scenes and settings, not about one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from xfrustum.cli import options
+
+
+@click.group(no_args_is_help=False)
+def study() -> None:
+    """Measure maps over many scenes and settings."""
+
+
+@study.command()
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: study/splitting]")
+@click.option("--quick", is_flag=True, help="A small part of the maps, in less than a minute.")
+@options.quiet_option
+@options.json_option
+def splitting(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None:
+    """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
+
+    What is measured is kept at once in measurements.sqlite: a run that was stopped goes on from there.
+    """
+    from xfrustum.reports.splitting_study.grid import FULL, QUICK
+    from xfrustum.reports.splitting_study.study import make_study
+
+    files = make_study(out, QUICK if quick else FULL, progress=not quiet)
+    if as_json:
+        options.print_json(files.content)
+    else:
+        click.echo(f"{files.sentence}\n{files.document}")

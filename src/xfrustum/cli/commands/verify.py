@@ -1,0 +1,153 @@
+"""The command that judges renderers of other people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
+from xfrustum.cli.numbers import Positive
+
+
+class Share(click.ParamType[float]):
+    """A share such as 1% or 0.01."""
+
+    name = "SHARE"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the share as a number from 0 to 1."""
+        text = str(value).strip()
+        try:
+            share = float(text[:-1]) / 100 if text.endswith("%") else float(text)
+        except ValueError:
+            share = -1.0
+        if not 0 <= share <= 1:
+            self.fail(f"{value!r} is not a share such as 1% or 0.01", param, ctx)
+        return share
+
+
+class Conventions(click.ParamType[tuple[str, ...]]):
+    """Names of conventions separated by commas."""
+
+    name = "NAME,NAME,.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the names."""
+        from xfrustum.compare.diagnosis.encodings import ACCEPTABLE
+
+        names = tuple(part.strip() for part in str(value).split(","))
+        if names == ("all",):
+            return ACCEPTABLE
+        for name in names:
+            if name not in ACCEPTABLE:
+                self.fail(f"{name!r} is not one of {', '.join(ACCEPTABLE)}, all", param, ctx)
+        return names
+
+
+class LimitInPixels(click.ParamType["float | None"]):
+    """A number of pixels, or none for no limit."""
+
+    name = "PX|none"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | None:
+        """Return the limit, None where there is none."""
+        if str(value).strip() == "none":
+            return None
+        try:
+            return float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither a number of pixels nor none", param, ctx)
+
+
+@click.command()
+@options.scene_argument
+@click.argument("source", required=False)
+@click.option(
+    "--command", help="Instead of SOURCE; run per aperture: 'my-renderer --x {x} --y {y} --out {out}'."
+)
+@click.option(
+    "--encoding",
+    type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
+    help="What pictures mean; OpenEXR files say it themselves.  [default: rgb; of a command, OpenEXR]",
+)
+@click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the whole plate]")
+@click.option("--near", type=float, help="The offset that the renderer is known to have.  [default: 0]")
+@click.option(
+    "--accept",
+    type=Conventions(),
+    help="Conventions that are no fault: orientation, order, shift, fov, pitch, near, encoding; or all.",
+)
+@click.option(
+    "--compare",
+    type=click.Choice(["color", "geometry"]),
+    default="color",
+    show_default=True,
+    help="What plain pictures are judged by; geometry is coverage and outlines, in whatever shading.",
+)
+@click.option(
+    "--max-wrong",
+    type=Share(),
+    default="1%",
+    show_default=True,
+    help="Limits wrong surfaces, as a share of the pixels of a hogel that show something; of plain pictures "
+    "wrong colors or outlines.",
+)
+@click.option(
+    "--max-displacement-px",
+    type=LimitInPixels(),
+    default="0.5",
+    show_default=True,
+    help="Limits how far 99 of 100 surface points or outlines are off. Unknown is too far, but with none.",
+)
+@click.option(
+    "--max-color",
+    type=float,
+    help="Difference of linear radiance that makes a color wrong.  [default: what 8 bits round, 0.009]",
+)
+@click.option(
+    "--timeout", "timeout_s", type=Positive(), default=60.0, show_default=True, help="Seconds, per run."
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
+@click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
+@options.quiet_option
+@options.json_option
+def verify(
+    *,
+    scene: str,
+    accept: tuple[str, ...] | None,
+    out: Path | None,
+    junit: Path | None,
+    quiet: bool,
+    as_json: bool,
+    **asked: Any,
+) -> int:
+    """Judge the hogel images of any renderer, and say what is wrong with it.
+
+    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'. Exit status 1 if
+    any hogel is missing or exceeds a limit.
+    """
+    from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
+    from xfrustum.reports.verification.files import FILES, table, write_junit, write_verification
+    from xfrustum.reports.verification.verification import verify as verified
+
+    if junit is not None:
+        check_writable_file(junit, "--junit")
+    if out is not None:
+        check_writable_folder(out, FILES)
+    opened = options.open_scene(scene)
+    found = verified(opened, accept=accept or (), progress=not quiet, **asked)
+    options.warn_of(opened)
+    if out is not None:
+        write_verification(found, out)
+    if junit is not None:
+        write_junit(found, junit)
+    if as_json:
+        options.print_json(found.summary())
+    else:
+        click.echo(table(found))
+    return 0 if found.passed else LIMIT_EXCEEDED

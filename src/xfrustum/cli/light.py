@@ -1,0 +1,178 @@
+"""How the command line asks for light: which effects, how many samples, which light transport.
+
+And `figure7`, which is about nothing else.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.numbers import Positive, Samples
+from xfrustum.cli.streams import say
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.model.effects import Effect
+    from xfrustum.scenes.model.scene import Scene
+    from xfrustum.scenes.plate.double_frustum import Camera
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+_COUNT = Samples()
+_OPTIONS = {
+    "effects": click.option(
+        "--effects",
+        default="auto",
+        metavar="all|auto|NAME,..",
+        help="What is simulated; `explain` lists the names.  [default: auto, what the scene calls for]",
+    ),
+    "supersample": click.option(
+        "--supersample", type=_COUNT, help="Points along each side of a pixel.  [default: the scene's]"
+    ),
+    "multisample": click.option(
+        "--multisample", type=_COUNT, help="OpenGL's own samples per pixel.  [default: the scene's]"
+    ),
+    "aperture": click.option(
+        "--aperture-samples",
+        "aperture_samples",
+        type=_COUNT,
+        help="Points of the aperture's area (band limiting).  [default: the scene's]",
+    ),
+    "shadows": click.option(
+        "--shadows/--no-shadows", default=None, help="Light transport, by Mitsuba.  [default: the scene's]"
+    ),
+    "interreflection": click.option(
+        "--interreflection/--no-interreflection", default=None, help="Light from other surfaces, by Mitsuba."
+    ),
+    "samples": click.option(
+        "--samples", type=click.IntRange(2), help="Light paths per pixel.  [default: the scene's]"
+    ),
+}
+RASTER = ("effects", "supersample", "multisample", "aperture")
+ALL = tuple(_OPTIONS)
+REFERENCE = ("effects", "supersample", "aperture", "shadows", "interreflection", "samples")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Light:
+    """What the command line says about light; None leaves a setting as the scene has it."""
+
+    effects: str = "auto"
+    supersample: int | None = None
+    multisample: int | None = None
+    aperture_samples: int | None = None
+    shadows: bool | None = None
+    interreflection: bool | None = None
+    samples: int | None = None
+
+    def applied(self, scene: Scene) -> Scene:
+        """Return the scene with these settings instead of its own.
+
+        Raises
+        ------
+        click.UsageError
+            Light paths are asked for, but no light transport.
+        """
+        sampling = {
+            "supersample": self.supersample,
+            "multisample": self.multisample,
+            "aperture": self.aperture_samples,
+        }
+        transport = {
+            "shadows": self.shadows,
+            "interreflection": self.interreflection,
+            "samples": self.samples,
+        }
+        changed = replace(
+            scene,
+            sampling=replace(scene.sampling, **_given(sampling)),
+            transport=replace(scene.transport, **_given(transport)),
+        )
+        if self.samples is not None and not changed.transport.simulated:
+            raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
+        return changed
+
+    def chosen(self, scene: Scene, camera: Camera | None = None) -> frozenset[Effect]:
+        """Return the effects asked for, of a scene and the cameras that draw it."""
+        from xfrustum.scenes.model.effects import chosen
+        from xfrustum.scenes.plate.double_frustum import Camera
+
+        return chosen(scene, self.effects, camera or Camera.BOTH)
+
+    def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
+        """Return who traces, and whether that is light paths, which only Mitsuba does.
+
+        Parameters
+        ----------
+        scene
+            With these settings applied.
+        given
+            The tracer that the command line names; None chooses the one that can do what is asked for.
+
+        Raises
+        ------
+        click.UsageError
+            Light transport is asked for, but of another tracer, or not with all effects.
+        """
+        transport = scene.transport
+        if not transport.simulated:
+            return given or "embree", False
+        insisted = bool(self.shadows or self.interreflection)
+        local_effects = self.effects != "auto"
+        if given == "mitsuba" or (given is None and (insisted or not local_effects)):
+            if local_effects:
+                raise click.UsageError(
+                    "light paths have all effects: leave out --effects, or light transport"
+                )
+            return "mitsuba", True
+        if insisted:
+            raise click.UsageError(f"{given} traces no light transport; leave out --tracer {given}")
+        cause = f"--tracer {given}" if given else "--effects"
+        say(f"note: {cause} leaves out the scene's shadows and interreflection")
+        return given or "embree", False
+
+
+def _given(settings: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+def light_options(*names: str) -> Callable[[Command], Command]:
+    """Add some of the options; the command receives them as one `light`."""
+
+    def decorate(command: Command) -> Command:
+        @functools.wraps(command)
+        def with_light(**options: Any) -> Any:
+            given = {f.name: options.pop(f.name) for f in fields(Light) if f.name in options}
+            return command(light=Light(**given), **options)
+
+        for name in reversed(names):
+            with_light = _OPTIONS[name](with_light)
+        return with_light  # type: ignore[return-value]  # wraps() keeps the name, not the type
+
+    return decorate
+
+
+@click.command()
+@click.argument("scene", default="car-studio")
+@options.aperture_option
+@click.option("--near", type=Positive(), help="Offset of both cameras.  [default: 1e-6 of the reach]")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
+def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, out: Path | None) -> None:
+    """Draw C alone, C* alone and both, as in the paper's figure 7; write a page and three pictures."""
+    from xfrustum.reports.commands.figure7 import FILES, default_settings, draw_figure, write_figure
+    from xfrustum.reports.common.outputs import check_writable_folder
+    from xfrustum.reports.error_report.report import default_folder
+
+    opened = options.open_scene(scene)
+    chosen = options.chosen_aperture(opened, aperture)
+    folder = Path("figure7") / default_folder(opened).name if out is None else out
+    check_writable_folder(folder, FILES)
+    options.look_at(opened, [chosen])
+    write_figure(draw_figure(opened, chosen, default_settings(opened, near)), folder)
+    click.echo(folder / "index.html")

@@ -1,0 +1,318 @@
+"""The command line: arguments in, exit status out, and nothing else.
+
+Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
+a signal; all but the first two say why in one line on standard error.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from xfrustum.cli import light as cli_light
+from xfrustum.cli import options
+from xfrustum.cli import termination as cli_termination
+from xfrustum.cli.commands import checks as cli_checks
+from xfrustum.cli.commands import cost as cli_cost
+from xfrustum.cli.commands import explain as cli_explain
+from xfrustum.cli.commands import plan as cli_plan
+from xfrustum.cli.commands import plate as cli_plate
+from xfrustum.cli.commands import scene as cli_scene
+from xfrustum.cli.commands import study as cli_study
+from xfrustum.cli.commands import verify as cli_verify
+from xfrustum.cli.failure import report_unexpected
+from xfrustum.cli.files import ADVICE, check_encoding, in_words
+from xfrustum.cli.numbers import Size
+from xfrustum.cli.streams import printable_output, say
+
+if TYPE_CHECKING:
+    from xfrustum.cli.light import Light
+    from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+
+BAD_INPUT = 2
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
+@click.version_option(package_name="xfrustum", message="%(version)s")
+@click.option(
+    "--max-input-memory",
+    type=Size(),
+    help="Memory that reading one file may take, such as 4G.  [default: 1G, or 64 times the file's size]",
+)
+@click.option(
+    "--max-hogels",
+    type=click.IntRange(min=1),
+    help="Hogels that a scene file's plate may have.  [default: 20000000]",
+)
+@click.option(
+    "--traceback",
+    is_flag=True,
+    help="Show the traceback of an unexpected error, and what libraries say; given first.",
+)
+@click.pass_context
+def cli(
+    context: click.Context, *, max_input_memory: int | None, max_hogels: int | None, traceback: bool
+) -> None:
+    """Measure how far renderers of full-parallax spatial displays are from the truth.
+
+    SCENE is the path of a scene file (TOML) or the name of a built-in scene.
+    """
+    del traceback  # `main` looks for it before anything else can fail
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+    elif max_input_memory is not None or max_hogels is not None:
+        from xfrustum.scenes.disk import input_files
+
+        if max_input_memory is not None:
+            context.with_resource(input_files.input_memory(max_input_memory))
+        if max_hogels is not None:
+            context.with_resource(input_files.largest_plate(max_hogels))
+
+
+@cli.command()
+@options.scene_argument
+@click.option(
+    "--near",
+    "nears",
+    type=options.Numbers(),
+    help="Offsets in scene units.  [default: 25 values from 1e-1 to 1e-8 of the reach]",
+)
+@click.option(
+    "--apertures",
+    type=options.Indices(),
+    help="Column,row of each.  [default: the middle, recentered also two corners]",
+)
+@click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: five]")
+@options.tracer_option
+@cli_light.light_options(*cli_light.ALL)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
+@options.quiet_option
+@options.json_option
+def report(
+    *,
+    scene: str,
+    nears: tuple[float, ...] | None,
+    apertures: tuple[tuple[int, int], ...] | None,
+    depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
+    tracer: str,
+    light: Light,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Sweep near planes and depth formats; write index.html, report.json, measurements.parquet.
+
+    A recentered frustum is measured at two corners of the plate too.
+    """
+    from xfrustum.reports.error_report.report import make_report
+
+    opened = light.applied(options.open_scene(scene))
+    chosen = (
+        opened.default_apertures()
+        if apertures is None
+        else tuple(opened.plate.aperture(*index) for index in apertures)
+    )
+    options.look_at(opened, chosen)
+    files = make_report(
+        opened,
+        out,
+        nears=nears,
+        apertures=chosen,
+        depths=depths,
+        tracer=tracer,
+        effects=light.effects,
+        progress=not quiet,
+    )
+    if as_json:
+        options.print_json(
+            {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
+        )
+    else:
+        click.echo("\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))))
+
+
+@cli.command()
+@options.scene_argument
+@options.aperture_option
+@options.free_tracer_option
+@cli_light.light_options(*cli_light.REFERENCE)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
+@options.quiet_option
+def trace(
+    *, scene: str, aperture: tuple[int, int] | None, tracer: str | None, light: Light, out: Path, quiet: bool
+) -> None:
+    """Trace the truth of one aperture and write it as EXR.
+
+    With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
+    their variance in the channels variance.R, variance.G and variance.B.
+    """
+    from xfrustum.reference import Reference
+    from xfrustum.reports.commands.tracing import forecast, trace_to_file
+    from xfrustum.reports.commands.transported import trace_transported
+    from xfrustum.reports.common.outputs import check_writable_image
+
+    opened = light.applied(options.open_scene(scene))
+    chosen = options.chosen_aperture(opened, aperture)
+    check_writable_image(out)
+    options.look_at(opened, [chosen], black_is_right=True)
+    effects = light.chosen(opened)
+    who, transported = light.tracer(opened, tracer)
+    ahead = None if quiet else forecast(opened, transported=transported)
+    if ahead is not None:
+        say(f"note: {ahead}")
+    reference = Reference(opened, tracer=who, effects=effects)
+    if not transported:
+        trace_to_file(reference, chosen, out, progress=not quiet)
+    else:
+        trace_transported(reference, chosen, out, progress=not quiet)
+
+
+@cli.command()
+@options.scene_argument
+@options.aperture_option
+@options.double_frustum_options
+@cli_light.light_options(*cli_light.RASTER)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
+def raster(
+    *, scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, light: Light, out: Path
+) -> None:
+    """Draw one aperture with the two cameras and write it as EXR."""
+    from xfrustum.raster import Rasterizer
+    from xfrustum.reports.common.outputs import check_writable_image
+    from xfrustum.scenes.files.openexr.images import write_image
+
+    opened = light.applied(options.open_scene(scene))
+    chosen = options.chosen_aperture(opened, aperture)
+    settings.check_against(opened.frustum)
+    check_writable_image(out)
+    options.look_at(opened, [chosen], black_is_right=True)
+    with Rasterizer(opened, effects=light.chosen(opened, settings.camera)) as rasterizer:
+        write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
+
+
+@cli.command()
+@click.argument("truth", type=click.Path(path_type=Path))
+@click.argument("raster", type=click.Path(path_type=Path))
+@options.json_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for error pictures.")
+def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
+    """Compare a raster image with the truth, both EXR."""
+    from xfrustum.reports.commands.comparison import FILES, compare_files, table, write_comparison
+    from xfrustum.reports.common.outputs import check_writable_folder
+
+    if out is not None:
+        check_writable_folder(out, FILES)
+    compared = compare_files(truth, raster)
+    if compared.note:
+        say(f"note: {compared.note}")
+    if out is not None:
+        write_comparison(compared, out)
+    if as_json:
+        options.print_json(compared.comparison.summary())
+    else:
+        click.echo(table(compared.comparison))
+
+
+@cli.command()
+@click.option("--hard", is_flag=True, help="The hard cases instead.")
+@options.json_option
+def scenes(hard: bool, as_json: bool) -> None:
+    """List the built-in scenes, each with what it is for."""
+    from xfrustum.scenes.library import builtin
+    from xfrustum.scenes.library.hard import cases as hard_cases
+
+    listing = hard_cases.listing() if hard else builtin.listing()
+    if as_json:
+        entries = [{"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in listing]
+        options.print_json({"scenes": entries})
+        return
+    width = max(len(entry.name) for entry in listing)
+    for entry in listing:
+        click.echo(f"{entry.name:<{width}}  {entry.triangles:>7,} triangles  {entry.purpose}")
+
+
+for _command in (
+    cli_checks.budget,
+    cli_checks.selfcheck,
+    cli_checks.bench,
+    cli_cost.cost,
+    cli_explain.explain,
+    cli_light.figure7,
+    cli_plan.plan,
+    cli_plate.plate,
+    cli_scene.check,
+    cli_scene.new,
+    cli_study.study,
+    cli_verify.verify,
+):
+    cli.add_command(_command)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    Parameters
+    ----------
+    arguments
+        Without the program's name; those of the process where None.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    with cli_termination.current() as termination:
+        try:
+            # A signal may have come while the program was loaded.
+            status = 0 if termination.received else termination.call(lambda: _invoke(given))
+        except BaseException as error:
+            # An exception out of the midst of a library may be anything, once a signal has come.
+            status = 0 if termination.received else _status_of(error, traceback="--traceback" in given[:1])
+        if termination.received is not None:
+            say(termination.word)
+            status = termination.status
+    return status
+
+
+def _invoke(arguments: list[str]) -> int:
+    """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
+    check_encoding(arguments)
+    with printable_output():
+        try:
+            with cli.make_context("xfrustum", list(arguments)) as context:
+                status = cli.invoke(context)
+        except click.exceptions.Exit as ended:
+            status = ended.exit_code
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    return status if isinstance(status, int) else 0
+
+
+def _status_of(error: BaseException, *, traceback: bool) -> int:
+    """Say what went wrong in one line and return the exit status."""
+    if isinstance(error, click.ClickException):
+        return _refuse(error.format_message())
+    if isinstance(error, BrokenPipeError):  # nobody reads on, which is their right
+        return 0
+    if isinstance(error, KeyboardInterrupt | click.Abort):  # of a program that handles its signals itself
+        say(cli_termination.WORD_OF_SIGNAL[signal.SIGINT])
+        return cli_termination.STATUS_OF_SIGNAL[signal.SIGINT]
+    if _is_input_error(error):
+        return _refuse(str(error))
+    if isinstance(error, OSError) and error.errno in ADVICE:
+        return _refuse(in_words(error))
+    return report_unexpected(error, shown=traceback)
+
+
+def _is_input_error(error: BaseException) -> bool:
+    """Return whether the user can mend it."""
+    # Importing the scenes for their one exception would cost `--help` a second.
+    errors = sys.modules.get("xfrustum.scenes.errors")
+    return errors is not None and isinstance(error, errors.InputError)
+
+
+def _refuse(message: str) -> int:
+    say(f"error: {message}")
+    return BAD_INPUT

@@ -1,0 +1,299 @@
+"""How the command line spells apertures, near planes and the settings of the double frustum.
+
+Nothing heavy is imported before a command runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from xfrustum.cli.numbers import Positive
+from xfrustum.cli.streams import say
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.model.scene import Scene
+    from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
+    from xfrustum.scenes.plate.plate import Aperture
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Name(click.ParamType[StrEnum]):
+    """One name out of an enumeration of `xfrustum.scenes.plate.double_frustum`."""
+
+    def __init__(self, enumeration: str) -> None:
+        self.name = enumeration
+
+    def _names(self) -> type[StrEnum]:
+        from xfrustum.scenes.plate import double_frustum
+
+        names: type[StrEnum] = getattr(double_frustum, self.name)
+        return names
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Return the names to choose from."""
+        return f"[{'|'.join(self._names())}]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> StrEnum:
+        """Return the member of that name."""
+        names = self._names()
+        try:
+            return names(str(value).lower())
+        except ValueError:
+            self.fail(f"{value!r} is not one of {', '.join(names)}", param, ctx)
+
+
+class Tracer(click.ParamType[str]):
+    """One of `xfrustum.reference.TRACERS`."""
+
+    name = "tracer"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Return the tracers to choose from."""
+        from xfrustum.reference import TRACERS
+
+        return f"[{'|'.join(TRACERS)}]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name of a tracer."""
+        from xfrustum.reference import TRACERS
+
+        if value not in TRACERS:
+            self.fail(f"{value!r} is not one of {', '.join(TRACERS)}", param, ctx)
+        return str(value)
+
+
+class Numbers(click.ParamType[tuple[float, ...]]):
+    """Numbers separated by commas."""
+
+    name = "N,N,.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Return the numbers in the order given."""
+        try:
+            return tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers such as 0.1,0.01", param, ctx)
+
+
+class Sizes(click.ParamType[tuple[int, ...]]):
+    """Positive whole numbers separated by commas."""
+
+    name = "N,N,.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Return the numbers in the order given."""
+        try:
+            sizes = tuple(int(part) for part in str(value).split(","))
+        except ValueError:
+            sizes = ()
+        if min(sizes, default=0) < 1:
+            self.fail(f"{value!r} is not a list of positive whole numbers such as 512,1024", param, ctx)
+        return sizes
+
+
+class FitHeight(click.ParamType["Fit | float"]):
+    """`angle`, `screen`, or a height."""
+
+    name = "angle|screen|Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Fit | float:
+        """Return the name or the height."""
+        from xfrustum.scenes.plate.double_frustum import Fit
+
+        try:
+            return Fit(str(value).lower()) if str(value).lower() in list(Fit) else float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither angle nor screen nor a height", param, ctx)
+
+
+class Indices(click.ParamType[tuple[tuple[int, int], ...]]):
+    """Apertures as column,row separated by semicolons."""
+
+    name = "I,J;I,J"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[tuple[int, int], ...]:
+        """Return (column, row) of each aperture."""
+        try:
+            pairs = [[int(part) for part in pair.split(",")] for pair in str(value).split(";")]
+            return tuple((column, row) for column, row in pairs)
+        except ValueError:
+            self.fail(f"{value!r} is not a list of column,row such as 40,30;0,0", param, ctx)
+
+
+class Index(click.ParamType[tuple[int, int]]):
+    """One aperture as column,row."""
+
+    name = "I,J"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return (column, row)."""
+        try:
+            column, row = (int(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not column,row such as 40,30", param, ctx)
+        return column, row
+
+
+class Depths(click.ParamType[tuple[tuple[StrEnum, StrEnum], ...]]):
+    """Depth formats, each with a mapping after a colon; without one it is `standard`."""
+
+    name = "FORMAT[:MAPPING],.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[tuple[DepthFormat, DepthMapping], ...]:
+        """Return (format, mapping) of each."""
+        from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+
+        try:
+            parts = [part.strip().lower().partition(":") for part in str(value).split(",")]
+            return tuple((DepthFormat(form), DepthMapping(name or "standard")) for form, _, name in parts)
+        except ValueError:
+            formats, mappings = ", ".join(DepthFormat), ", ".join(DepthMapping)
+            self.fail(f"{value!r}: formats are {formats}, mappings are {mappings}", param, ctx)
+
+
+# One line per field of DoubleFrustum, whose defaults hold where an option is left out.
+_SETTINGS = (
+    click.option("--near", type=Positive(), required=True, help="Offset of both cameras, 0 < N < reach."),
+    click.option("--depth", type=Name("DepthFormat"), help="Depth buffer format.  [default: d24]"),
+    click.option("--mapping", type=Name("DepthMapping"), help="Depth mapping.  [default: standard]"),
+    click.option("--pivot", type=Name("Pivot"), help="Center of the shear.  [default: aperture]"),
+    click.option("--fit", type=FitHeight(), help="Height drawn exactly.  [default: first slab, else angle]"),
+    click.option("--offset", type=Name("Offset"), help="Whether cameras step back.  [default: plate]"),
+    click.option("--slabs", type=Numbers(), help="Heights |z| at which both frusta are cut."),
+    click.option("--camera", type=Name("Camera"), help="Which cameras draw.  [default: both]"),
+)
+
+
+def double_frustum_options(command: Command) -> Command:
+    """Add the options of the double frustum; the command receives them as one `settings`."""
+
+    @functools.wraps(command)
+    def with_settings(**options: Any) -> Any:
+        return command(settings=_collect(options), **options)
+
+    for option in reversed(_SETTINGS):
+        with_settings = option(with_settings)
+    return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
+
+
+def _collect(options: dict[str, Any]) -> DoubleFrustum:
+    """Take the settings out of a command's options."""
+    from dataclasses import fields
+
+    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+    given = {f.name: options.pop(f.name, None) for f in fields(DoubleFrustum)}
+    return DoubleFrustum(**{name: value for name, value in given.items() if value is not None})
+
+
+def open_scene(name: str) -> Scene:
+    """Open a scene file or a built-in scene, and say on standard error what its meshes lack.
+
+    Raises
+    ------
+    InputError
+        See `xfrustum.open_scene`.
+    """
+    from xfrustum.scenes import open_scene as opened
+
+    scene = opened(name)
+    for line in scene.warnings:
+        warn(line)
+    return scene
+
+
+def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
+    """Return the aperture of an index, the middle one where there is none.
+
+    Raises
+    ------
+    InputError
+        The index lies outside the plate.
+    """
+    return scene.plate.middle if index is None else scene.plate.aperture(*index)
+
+
+def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
+    """Refuse a question about nothing; warn on standard error of what the reach cuts, and of tiny objects.
+
+    Parameters
+    ----------
+    scene
+        What is asked about.
+    apertures
+        Those that the command is asked about.
+    black_is_right
+        Whether the command's answer is a picture, which may be black: then apertures that see nothing are
+        a warning as long as another one sees something, and in hard cases, which are empty on purpose.
+
+    Raises
+    ------
+    InputError
+        None of the apertures sees anything of the objects; with `black_is_right`, no aperture of the plate.
+    """
+    from xfrustum.compare import extent
+    from xfrustum.scenes.errors import InputError
+    from xfrustum.scenes.library.hard import cases as hard_cases
+
+    unseen = extent.unseen_sentence(scene, apertures)
+    if unseen is None:
+        warn_of(scene)
+        return
+    if not black_is_right:
+        raise InputError(unseen)
+    if scene.source not in hard_cases.CASES:
+        extent.require_seen(scene, scene.plate.apertures())
+    warn(unseen)
+
+
+def warn_of(scene: Scene) -> None:
+    """Warn on standard error of what the reach cuts, and of objects that are tiny beside the plate."""
+    from xfrustum.compare import extent
+
+    for warning in extent.warnings(scene):
+        warn(warning)
+
+
+def warn(warning: str) -> None:
+    """Print a warning on standard error."""
+    say(f"warning: {warning}")
+
+
+scene_argument = click.argument("scene")
+aperture_option = click.option(
+    "--aperture", type=Index(), help="Column,row on the plate.  [default: the middle]"
+)
+tracer_option = click.option(
+    "--tracer", type=Tracer(), default="embree", show_default=True, help="Ray tracer."
+)
+free_tracer_option = click.option(
+    "--tracer", type=Tracer(), help="Ray tracer.  [default: embree; mitsuba for light transport]"
+)
+quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
+json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """Print one JSON object on standard output."""
+    from xfrustum.reports.common.json_ready import json_ready
+
+    text = json.dumps(json_ready(value), allow_nan=False)
+    # The one control character that JSON leaves as it is.
+    click.echo(text.replace("\x7f", "\\u007f"))
