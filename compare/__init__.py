@@ -1,4 +1,16 @@
-"""The judge: displacement, surface, triangle and height, each in numbers and as an image."""
+"""The judge: displacement, surface, triangle and height, each in numbers and as an image.
+
+attribution/     Every wrong pixel charged to its cause
+diagnosis/       What a foreign renderer does otherwise than asked, and whether that explains its errors
+extent/          Where the objects of a scene lie, and which apertures see them
+judging/         One hogel of a foreign renderer, judged
+metrics/         Truth against image: what is measured, pixel by pixel and in numbers
+planning/        Which settings to draw with: the fewest slabs, then the largest near
+prediction/      Closed forms of every error, from the truth's geometry alone
+renderer_model/  A model of somebody else's renderer: conventions, geometry, what it draws
+rounding/        How exactly a rasterizer can know edges, depths and positions
+selfcheck/       The truth against brute force in integers
+"""
 
 from xfrustum.compare.metrics.comparison import Comparison, HeightError, compare_images
 from xfrustum.compare.metrics.displacement import Spread

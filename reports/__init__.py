@@ -1,1 +1,16 @@
-"""The verdict: sweeps over settings, tables, figures and the page that a person opens."""
+"""The verdict: sweeps over settings, tables, figures and the page that a person opens.
+
+benchmarks/       Benchmarks, as ratios within one run
+commands/         What the smaller commands make: budget, plan, compare, trace, figure 7
+common/           What all reports share: outputs, progress, times, pages, numbers in words
+cost/             What accuracy costs in time
+effects/          What a scene calls for, and what it costs
+error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
+                  Parquet
+measurements/     What is measured of a setting, and which setting is best
+plate/            Plates drawn into stores, by any number of processes
+scene_check/      Whether a scene makes sense, and scene files that fit a mesh
+splitting_study/  The study of when the frusta must be split
+trade_off/        Error against time
+verification/     The verification of foreign renderers: sources, verdict, files
+"""

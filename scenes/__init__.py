@@ -1,4 +1,16 @@
-"""The question: plate, frustum, meshes, settings, and the image that every renderer returns."""
+"""The question: plate, frustum, meshes, settings, and the image that every renderer returns.
+
+appearance/  What surfaces look like: materials, lights, and how finely color is sampled
+disk/        Files on the disk: read within bounds, written whole or not at all
+files/       Scenes from files: tables, meshes, maps and images
+geometry/    Surfaces as triangles: shapes, patches, placement, refinement, normals
+library/     The built-in scenes, made by code
+model/       The scene that is asked about, and the image that every renderer returns
+opening/     Scenes by what people type
+plate/       The plate, its apertures, their crossed frustum, and the settings of the two cameras
+arguments    Arguments of the public dataclasses, taken as numbers and names, or not at all
+errors       The one exception that means "the user can fix this"
+"""
 
 from __future__ import annotations
 

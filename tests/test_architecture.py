@@ -14,6 +14,8 @@ FOLDERS = ("scenes", "reference", "raster", "compare", "reports")
 SOURCES = sorted(path for folder in (*FOLDERS, "src") for path in (CHECKOUT / folder).rglob("*.py"))
 COMMAND_LINE = re.compile(r"src/xfrustum/(cli/.*|__main__)\.py")
 LONGEST_MODULE = 500
+LARGEST_ROOM = 14
+"""Modules in a folder: what a listing shows at a glance."""
 LONGEST_FUNCTION = 60
 """Lines; what can be read in one sitting, and on one screen."""
 
@@ -40,6 +42,24 @@ def test_modules_and_functions_stay_small(path: Path) -> None:
     assert len(text.splitlines()) <= LONGEST_MODULE
     long = {f.name for f in functions(ast.parse(text)) if own_lines(f) >= LONGEST_FUNCTION}
     assert not long
+
+
+ROOMS = sorted({path.parent for path in (*SOURCES, *(CHECKOUT / "tests").rglob("*.py"))})
+
+
+@pytest.mark.parametrize("room", ROOMS, ids=name)
+def test_rooms_stay_small(room: Path) -> None:
+    assert len(list(room.glob("*.py"))) <= LARGEST_ROOM
+
+
+@pytest.mark.parametrize("room", [room for room in ROOMS if "tests" not in room.parts], ids=name)
+def test_the_docstring_of_a_package_is_its_table_of_contents(room: Path) -> None:
+    told = ast.get_docstring(ast.parse((room / "__init__.py").read_text())) or ""
+    listed = [line.split()[0] for line in told.splitlines()[2:] if line and not line.startswith(" ")]
+    there = [path.stem for path in room.glob("*.py") if path.stem not in {"__init__", "__main__"}]
+    there += [f"{folder.name}/" for folder in room.iterdir() if (folder / "__init__.py").exists()]
+    if room != CHECKOUT / "src" / "xfrustum":
+        assert sorted(listed) == sorted(there)
 
 
 @pytest.mark.parametrize("path", [p for p in SOURCES if not COMMAND_LINE.match(name(p))], ids=name)

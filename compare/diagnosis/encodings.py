@@ -1,8 +1,11 @@
 """What do the pixels of a picture mean? Found by reading them in other ways, and comparing with the scene.
 
-As `xfrustum.compare.diagnosis.geometry_fit` finds orientations: by trying. Numbers of triangles are compared by what
-their pixels claim (`xfrustum.compare.diagnosis.containment`), which holds whatever lies in front; all else is compared
-with the truth in `xfrustum.compare.diagnosis.stored_truth`. Another reading is found only where the one that was stated
+As `xfrustum.compare.diagnosis.geometry_fit` finds orientations: by trying. Numbers of triangles are
+compared by what
+their pixels claim (`xfrustum.compare.diagnosis.containment`), which holds whatever lies in front; all else
+is compared
+with the truth in `xfrustum.compare.diagnosis.stored_truth`. Another reading is found only where the one
+that was stated
 fails and it holds.
 """
 

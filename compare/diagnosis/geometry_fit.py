@@ -1,7 +1,8 @@
 """Conventions and geometry of a renderer, from what its images claim: searched, fitted, bounded.
 
 First the discrete conventions, by how far claims fail on the average. Then the numbers of
-`xfrustum.compare.renderer_model.parameters` by robust least squares, with as few groups of them off their nominal values as
+`xfrustum.compare.renderer_model.parameters` by robust least squares, with as few groups of them off their
+nominal values as
 will do; where others will do as well, they are alternatives. Last an interval for each: all values under
 which no claim fails by more than drawing rounds.
 """

@@ -1,12 +1,9 @@
 """Where a scene lies: which part of it the reach and the frusta of the plate hold, before anything is drawn.
 
-    layers      triangles cut by heights: the corners of what is left of each
-    sight       whether an aperture's image can show any of an object, and which apertures of a plate can
-    facts       size, heights, area within the reach and apertures of every object
-    wording     the same in words: why nothing is seen, what the reach cuts off, wrong units
-
-Neither answer imports this room: it says a third time, for itself, where a point is imaged, so that a
-mistake here cannot hide one of theirs.
+facts    Size, heights, area within the reach and apertures of every object of a scene
+layers   Triangles cut by heights: the corners of what is left of each, and its area
+sight    Whether an aperture's image can show any of an object, and which apertures of a plate can
+wording  Where a scene lies, in words: why nothing is seen, what the reach cuts off, units that do not fit
 """
 
 from xfrustum.compare.extent.facts import ObjectExtent, Sight, box, extents

@@ -1,7 +1,8 @@
 """The numbers of a guess about a renderer, in groups that go wrong together: one table for all who use them.
 
 A new group needs a row here, a field of the same name in `DrawnModel`, what it does to the lines in
-`DrawnModel.pencil` and in `xfrustum.compare.diagnosis.containment`, and its words in `xfrustum.compare.diagnosis.faults`.
+`DrawnModel.pencil` and in `xfrustum.compare.diagnosis.containment`, and its words in
+`xfrustum.compare.diagnosis.faults`.
 """
 
 from __future__ import annotations

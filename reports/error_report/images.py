@@ -46,7 +46,8 @@ def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
     """Return both ends of the scale of height errors, as fractions of the longest reach.
 
     Smaller errors than the lower end are white. It is the error that rounding alone may make of a 32-bit
-    surface point (`compare.rounding.positions`) as far away as the reach, or as the scene's largest coordinate if that
+    surface point (`compare.rounding.positions`) as far away as the reach, or as the scene's largest
+    coordinate if that
     is larger, rounded up to 1, 2 or 5 of its power of ten.
 
     Parameters

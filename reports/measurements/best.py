@@ -117,7 +117,8 @@ def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
     First come the wrong surfaces: what is not worse than the setting with the fewest. Of those, where the
     scene is shaded, come the wrong colors likewise; of those, displacement: what keeps to
     `UNSEEN_DISPLACEMENT_PX`, or to the least within `DISPLACEMENT_TIE_PX` where nothing keeps to it. Worse is
-    what has more wrong pixels by more than `SURFACE_TIE`, and beyond chance (`compare.metrics.paired`). The worst
+    what has more wrong pixels by more than `SURFACE_TIE`, and beyond chance (`compare.metrics.paired`).
+    The worst
     aperture counts.
 
     Raises

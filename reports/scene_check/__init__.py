@@ -1,9 +1,11 @@
 """Scenes before anything is drawn: how they fit the plate, in words and in pictures, and new ones that do.
 
-checking       `xfrustum check`: what lies where, who sees it, and what looks like a mistake
-drawing        the side view and the top view, as SVG
-picture_frame  what a view shows of space, and where that lies on the picture
-silhouettes    outlines of meshes as they are seen from the side or from above
-page_section   the same pictures as a section of a report's page
-new_scene      `xfrustum new`: a scene file whose plate and reach fit a mesh
+checking       `xfrustum check`: what lies where in a scene, which apertures see it, and what looks like
+               a mistake
+drawing        The side view and the top view of a scene: plate, reach, frusta and objects, as one small
+               SVG each
+new_scene      `xfrustum new`: a scene file whose plate, reach and field of view fit a mesh
+page_section   The section of a page that shows where a scene lies, for `_scene.html.j2`
+picture_frame  What a view shows of space, and where that lies on the picture
+silhouettes    Outlines of meshes as they are seen from the side or from above
 """

@@ -18,7 +18,7 @@ from xfrustum.scenes.errors import InputError
 MEASURING = ("scenes", "reference", "raster", "compare")
 """Packages whose sources decide what is measured."""
 
-MEASURING_MODULES = ("study_measure.py",)
+MEASURING_MODULES = ("splitting_study/measure.py",)
 """Those of `reports`."""
 
 _WAIT_S = 30.0

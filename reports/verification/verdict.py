@@ -17,7 +17,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 DISPLACEMENT, COLORS, INVALID = "displacement", "wrong colors", "claims of what does not exist"
-"""Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged` names."""
+"""Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`
+names."""
 
 MOST_INVALID = 0.5
 """Share of the pixels in which an image shows something that may claim what does not exist, whatever the

@@ -1,0 +1,225 @@
+"""The chain from truth to raster: every wrong pixel has one cause, and the links add up."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import xfrustum
+from tests.support.views import SHARED_SCENES, view
+from xfrustum.cli.commands import checks as cli_checks
+from xfrustum.cli.main import cli
+from xfrustum.compare.attribution.budget import Budget, make_budget
+from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.commands.budget_page import IMAGES, LINK_COLORS, command, write_budget
+from xfrustum.reports.commands.budgeting import table
+from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
+
+NEARS = (1e-1, 1e-3, 1e-5, 1e-8)
+"""Fractions of the reach."""
+
+
+def options(reach: float) -> list[dict[str, object]]:
+    """Return one of each kind of setting beside the paper's own."""
+    return [
+        {},
+        {"pivot": Pivot.CAMERA},
+        {"fit": 0.3 * reach},
+        {"slabs": (0.12 * reach, 0.4 * reach)},
+        {"slabs": (0.12 * reach,), "pivot": Pivot.CAMERA, "fit": Fit.ANGLE},
+        {"offset": Offset.NONE},
+    ]
+
+
+def budgets(name: str, settings: list[DoubleFrustum]) -> list[tuple[DoubleFrustum, Chain, Budget]]:
+    scene = view(name, (192, 144))
+    reference, aperture = Reference(scene), scene.default_apertures()[-1]
+    with Rasterizer(scene) as rasterizer:
+        chains = [make_chain(reference, rasterizer, aperture, one) for one in settings]
+    return [(chain.settings, chain, make_budget(reference, chain)) for chain in chains]
+
+
+def every_kind(name: str) -> list[DoubleFrustum]:
+    """Return every kind of option at every near, each with another depth buffer."""
+    reach = min(view(name, (8, 8)).frustum.reach)
+    buffers = [*product(DepthFormat, DepthMapping)]
+    asked = list(product(NEARS, options(reach)))
+    return [
+        DoubleFrustum(near=near * reach, depth=depth, mapping=mapping, **option)  # type: ignore[arg-type]
+        for (near, option), (depth, mapping) in zip(asked, 2 * buffers, strict=False)
+    ]
+
+
+@pytest.mark.parametrize("name", [*builtin.names(), *SHARED_SCENES])
+def test_nothing_is_left_unexplained(name: str) -> None:
+    """24 settings on each scene: every option, every depth buffer, n from 1e-1 to 1e-8 of the reach."""
+    found = budgets(name, every_kind(name))
+    assert len(found) == 24
+    assert [(settings, b.summary()) for settings, _, b in found if b.explanation.unexplained.any()] == []
+    for _, _, budget in found:
+        charged = [int((budget.charge == link).sum()) for link in range(len(LINKS))]
+        assert sum(charged) == budget.wrong
+        assert sum(budget.explanation.counts().values()) == charged[-2] + charged[-1]
+
+
+def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:
+    """Each difference is rounded once, to 2^-53 of itself; so is the total, and each partial sum."""
+    for _, chain, budget in budgets("asymmetric-recentered", every_kind("asymmetric-recentered")):
+        for part in (budget.displacement, budget.height):
+            defined = np.isfinite(part.total)
+            assert defined.any()
+            size = np.abs(part.steps).sum(axis=0) + np.abs(part.total)
+            off = np.abs(part.steps.sum(axis=0) - part.total)
+            assert (off[defined] <= 2.0**-53 * 2 * len(LINKS) * size[defined]).all()
+        direct = displacement(chain.images[-1], chain.images[0].camera)
+        shown = np.isfinite(budget.displacement.total).all(axis=-1)
+        first = displacement(chain.images[0], chain.images[0].camera)
+        np.testing.assert_array_equal(budget.displacement.total[shown], (direct - first)[shown])
+
+
+def test_a_large_near_is_charged_to_the_near_offset_and_a_starved_buffer_to_depth() -> None:
+    reach = 150.0
+    bent, starved = budgets(
+        "car",
+        [
+            DoubleFrustum(near=1e-2 * reach, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED),
+            DoubleFrustum(near=1e-8 * reach, depth=DepthFormat.D16),
+        ],
+    )
+    assert (bent[2].charge == 0).sum() > 0.99 * bent[2].wrong > 100
+    assert (starved[2].charge == 4).sum() > 0.99 * starved[2].wrong > 100
+
+
+def test_the_pivot_is_charged_where_the_frustum_is_sheared() -> None:
+    settings = DoubleFrustum(near=1.5, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+    [(_, _, budget)] = budgets("car-recentered", [replace(settings, pivot=Pivot.CAMERA)])
+    assert (budget.charge == 1).sum() > 100
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered", "car-recentered"])
+def test_each_traced_link_is_as_predicted(name: str) -> None:
+    """Displacement and wrong surfaces of near offset, pivot and fit, and slabs, one after the other."""
+    reach = view(name, (8, 8)).frustum.longest_reach
+    cut = 0.3 * reach
+    settings = DoubleFrustum(
+        near=1e-3 * reach,
+        slabs=(cut,),
+        pivot=Pivot.CAMERA,
+        fit=Fit.ANGLE,
+        depth=DepthFormat.D32F,
+        mapping=DepthMapping.REVERSED,
+    )
+    [(_, _, budget)] = budgets(name, [settings])
+    links = budget.summary()["links"]
+    for link in links[:3]:
+        predicted, measured = link["predicted_displacement_rms_px"], link["displacement_rms_px"]
+        # Of first order in n / |z|, over the truth's pixels and not the drawn ones.
+        assert measured == pytest.approx(predicted, rel=0.1, abs=1e-9)
+        # A factor of two, and what chance makes of a few pixels.
+        low, high = link["predicted_surface"] / 2, link["predicted_surface"] * 2
+        assert low - 3 * low**0.5 - 1 <= link["surface"] <= high + 3 * high**0.5 + 1
+    assert sum(link["surface"] for link in links[:3]) > 20
+    for link in links[3:]:
+        assert link["predicted_displacement_rms_px"] is None
+        assert 0 <= link["predicted_surface"] < 10
+
+
+def test_the_table_has_prediction_measurement_and_ratio() -> None:
+    [(_, _, budget)] = budgets("asymmetric", [DoubleFrustum(near=1.5)])
+    link = budget.summary()["links"][0]
+    lines = table(budget).splitlines()
+    predicted = next(line for line in lines[lines.index("") :] if line.startswith("near offset"))
+    ratio = link["surface"] / link["predicted_surface"]
+    numbers = predicted.removeprefix("near offset").replace(",", "").split()
+    assert numbers[:3] == [f"{link['predicted_surface']:.0f}", f"{link['surface']}", f"{ratio:.3g}"]
+    assert len(numbers) == 6
+
+
+@pytest.mark.parametrize("name", ["car-recentered", "asymmetric"])
+def test_outside_the_first_slab_there_is_no_near_plane_error(name: str) -> None:
+    """Cameras exactly at the aperture: displacement is the rounding of 32-bit positions alone."""
+    reach = view(name, (8, 8)).frustum.longest_reach
+    cut = 0.05 * reach
+    settings = DoubleFrustum(
+        near=0.01 * reach, slabs=(cut, 6 * cut), depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED
+    )
+    [(_, chain, _)] = budgets(name, [settings])
+    drawn = chain.images[-1]
+    camera = chain.images[0].camera
+    outside = drawn.off_plate & (np.abs(drawn.height) > cut)
+    assert outside.sum() > 1000
+    moved = np.abs(displacement(drawn, camera)[outside])
+    scene = view(name, (192, 144))
+    largest = scene.largest_coordinates[drawn.triangle[outside]]
+    # Rounding x and z once each: 1 + |x - a| / L roundings, 4 at the corners of these plates.
+    depth = np.abs(drawn.height[outside].astype(np.float64))
+    for axis in range(2):
+        bound = 4 * 2.0**-24 * largest * camera.resolution[axis] / (2 * depth * camera.half_extent[axis])
+        assert (moved[:, axis] <= bound).all()
+    inside = drawn.off_plate & (np.abs(drawn.height) < cut)
+    if inside.any():
+        assert np.abs(displacement(drawn, camera)[inside]).max() > 1e-3
+
+
+def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(tmp_path: Path) -> None:
+    """Every cause is named beside its color, with the numbers of --json, and the page needs nothing else."""
+    report = xfrustum.budget(view("asymmetric", (96, 72)), DoubleFrustum(near=0.5, slabs=(4.0, 10.0)))
+    written = write_budget(report, tmp_path / "budget")
+    numbers = report.summary()
+    assert {path.name for path in written} == {
+        "index.html",
+        "budget.json",
+        "causes-by-triangle.png",
+        "causes-by-surface.png",
+        *(f"{name}.webp" for name in IMAGES),
+        *(f"radiance-{link['name'].replace(' ', '-')}.png" for link in numbers["radiance"]["links"]),
+        "radiance-total.png",
+    }
+    assert json.loads((tmp_path / "budget" / "budget.json").read_text()) == json_ready(numbers)
+    page = (tmp_path / "budget" / "index.html").read_text()
+    for link, color in zip(numbers["links"], LINK_COLORS, strict=True):
+        row = next(row for row in page.split("<tr>") if f"<td>{link['name']}</td>" in row)
+        assert f'fill="{color}"' in row
+        assert f">{link['pixels']:,}</td>" in row
+        assert f">{link['surface']:,}</td>" in row
+    for name in ("edge", "order", "lost", "unexplained"):
+        assert f"<td>{name}</td>" in page
+    assert "--near 0.5 --slabs 4.0,10.0</pre>" in page
+    assert not re.findall(r'(?:src|href)="(?!data:)', page)
+
+
+def test_the_command_of_a_budget_makes_it_again() -> None:
+    """What the page says can be given to the command line: the same aperture, the same settings."""
+    scene = view("asymmetric", (48, 36))
+    settings = DoubleFrustum(
+        near=0.1 + 0.2, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, fit=3.5, pivot=Pivot.CAMERA
+    )
+    report = xfrustum.budget(scene, settings, scene.plate.aperture(0, 0))
+    words = shlex.split(command(report))
+    assert words[:5] == ["xfrustum", "budget", scene.source or scene.name, "--aperture", "0,0"]
+    given = cli.make_context("xfrustum", words[1:])
+    taken = cli_checks.budget.make_context("budget", list(given.args))
+    fields = {name: value for name, value in taken.params.items() if value is not None}
+    for name in ("near", "depth", "mapping", "fit", "pivot"):
+        assert fields[name] == getattr(settings, name)
+
+
+def test_the_public_functions_print_nothing_and_return_objects(capfd: pytest.CaptureFixture[str]) -> None:
+    scene = view("asymmetric", (24, 18))
+    assert xfrustum.budget(scene, DoubleFrustum(near=0.5)).geometry.judged > 0
+    assert isinstance(xfrustum.plan(scene), xfrustum.Plan)
+    assert xfrustum.cost(scene, repeat=1).options
+    assert capfd.readouterr() == ("", "")

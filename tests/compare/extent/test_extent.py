@@ -1,0 +1,276 @@
+"""Where a scene lies: what is in sight, what the reach holds, and what commands say of scenes nobody sees."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import xfrustum
+from tests.support.views import soup
+from xfrustum.cli.main import main
+from xfrustum.compare.extent import extents, require_seen, unseen_sentence, warnings
+from xfrustum.compare.extent.layers import share_between
+from xfrustum.compare.extent.sight import apertures_in_sight, in_sight
+from xfrustum.reference import Reference
+from xfrustum.scenes import Aperture, Frustum, InputError, Plate, Scene, SceneObject, open_scene
+from xfrustum.scenes.library.hard import cases as hard_cases
+from xfrustum.scenes.plate.frustum import Screen
+
+CENTERED = Frustum(resolution=(48, 40), reach=(10.0, 14.0), fov=(math.radians(60), math.radians(50)))
+BEHIND = Frustum(
+    resolution=(48, 40), reach=(10.0, 14.0), screen=Screen(height=-8.0, center=(1.0, -2.0), size=(9.0, 8.0))
+)
+BEFORE = Frustum(
+    resolution=(48, 40), reach=(10.0, 14.0), screen=Screen(height=6.0, center=(-1.0, 1.0), size=(9.0, 8.0))
+)
+FRUSTA = pytest.mark.parametrize("frustum", [CENTERED, BEHIND, BEFORE], ids=["centered", "behind", "before"])
+
+FILE = """
+name = "{name}"
+units = "mm"
+[plate]
+size = [80.0, 60.0]
+hogels = [9, 7]
+[frustum]
+resolution = [24, 24]
+fov_deg = [60.0, 60.0]
+reach = [150.0, 150.0]
+[[object]]
+shape = "sphere"
+scale = {scale}
+translate = {translate}
+"""
+FAR, ASIDE = (1000.0, [0.0, 0.0, -8500.0]), (100.0, [5000.0, 0.0, -80.0])
+METERS = (0.1, [0.0, 0.0, -80.3])
+COMMANDS = {
+    "report": ["--near", "0.1", "--depth", "d24", "--out", "out", "--quiet"],
+    "plan": ["--quiet"],
+    "cost": ["--repeat", "1", "--quiet"],
+    "budget": ["--near", "0.1", "--quiet"],
+    "explain": ["--repeat", "0", "--quiet"],
+    "figure7": ["--out", "out"],
+    "verify": ["{i}-{j}.png", "--quiet"],
+    "trace": ["--out", "out.exr", "--quiet"],
+    "raster": ["--near", "0.1", "--out", "out.exr"],
+    "plate": ["--near", "0.1", "--out", "out.zarr", "--quiet"],
+}
+
+
+def write(folder: Path, scale: float, translate: list[float], name: str = "scene") -> str:
+    path = folder / f"{name}.toml"
+    path.write_text(FILE.format(name=name, scale=scale, translate=translate))
+    return str(path)
+
+
+def triangles(seed: int, count: int, size: float) -> np.ndarray:
+    """Triangles of some size strewn over more than the frusta hold."""
+    random = np.random.default_rng(seed)
+    return random.uniform(-13, 13, (count, 1, 3)) + random.normal(0, size, (count, 3, 3))
+
+
+def one(corners: object) -> SceneObject:
+    points = np.asarray(corners, dtype=np.float64).reshape(-1, 3)
+    return SceneObject(name="one", vertices=points, faces=np.arange(len(points)).reshape(-1, 3))
+
+
+@FRUSTA
+@pytest.mark.parametrize("size", [0.3, 5.0])
+def test_what_the_truth_shows_is_in_sight(frustum: Frustum, size: float) -> None:
+    """And what is in sight by far the most times shows: the test is not for ever yes."""
+    scene = soup(triangles(5, 250, size), frustum)
+    shown, claimed = set(), set()
+    for index in ((8, 8), (0, 0), (15, 3)):
+        aperture = scene.plate.aperture(*index)
+        # Each triangle alone, for in sight is what could be seen if nothing hid it.
+        for number, corners in enumerate(scene.triangles):
+            part = one(corners)
+            if in_sight(part, frustum, aperture):
+                claimed.add((index, number))
+                alone = Scene(name="one", plate=scene.plate, frustum=frustum, objects=(part,))
+                if (Reference(alone).trace(aperture).triangle >= 0).any():
+                    shown.add((index, number))
+        truth = Reference(scene).trace(aperture).triangle
+        assert {(index, int(k)) for k in np.unique(truth[truth >= 0])} <= claimed
+    assert len(claimed) > 30
+    assert len(shown) > (0.9 if size > 1 else 0.5) * len(claimed)
+
+
+@FRUSTA
+def test_the_apertures_that_see_an_object_are_counted_with_none_left_out(frustum: Frustum) -> None:
+    plate = Plate(size=(16.0, 16.0), hogels=(16, 16))
+    for corners in triangles(7, 6, 1.0):
+        part = one(corners)
+        flags = apertures_in_sight(part, frustum, plate)
+        seen = np.array(
+            [[in_sight(part, frustum, plate.aperture(i, j)) for i in range(16)] for j in range(16)]
+        )
+        assert not (seen & ~flags).any()
+
+
+def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> None:
+    """At 10 behind the plate a field of 2 atan(1/2) runs 5 aside: apertures within 5 + 1 of its middle."""
+    angle = 2 * math.atan(0.5)
+    frustum = Frustum(resolution=(64, 64), reach=(20.0, 20.0), fov=(angle, angle))
+    plate = Plate(size=(21.0, 21.0), hogels=(21, 21))
+    low, high = (-1.0, -1.0, -10.0), (1.0, 1.0, -10.0)
+    square = one([low, (1.0, -1.0, -10.0), high, low, high, (-1.0, 1.0, -10.0)])
+    scene = Scene(name="square", plate=plate, frustum=frustum, objects=(square,))
+    (found,) = extents(scene)
+    assert found.sight.apertures == 13 * 13 and found.sight.of == 21 * 21
+    assert found.sight.columns == found.sight.rows == (4, 16)
+    assert found.sight.middle and not any(found.sight.corners)
+
+
+def test_a_wall_beside_the_frustum_is_out_of_sight_though_its_box_is_not() -> None:
+    wall = one([(9.0, -1.0, -1.0), (40.0, -1.0, -14.0), (40.0, 1.0, -14.0)])
+    here = Aperture(column=0, row=0, x=0.0, y=0.0)
+    assert not in_sight(wall, CENTERED, here)
+    assert in_sight(wall, CENTERED, Aperture(column=0, row=0, x=12.0, y=0.0))
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.floats(-4, 4), min_size=9, max_size=9),
+    st.floats(-5, 5),
+    st.floats(-5, 5),
+    st.floats(-5, 5),
+)
+def test_shares_of_a_surface_between_heights_add_up(
+    corners: list[float], first: float, second: float, third: float
+) -> None:
+    low, middle, high = sorted((first, second, third))
+    triangle = np.array(corners).reshape(1, 3, 3)
+    whole, lower, upper = (
+        float(share_between(triangle, *ends)[0]) for ends in ((low, high), (low, middle), (middle, high))
+    )
+    if np.ptp(triangle[..., 2]) == 0:  # flat: all of it lies in the cut, and so on either side
+        assert whole == max(lower, upper)
+    else:
+        assert abs(whole - lower - upper) < 1e-9 and 0 <= whole <= 1
+
+
+def test_half_way_up_a_triangle_lies_a_quarter_of_its_surface() -> None:
+    upright = np.array([[(0.0, 0.0, 2.0), (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)]])
+    assert share_between(upright, 1.0, 2.0)[0] == pytest.approx(0.25)
+    assert share_between(upright, -9.0, 1.0)[0] == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize("name", [n for n in hard_cases.names(giants=False) if n != "hard/only-out-of-reach"])
+def test_no_hard_case_is_taken_for_empty(name: str) -> None:
+    scene = open_scene(name)
+    for index in hard_cases.CASES[name].apertures:
+        require_seen(scene, [scene.plate.aperture(*index)])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("placed", "said"),
+    [
+        (FAR, "(sphere) spans 8,000 to 9,000 mm behind the plate; the reach is 150 mm there"),
+        (ASIDE, "(sphere) lies 4,950 to 5,050 mm to the right of the plate's middle; at its height"),
+    ],
+    ids=["far", "aside"],
+)
+def test_a_question_about_what_no_aperture_sees_is_refused_with_sizes(
+    command: str,
+    placed: tuple[float, list[float]],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = write(tmp_path, *placed)
+    assert main([command, scene, *COMMANDS[command]]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert said in printed.err
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_functions_refuse_it_where_it_is_asked(tmp_path: Path) -> None:
+    scene = open_scene(write(tmp_path, *FAR))
+    for ask in (
+        lambda: xfrustum.make_plan(scene),
+        lambda: xfrustum.make_report(scene, tmp_path / "out"),
+        lambda: xfrustum.explain(scene, repeat=0),
+        lambda: xfrustum.verify(scene, lambda scene, aperture: None),  # type: ignore[arg-type,return-value]
+    ):
+        with pytest.raises(InputError, match="8,000 to 9,000 mm behind the plate"):
+            ask()
+
+
+def test_a_mesh_in_other_units_between_the_pixels_is_named_with_its_size(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = write(tmp_path, *METERS)
+    assert main(["plan", scene, "--quiet"]) == 2
+    assert "is 0.1 x 0.1 x 0.1 mm" in capsys.readouterr().err
+
+
+def test_a_tiny_mesh_that_is_seen_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = write(tmp_path, 0.1, [0.0, 0.0, 0.0])
+    assert main(["trace", scene, "--out", str(tmp_path / "out.exr"), "--quiet"]) == 0
+    error = capsys.readouterr().err
+    assert "0.1 x 0.1 x 0.1 mm, and the plate is 80 mm wide" in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["trace", "raster", "plate"])
+def test_a_black_picture_of_what_other_apertures_see_is_right_and_warned_of(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = write(tmp_path, 10.0, [38.0, 0.0, -12.0])
+    where = ["--apertures", "0,3"] if command == "plate" else ["--aperture", "0,3"]
+    assert main([command, scene, *where, *COMMANDS[command]]) == 0
+    error = capsys.readouterr().err
+    assert "warning: scene: aperture 0,3 sees nothing" in error and "to the right" in error
+
+
+def test_a_flat_mesh_lies_at_one_height_and_spans_none(tmp_path: Path) -> None:
+    (tmp_path / "flat.obj").write_text("v -1 -1 0\nv 1 -1 0\nv 1 1 0\nf 1 2 3\n")
+    scene = Path(write(tmp_path, *FAR))
+    text = scene.read_text().replace('shape = "sphere"', 'mesh = "flat.obj"')
+    assert "flat.obj" in text
+    scene.write_text(text)
+    opened = open_scene(str(scene))
+    with pytest.raises(
+        InputError, match=r"\(flat\.obj\) lies [\d,]+ mm behind the plate; the reach is 150 mm"
+    ):
+        require_seen(opened, [opened.plate.middle])
+
+
+def test_the_hard_case_that_is_empty_on_purpose_is_still_traced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("hard/only-out-of-reach", "hard/nothing", "empty"):
+        out = str(tmp_path / f"{name.replace('/', '-')}.exr")
+        assert main(["raster", name, "--near", "0.1", "--out", out]) == 0
+        assert ("warning" in capsys.readouterr().err) == (name == "hard/only-out-of-reach")
+
+
+def test_a_mesh_that_the_reach_cuts_is_a_warning_with_the_part_beyond(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Equal slices of a sphere have equal surfaces: between 50 and 170 behind, 20 of 120 is a sixth."""
+    scene = write(tmp_path, 120.0, [0.0, 0.0, -110.0])
+    assert main(["trace", scene, "--out", str(tmp_path / "out.exr"), "--quiet"]) == 0
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "object 0 (sphere) spans 50 to 170 mm behind the plate, and the reach is 150 mm" in error
+    share = float(error.rpartition(": ")[2].partition(" %")[0])
+    assert share == pytest.approx(100 / 6, abs=0.6)
+
+
+def test_built_in_scenes_are_seen_and_only_those_that_mean_it_leave_the_reach() -> None:
+    for name in (
+        xfrustum.scenes.library.builtin.names() if hasattr(xfrustum, "scenes") else ("car", "sheets", "empty")
+    ):
+        scene = open_scene(name)
+        assert unseen_sentence(scene, scene.default_apertures()) is None
+        assert bool(warnings(scene)) == (name == "large-triangles")

@@ -1,0 +1,101 @@
+"""Which cause a wrong pixel of a foreign renderer has: by hand on one triangle, cut by the film's border."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.views import at, soup
+from xfrustum.compare.judging.causes import SNAPPED_PX, causes
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.rounding.clip_seams import distance_to_segments
+from xfrustum.reference import Reference
+from xfrustum.scenes import NOTHING, Frustum, HogelImage, Scene
+
+Floats = NDArray[np.float64]
+SIZE, NEAR = 128, 1.0
+SHIFT = (0.375, -0.25)
+FRUSTUM = Frustum(resolution=(SIZE, SIZE), reach=(50.0, 50.0), fov=(math.pi / 2, math.pi / 2))
+CENTER = at(0.3, -0.2)
+
+PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
+"""Of the corners on the film, pixels from its left and upper border: one lies below it."""
+
+CLEAR_PX = 0.5
+"""Far from whatever rounding explains: several times a subpixel."""
+
+
+def scene_of_one_triangle() -> Scene:
+    """Return the triangle that C, a unit before the plate, sees at `PLACES`."""
+    w = np.array([21.0, 31.0, 16.0])
+    slopes = PLACES * 2 / SIZE - 1
+    x, y = CENTER.x + w * slopes[:, 0], CENTER.y - w * slopes[:, 1]
+    return soup(np.stack((x, y, NEAR - w), axis=1)[None], FRUSTUM)
+
+
+def cut() -> tuple[Floats, Floats]:
+    """Return sides and diagonals of what is left on the film, by hand, (4, 2, 2) and (2, 2, 2)."""
+    a, b, c = PLACES
+    on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
+    polygon = np.array([a, b, on_bc, on_ca])
+    return np.stack((polygon, np.roll(polygon, -1, axis=0)), axis=1), polygon[[(0, 2), (1, 3)]]
+
+
+@pytest.fixture(scope="module")
+def pictures() -> tuple[Scene, DrawnModel, HogelImage, HogelImage]:
+    """Return the scene, how it is drawn, what that shows exactly, and a picture that shows nothing."""
+    scene, model = scene_of_one_triangle(), DrawnModel(near=NEAR, shift=SHIFT)
+    exact = trace_drawn(Reference(scene), model, CENTER)
+    lost = replace(
+        exact,
+        triangle=np.full_like(exact.triangle, NOTHING),
+        object=np.full_like(exact.object, NOTHING),
+        position=np.full_like(exact.position, np.nan),
+    )
+    return scene, model, exact, lost
+
+
+def distances(exact: HogelImage) -> tuple[Floats, Floats]:
+    """Return how far sampling points are from the nearest side, and from the nearest diagonal, (H, W)."""
+    column, row = np.meshgrid(np.arange(SIZE), np.arange(SIZE))
+    points = np.stack((column + 0.5 + SHIFT[0], row + 0.5 + SHIFT[1]), axis=-1).reshape(-1, 2)
+    side, diagonal = (distance_to_segments(points, lines).reshape(SIZE, SIZE) for lines in cut())
+    return np.where(exact.covered, side, 0.0), diagonal
+
+
+def test_a_hole_inside_a_triangle_is_not_explained(
+    pictures: tuple[Scene, DrawnModel, HogelImage, HogelImage],
+) -> None:
+    scene, model, exact, lost = pictures
+    side, diagonal = distances(exact)
+    inside = (side > CLEAR_PX) & (diagonal > CLEAR_PX)
+    assert inside.sum() > 1000
+    found = causes(scene, model, exact, lost, inside)
+    assert found == {"edge": 0, "order": 0, "lost": 0, "unexplained": inside.sum()}
+
+
+def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(
+    pictures: tuple[Scene, DrawnModel, HogelImage, HogelImage],
+) -> None:
+    scene, model, exact, lost = pictures
+    side, diagonal = distances(exact)
+    split = (side > CLEAR_PX) & (diagonal < 0.9 * SNAPPED_PX)
+    beside = (side > CLEAR_PX) & (diagonal > 1.1 * SNAPPED_PX)
+    assert split.sum() > 5
+    found = causes(scene, model, exact, lost, split | beside)
+    assert found == {"edge": split.sum(), "order": 0, "lost": 0, "unexplained": beside.sum()}
+
+
+def test_a_hole_along_a_side_lies_on_an_edge(
+    pictures: tuple[Scene, DrawnModel, HogelImage, HogelImage],
+) -> None:
+    scene, model, exact, lost = pictures
+    side, _ = distances(exact)
+    along = exact.covered & (side < 0.9 * SNAPPED_PX)
+    assert along.sum() > 5
+    assert causes(scene, model, exact, lost, along)["edge"] == along.sum()

@@ -1,0 +1,130 @@
+"""Displacement, measured from drawn surface points, is the closed form of docs/method.md."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from tests.support.views import reversed_d32f, view
+from xfrustum.compare import compare_images
+from xfrustum.compare.attribution.explain import misplaced
+from xfrustum.compare.prediction import predict
+from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import NOTHING, HogelImage
+
+LOG = logging.getLogger(__name__)
+"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+
+NEARS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+"""Of the reach."""
+MOST_PX = 1e-3
+"""Of 99 % of the pixels, on meshes."""
+
+MESHES = [
+    ("car", (40, 30)),
+    ("car", (12, 50)),
+    ("car-recentered", (0, 0)),
+    ("asymmetric", (25, 41)),
+    ("asymmetric-recentered", (0, 0)),
+    ("asymmetric-recentered", (80, 60)),
+    ("beetle", (40, 30)),
+    ("bunny-transfer", (150, 50)),
+    ("bunny-transfer", (299, 99)),
+    ("teapot-recentered", (119, 79)),
+    ("teapot-recentered", (60, 40)),
+    ("truck", (50, 30)),
+]
+OTHERS = [("crossing", (40, 30)), ("crossing", (31, 17)), ("large-triangles", (40, 30)), ("sheets", (40, 30))]
+
+
+def closed_form(image: HogelImage, near: float) -> np.ndarray:
+    """Return true minus drawn, (H, W, 2) columns and rows: +(W/2) u n/|z| and -(H/2) v n/|z|."""
+    height, width = image.triangle.shape
+    u = (2 * np.arange(width) + 1) / width - 1
+    v = 1 - (2 * np.arange(height) + 1) / height
+    per_film_unit = near / np.abs(image.height.astype(np.float64))
+    return np.stack((width / 2 * u * per_film_unit, -height / 2 * v[:, None] * per_film_unit), axis=-1)
+
+
+@pytest.mark.parametrize(("name", "index"), MESHES + OTHERS)
+def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, index: tuple[int, int]) -> None:
+    assert POSITION_ROUNDINGS <= 16
+    scene = view(name, (256, 192))
+    aperture = scene.plate.aperture(*index)
+    reference = Reference(scene)
+    truth = reference.trace(aperture)
+    largest_coordinate = np.abs(scene.triangles).max(axis=(1, 2))
+    half_extent = np.array(truth.camera.half_extent)
+    seen, worst, used = 0, 0.0, 0.0
+    with Rasterizer(scene) as raster:
+        for near in np.array(NEARS) * scene.frustum.longest_reach:
+            drawn = raster.render(aperture, reversed_d32f(float(near)), normals=False, color=False)
+            measured = compare_images(truth, drawn, reference).maps.displacement
+            shown = (drawn.triangle != NOTHING) & (drawn.height != 0)
+            np.testing.assert_array_equal(np.isfinite(measured).all(axis=2), shown)
+            np.testing.assert_array_equal(np.isnan(measured).any(axis=2), ~shown)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                off = np.abs(measured - closed_form(drawn, float(near)))[shown]
+            z = np.abs(drawn.height[shown]).astype(np.float64)[:, None]
+            # The points are computed on the drawn triangles: these must have been drawn there.
+            assert not misplaced(scene, drawn, int(raster.device["subpixel_bits"])).any()
+            known = POSITION_ROUNDINGS * 2.0**-24 * largest_coordinate[drawn.triangle[shown]][:, None]
+            bound = known * np.array([256, 192]) / (2 * z * half_extent)
+            assert (off <= bound).all()
+            seen += len(off)
+            if len(off):
+                most = float(np.percentile(off.max(axis=1), 99))
+                worst, used = max(worst, most), max(used, float((off / bound).max()))
+                if (name, index) in MESHES:
+                    assert most <= MOST_PX
+    assert seen > 2000
+    LOG.info(f"{name} {index}: {seen} pixels, 99 % within {worst:.1e} px, {used:.0%} of the bound used")
+
+
+@pytest.mark.parametrize("name", ["car", "asymmetric-recentered"])
+def test_the_signs_a_small_near_moves_the_drawn_picture_toward_the_middle(name: str) -> None:
+    scene = view(name, (128, 128))
+    aperture = scene.plate.middle
+    reference = Reference(scene)
+    with Rasterizer(scene) as raster:
+        drawn = raster.render(aperture, reversed_d32f(1.5))
+    shift = compare_images(reference.trace(aperture), drawn, reference).maps.displacement
+    right, below = slice(70, None), slice(70, None)
+    for outward in (shift[:, right, 0], shift[below, :, 1], -shift[:, :58, 0], -shift[:58, :, 1]):
+        assert np.isfinite(outward).any()
+        assert (outward[np.isfinite(outward)] > 0).all()
+
+
+@pytest.mark.parametrize("near", [0.5, 1.5e-2, 1.5e-5])
+def test_a_prediction_from_the_truth_alone_agrees_with_the_measured_spread(near: float) -> None:
+    """Not the same pixels: the truth's surfaces against the drawn ones. On the whole they agree."""
+    scene = view("asymmetric", (256, 256))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    with Rasterizer(scene) as raster:
+        drawn = raster.render(scene.plate.middle, reversed_d32f(near))
+    measured = compare_images(truth, drawn, reference).displacement_px
+    predicted = predict.displacement(truth, scene.frustum, reversed_d32f(near))
+    assert measured is not None and predicted is not None
+    assert measured.p50 == pytest.approx(predicted.p50, rel=0.05)
+    assert measured.p95 == pytest.approx(predicted.p95, rel=0.05)
+
+
+def test_the_prediction_of_a_point_is_exact() -> None:
+    """A truth with one surface point: drawn at u |z| / (|z| + n), in film units from the middle."""
+    scene = view("asymmetric", (64, 48))
+    truth = Reference(scene).trace(scene.plate.middle)
+    row, column = np.argwhere(truth.covered)[100]
+    z = abs(truth.height[row, column])
+    u, v = (2 * column + 1) / 64 - 1, 1 - (2 * row + 1) / 48
+    keep = np.zeros_like(truth.covered)
+    keep[row, column] = True
+    truth.position[~keep], truth.triangle[~keep] = np.nan, NOTHING
+    spread = predict.displacement(truth, scene.frustum, reversed_d32f(2.0))
+    assert spread is not None
+    moved = np.hypot(32 * (u - u * z / (z + 2)), 24 * (v - v * z / (z + 2)))
+    assert spread.max == spread.p50 == pytest.approx(moved, rel=1e-12)

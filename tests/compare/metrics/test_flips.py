@@ -1,0 +1,167 @@
+"""Every flip is seen: the asymmetric scenes with one axis or one of the paper's flips wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.views import reversed_d32f, view
+from xfrustum.compare import compare_images
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.cameras import passes
+from xfrustum.raster.cameras.depth_formats import nearest_wins
+from xfrustum.reference import Reference
+from xfrustum.scenes import Aperture, Camera, DoubleFrustum, HogelImage, Scene
+
+NAMES = ("asymmetric", "asymmetric-recentered")
+RESOLUTION = (128, 128)  # square, so that a transposed image still fits
+SETTINGS = reversed_d32f(1.5e-4)
+
+RIGHT_SURFACE = 2e-3
+"""Share of pixels that may be wrong in the right picture: near-plane error and silhouettes."""
+SEEN = 0.05
+"""Share of pixels that a wrong axis must turn wrong, of about 0.3 that show a surface."""
+
+Picture = Callable[[NDArray[Any]], NDArray[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answers:
+    scene: Scene
+    aperture: Aperture
+    reference: Reference
+    truth: HogelImage
+    drawn: HogelImage
+    c: HogelImage
+    c_star: HogelImage
+
+    def surface(self, image: HogelImage) -> float:
+        return float(compare_images(self.truth, image, self.reference).summary()["surface"]["fraction"])
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def answers(request: pytest.FixtureRequest) -> Answers:
+    scene = view(request.param, RESOLUTION)
+    aperture = scene.plate.aperture(30, 40)
+    reference = Reference(scene)
+    with Rasterizer(scene) as raster:
+        drawn = {camera: raster.render(aperture, replace(SETTINGS, camera=camera)) for camera in Camera}
+    return Answers(
+        scene=scene,
+        aperture=aperture,
+        reference=reference,
+        truth=reference.trace(aperture),
+        drawn=drawn[Camera.BOTH],
+        c=drawn[Camera.C],
+        c_star=drawn[Camera.C_STAR],
+    )
+
+
+def pictured(image: HogelImage, picture: Picture) -> HogelImage:
+    """Return the same pixels in other places."""
+    moved: dict[str, Any] = {
+        name: picture(getattr(image, name))
+        for name in ("triangle", "object", "position", "normal", "color")
+        if getattr(image, name) is not None
+    }
+    return replace(image, **moved, certainty=None, companions=None)
+
+
+def overlaid(below: HogelImage, above: HogelImage) -> HogelImage:
+    """Return what shows when one picture is laid over another."""
+    on_top = above.covered
+
+    def choose(name: str) -> NDArray[Any]:
+        one, other = getattr(above, name), getattr(below, name)
+        return np.asarray(np.where(on_top if one.ndim == 2 else on_top[..., None], one, other))
+
+    names = ("triangle", "object", "position", "normal", "color")
+    arrays: dict[str, Any] = {name: choose(name) for name in names}
+    return replace(below, **arrays)
+
+
+PLACES: dict[str, Picture] = {
+    "left and right": lambda a: a[:, ::-1],
+    "up and down": lambda a: a[::-1],
+    "both": lambda a: a[::-1, ::-1],
+    "rows and columns": lambda a: np.swapaxes(a, 0, 1),
+    "rows and columns, the other diagonal": lambda a: np.swapaxes(a[::-1, ::-1], 0, 1),
+}
+
+
+def test_the_right_picture_is_right(answers: Answers) -> None:
+    assert answers.truth.covered.mean() > 0.15
+    assert (answers.truth.height[answers.truth.covered] > 0).mean() > 0.2
+    assert (answers.truth.height[answers.truth.covered] < 0).mean() > 0.2
+    assert answers.surface(answers.drawn) < RIGHT_SURFACE
+    together = overlaid(answers.c, answers.c_star)
+    np.testing.assert_array_equal(together.triangle, answers.drawn.triangle)
+
+
+@pytest.mark.parametrize("axes", PLACES)
+def test_an_image_with_an_axis_mirrored_or_swapped_is_wrong(answers: Answers, axes: str) -> None:
+    assert answers.surface(pictured(answers.drawn, PLACES[axes])) > SEEN
+    # So is the reference's own image: the judge sees it, whoever drew.
+    assert answers.surface(answers.truth) == 0
+    assert answers.surface(pictured(answers.truth, PLACES[axes])) > SEEN
+
+
+@pytest.mark.parametrize("axes", ["left and right", "up and down", "both"])
+def test_a_c_star_that_is_not_flipped_is_wrong(answers: Answers, axes: str) -> None:
+    assert answers.surface(overlaid(answers.c, pictured(answers.c_star, PLACES[axes]))) > SEEN
+
+
+@pytest.mark.parametrize("axes", ["left and right", "up and down", "both"])
+def test_a_flipped_c_is_wrong(answers: Answers, axes: str) -> None:
+    assert answers.surface(overlaid(pictured(answers.c, PLACES[axes]), answers.c_star)) > SEEN
+
+
+def test_a_c_star_where_the_nearest_wins_is_wrong(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
+    """C* looks back: what is nearest to it is what the viewer sees last."""
+    monkeypatch.setattr(passes, "farthest_wins", nearest_wins)
+    with Rasterizer(answers.scene) as raster:
+        assert answers.surface(raster.render(answers.aperture, SETTINGS)) > SEEN
+
+
+def test_c_over_c_star_is_wrong(answers: Answers) -> None:
+    """Pixels that show something on both sides of the plate show the wrong one."""
+    both = answers.c.covered & answers.c_star.covered
+    assert both.sum() > 100
+    wrong = answers.surface(overlaid(answers.c_star, answers.c)) - answers.surface(answers.drawn)
+    assert wrong == pytest.approx(both.mean(), abs=2 / both.size + 0.02 * both.mean())
+
+
+@pytest.mark.parametrize("missing", ["c", "c_star"])
+def test_one_camera_alone_is_wrong(answers: Answers, missing: str) -> None:
+    other = answers.c_star if missing == "c" else answers.c
+    assert answers.surface(other) > SEEN
+
+
+@contextmanager
+def drawn(scene: Scene, settings: DoubleFrustum) -> Iterator[HogelImage]:
+    with Rasterizer(scene) as raster:
+        yield raster.render(scene.plate.middle, settings)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_mirrored_scene_makes_another_image(name: str, axis: int) -> None:
+    scene = view(name, RESOLUTION)
+    signs = np.ones(3)
+    signs[axis] = -1
+    mirrored = replace(
+        scene, objects=tuple(replace(part, vertices=part.vertices * signs) for part in scene.objects)
+    )
+    middle = scene.plate.middle
+    one, other = (Reference(s).trace(middle).object for s in (scene, mirrored))
+    assert (one != other).mean() > SEEN
+    with drawn(scene, SETTINGS) as before, drawn(mirrored, SETTINGS) as after:
+        assert (before.object != after.object).mean() > SEEN
+        # Both answers saw the same mirror.
+        assert (after.object == other).mean() > 1 - RIGHT_SURFACE

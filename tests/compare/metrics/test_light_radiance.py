@@ -1,0 +1,123 @@
+"""Radiance error and perceptual difference: definitions, signs, and what is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.views import view
+from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.display import decoded, encoded, through_8_bits
+from xfrustum.compare.metrics.perceptual import perceptual_difference
+from xfrustum.compare.metrics.radiance import STEP, RadianceSpread, away_from_edges, compare_radiance
+from xfrustum.reference import Reference
+from xfrustum.scenes import HogelImage
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+
+
+@pytest.fixture(scope="module")
+def truth() -> HogelImage:
+    scene = view("asymmetric", (48, 40))
+    return Reference(scene).trace(scene.plate.middle)
+
+
+def colored(image: HogelImage, color: NDArray[np.floating]) -> HogelImage:
+    return replace(image, color=color.astype(np.float32))
+
+
+def test_an_image_is_not_off_from_itself(truth: HogelImage) -> None:
+    found = compare_radiance(truth, truth, perceptual=True)
+    assert found and found.perceptual
+    assert found.judged.rms == found.judged.max == found.judged.above_step == 0
+    assert found.perceptual.flip == 0 and found.perceptual.ssim == 1
+
+
+def test_errors_are_raster_minus_truth_per_channel(truth: HogelImage) -> None:
+    assert truth.color is not None
+    shift = np.array([0.5, -0.25, 0.0])
+    found = compare_radiance(truth, colored(truth, truth.color + shift))
+    assert found
+    assert found.judged.channels["mean"] == pytest.approx(shift, abs=1e-6)
+    assert found.judged.channels["rms"] == pytest.approx(np.abs(shift), abs=1e-6)
+    assert found.judged.mean == pytest.approx(shift.mean(), abs=1e-6)
+    assert found.judged.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
+    assert found.judged.max == pytest.approx(0.5, abs=1e-6) == found.judged.p99
+    assert found.judged.above_step == 1
+
+
+def test_what_exceeds_one_level_is_counted_by_pixels_not_channels() -> None:
+    error = np.zeros((100, 3))
+    error[:3] = 1.01 * STEP
+    error[3:50] = 0.99 * STEP
+    spread = RadianceSpread.of(error)
+    assert spread and spread.above_step == 0.03 and spread.pixels == 100
+    assert RadianceSpread.of(np.zeros((0, 3))) is None
+
+
+def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -> None:
+    assert truth.color is not None and truth.certainty is not None
+    color = truth.color.copy()
+    color[0, 0] += 1
+    color[5, 5, 1] = np.nan
+    certainty = truth.certainty.copy()
+    certainty[0, 0] = Certainty.TIE
+    found = compare_radiance(replace(truth, certainty=certainty), colored(truth, color))
+    assert found and found.judged.max == 0
+    ties = int((certainty == Certainty.TIE).sum())
+    assert found.judged.pixels == truth.triangle.size - 1 - ties
+    assert np.isnan(found.error[0, 0]).all() and np.isnan(found.error[5, 5]).all()
+
+
+def test_away_from_edges_both_show_the_same_triangle(truth: HogelImage) -> None:
+    triangle = truth.triangle.copy()
+    triangle[20:22] = NOTHING
+    other = replace(truth, triangle=triangle)
+    inside = away_from_edges(truth, other)
+    np.testing.assert_array_equal(inside, truth.covered & (triangle != NOTHING))
+    assert not away_from_edges(replace(truth, triangle=np.full_like(triangle, NOTHING)), truth).any()
+    wider = away_from_edges(truth, other, margin=1)
+    assert wider.any() and not wider[19:23].any() and not (wider & ~inside).any()
+
+
+def test_an_image_without_color_has_no_radiance_error(truth: HogelImage) -> None:
+    bare = replace(truth, color=None)
+    assert compare_radiance(truth, bare) is None
+    assert compare_images(truth, bare, None).summary()["radiance"] is None
+
+
+def test_compare_says_radiance_and_how_it_looks_when_asked(truth: HogelImage) -> None:
+    assert truth.color is not None
+    brighter = colored(truth, truth.color + 0.1)
+    plain = compare_images(truth, brighter, None).summary()["radiance"]
+    assert plain["rms"] == pytest.approx(0.1, abs=1e-6) and plain["flip"] is None
+    looked = compare_images(truth, brighter, None, perceptual=True).summary()["radiance"]
+    assert 0 < looked["flip"] < 1 and 0 < looked["ssim"] < 1
+
+
+def test_what_a_screen_cannot_show_does_not_look_different(truth: HogelImage) -> None:
+    white = np.full((16, 20, 3), 1.5)
+    looks = perceptual_difference(white, 2 * white)
+    assert looks.flip == 0 and looks.ssim == 1
+    tiny = perceptual_difference(white[:4, :4], 0 * white[:4, :4])
+    assert tiny.flip > 0.9 and tiny.ssim is None
+
+
+def test_flip_sees_a_wrong_hue_that_ssim_of_the_same_structure_hardly_sees() -> None:
+    y, x = np.mgrid[:64, :64] / 64
+    picture = np.stack((x, y, 0.5 * np.ones_like(x)), axis=-1)
+    swapped = perceptual_difference(picture, picture[..., [1, 0, 2]])
+    slightly = perceptual_difference(picture, picture + 0.002)
+    assert swapped.flip > 10 * slightly.flip > 0
+    assert slightly.ssim is not None and slightly.ssim > 0.99
+
+
+def test_srgb_is_undone_and_8_bits_are_off_by_half_a_level_at_most() -> None:
+    radiance = np.linspace(0, 1, 10_001)
+    np.testing.assert_allclose(decoded(encoded(radiance)), radiance, atol=1e-7)
+    shown = encoded(through_8_bits(radiance)) * 255
+    np.testing.assert_allclose(shown, np.rint(shown), atol=1e-4)
+    assert np.abs(encoded(through_8_bits(radiance)) - encoded(radiance)).max() <= 0.5 / 255 + 1e-7
+    assert through_8_bits(np.array([-1.0, 2.0, np.nan])).tolist() == pytest.approx([0.0, 1.0, 0.0])

@@ -1,0 +1,138 @@
+"""The bent eye vector: what an offset camera does to highlights and mirrors at fixed surface points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.views import reversed_d32f, view
+from xfrustum.compare.metrics.radiance import away_from_edges
+from xfrustum.compare.prediction.eye_vector import (
+    bend,
+    drawn_lines,
+    radiance_along,
+    shading_normals,
+    true_lines,
+)
+from xfrustum.compare.prediction.shading import bent_eye, mirror_change, specular_change
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reference.shading.shading import Shader
+from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.plate.double_frustum import Pivot
+
+SIZE = (96, 72)
+EXPONENT = 12.0
+NEARS = (4e-3, 1e-3, 2.5e-4)
+"""Fractions of the reach."""
+
+
+def smooth_environment() -> Environment:
+    """Radiance that varies gently with direction, on so fine a map that its texels hardly show."""
+    v, u = (np.mgrid[:256, :512] + 0.5) / [[[256]], [[512]]]
+    longitude, from_top = 2 * np.pi * (u - 0.5), np.pi * v
+    x, y, z = np.sin(from_top) * np.sin(longitude), np.cos(from_top), -np.sin(from_top) * np.cos(longitude)
+    return Environment(radiance=np.stack((1 + 0.5 * x, 1 + 0.5 * y, 1 + 0.5 * z), axis=-1))
+
+
+def shiny(name: str, material: Material) -> Scene:
+    """Return a scene with one material on everything, under two lights and a gentle sky."""
+    scene = view(name, SIZE)
+    lights = (
+        DirectionalLight(direction=(-1.0, 1.5, 2.0), color=(1.0, 0.8, 0.6)),
+        DirectionalLight(direction=(1.0, 0.2, 1.0), color=(0.2, 0.4, 0.6)),
+    )
+    looks = Appearance(materials={"all": material}, lights=lights, environment=smooth_environment())
+    return replace(scene, appearance=looks, objects=tuple(replace(o, material="all") for o in scene.objects))
+
+
+HIGHLIGHT = Material(ambient=(0.1,) * 3, diffuse=(0.3,) * 3, specular=(0.5, 0.4, 0.3), exponent=EXPONENT)
+MIRROR = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.8, 0.7))
+
+
+def points_of(image: HogelImage, where: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    return image.triangle[where], image.position[where].astype(np.float64)
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_the_bend_in_closed_form_is_drawn_minus_true_line(name: str) -> None:
+    scene = view(name, SIZE)
+    aperture = scene.default_apertures()[-1]
+    truth = Reference(scene).trace(aperture)
+    _, position = points_of(truth, truth.covered & (np.abs(truth.height) > 1e-3))
+    for near in (0.01, 1.0, 30.0):
+        drawn = drawn_lines(position, scene.frustum, aperture, DoubleFrustum(near=near))
+        expected = drawn - true_lines(position, aperture)
+        np.testing.assert_allclose(bend(position, truth.camera, near), expected, rtol=0, atol=1e-10)
+        assert np.abs(expected).max() > 1e-4
+
+
+def test_the_eye_vector_of_a_pixel_does_not_bend() -> None:
+    """Pivot aperture and fit angle: the drawn line of a pixel is parallel to the true one."""
+    scene = view("asymmetric-recentered", SIZE)
+    aperture = scene.default_apertures()[-1]
+    reference, near = Reference(scene), DoubleFrustum(near=1.0)
+    model = reference.trace_model(aperture, near)
+    shown = model.covered & (np.abs(model.height) > 1e-3)
+    through_pixel = true_lines(reference.trace(aperture).position, aperture)
+    drawn = drawn_lines(model.position, scene.frustum, aperture, near)
+    both = shown & np.isfinite(through_pixel[..., 0])
+    np.testing.assert_allclose(drawn[both], through_pixel[both], rtol=0, atol=1e-12)
+    swerved = drawn_lines(model.position, scene.frustum, aperture, replace(near, pivot=Pivot.CAMERA))
+    assert np.abs(swerved[both] - through_pixel[both]).max() > 1e-4
+
+
+@pytest.mark.parametrize(("material", "predicted"), [(HIGHLIGHT, specular_change), (MIRROR, mirror_change)])
+def test_at_fixed_points_the_prediction_is_right_to_first_order(
+    material: Material, predicted: object
+) -> None:
+    """What is left over falls with the square of n: four times smaller n, sixteen times less."""
+    scene = shiny("asymmetric", material)
+    aperture, shader = scene.plate.middle, Shader(scene)
+    truth = Reference(scene).trace(aperture)
+    triangle, position = points_of(truth, truth.covered & (np.abs(truth.height) > 0.05 * 150))
+    true = true_lines(position, aperture)
+    left, size = [], []
+    for fraction in NEARS:
+        near = fraction * scene.frustum.longest_reach
+        drawn = drawn_lines(position, scene.frustum, aperture, DoubleFrustum(near=near))
+        measured = radiance_along(scene, shader, triangle, position, drawn)
+        measured = measured - radiance_along(scene, shader, triangle, position, true)
+        eye = bent_eye(true, bend(position, truth.camera, near))
+        normal = shading_normals(scene, triangle, position, true)
+        change = predicted(scene, triangle, normal, eye)  # type: ignore[operator]
+        size.append(np.sqrt(np.mean(measured**2)))
+        left.append(np.sqrt(np.mean((measured - change) ** 2)))
+    assert (np.array(left) < 0.2 * np.array(size)).all()
+    orders = np.log(np.array(left[:-1]) / left[1:]) / np.log(4)
+    assert (orders > 1.7).all(), orders
+    assert np.log(size[0] / size[-1]) / np.log(16) == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("material", [HIGHLIGHT, MIRROR])
+def test_the_rasterizer_shows_the_bend_that_is_predicted(material: Material) -> None:
+    """At the points that it draws: device minus truly shaded is what the closed form says, on both sides."""
+    scene = shiny("asymmetric", material)
+    aperture, shader, near = scene.plate.middle, Shader(scene), 4e-3 * 150
+    truth = Reference(scene).trace(aperture)
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.render(aperture, reversed_d32f(near), normals=False)
+    assert drawn.color is not None
+    where = away_from_edges(truth, drawn) & (np.abs(drawn.height) > 0.05 * 150)
+    triangle, position = points_of(drawn, where)
+    true = true_lines(position, aperture)
+    measured = drawn.color[where] - radiance_along(scene, shader, triangle, position, true)
+    eye = bent_eye(true, bend(position, truth.camera, near))
+    normal = shading_normals(scene, triangle, position, true)
+    predicted = specular_change(scene, triangle, normal, eye) + mirror_change(scene, triangle, normal, eye)
+    for side in (position[:, 2] > 0, position[:, 2] < 0):
+        assert side.sum() > 300
+        size = np.sqrt(np.mean(predicted[side] ** 2))
+        assert size > 1e-4
+        assert np.sqrt(np.mean((measured - predicted)[side] ** 2)) < 0.1 * size

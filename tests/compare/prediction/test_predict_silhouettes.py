@@ -1,0 +1,369 @@
+"""The surface error that displacement causes along silhouettes: predicted, in closed form, measured."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from tests.support.views import SHARED_SCENES, at, view
+from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.prediction.chain import traced_settings
+from xfrustum.compare.prediction.contours import Contours, Kind, contours
+from xfrustum.compare.prediction.displacement import displacement_field
+from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import (
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Frustum,
+    HogelImage,
+    Plate,
+    Scene,
+    SceneObject,
+)
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.plate.double_frustum import Fit, Offset
+
+LOG = logging.getLogger(__name__)
+"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+
+Floats = NDArray[np.float64]
+
+FOV = math.radians(60)
+SLOPE = math.tan(FOV / 2)
+HEIGHT = 50.0
+AXIS = at(0.0, 0.0)
+
+STAIRS = 0.02
+"""Of a contour's length. Where it leans by less than 1 in 4 its steps have normals up to 1/5 of a radian
+off; cosines of that are 2 % wrong at most."""
+
+FACTOR = 2.0
+"""Predicted and measured. A contour along the pixels' rows or columns changes whole rows of pixels at
+once: what is measured of it is then a whole number of rows, and predicted is the mean over all places
+that it can have on the grid."""
+ENOUGH_PIXELS = 40
+"""Predicted or measured: counts vary by their square root, 16 % of forty."""
+DISPLACED_PX = (0.1, 5.0)
+"""The 99th percentile where the prediction is of first order, and enough pixels change."""
+
+
+def part(corners: Any) -> SceneObject:
+    """Return a convex polygon, corners (N, 3), as a fan."""
+    count = len(corners)
+    faces = np.stack((np.zeros(count - 2), np.arange(1, count - 1), np.arange(2, count)), axis=-1)
+    return SceneObject(name="polygon", vertices=np.asarray(corners, dtype=float), faces=faces.astype(int))
+
+
+def scene_of(*parts: SceneObject, pixels: int = 256) -> Scene:
+    return Scene(
+        name="polygons",
+        plate=Plate(size=(1, 1), hogels=(1, 1)),
+        frustum=Frustum(resolution=(pixels, pixels), reach=(200.0, 200.0), fov=(FOV, FOV)),
+        objects=parts,
+    )
+
+
+def on_film(points: Floats, height: float) -> Floats:
+    """Return the scene points at a height that the true frustum images at film coordinates (N, 2)."""
+    xy = -height * SLOPE * np.asarray(points)
+    return np.concatenate((xy, np.full((len(xy), 1), height)), axis=1)
+
+
+def circle(center: tuple[float, float], radius: float) -> Floats:
+    turn = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    return np.asarray(center) + radius * np.stack((np.cos(turn), np.sin(turn)), axis=-1)
+
+
+def traced(scene: Scene) -> HogelImage:
+    return Reference(scene).trace(AXIS)
+
+
+def length(found: Contours) -> float:
+    return float(found.length.sum())
+
+
+def only_one_of_two_circles(r: float, other: float, distance: float) -> float:
+    """Return the area that belongs to one of two overlapping circles alone."""
+    if distance <= abs(r - other):
+        return math.pi * abs(r**2 - other**2)
+    a = math.acos((distance**2 + r**2 - other**2) / (2 * distance * r))
+    b = math.acos((distance**2 + other**2 - r**2) / (2 * distance * other))
+    common = r**2 * (a - math.sin(2 * a) / 2) + other**2 * (b - math.sin(2 * b) / 2)
+    return math.pi * (r**2 + other**2) - 2 * common
+
+
+@pytest.mark.parametrize("turned", np.linspace(0, 90, 13))
+def test_a_straight_contour_has_its_length_however_it_leans(turned: float) -> None:
+    angle = math.radians(turned)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    across = np.array([-along[1], along[0]])
+    strip = 0.1 * across + np.array(
+        [-0.6 * along, 0.6 * along, 0.6 * along - 0.3 * across, -0.6 * along - 0.3 * across]
+    )
+    found = contours(traced(scene_of(part(on_film(strip, -HEIGHT)))))
+    assert length(found) == pytest.approx((2 * 1.2 + 2 * 0.3) * 128, rel=STAIRS)
+    np.testing.assert_allclose(np.hypot(*found.normal.T), 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize("height", [HEIGHT, -HEIGHT])
+@pytest.mark.parametrize(("center", "radius"), [((0.3, -0.2), 0.45), ((0.4, 0.35), 0.2), ((0.0, 0.0), 0.6)])
+@pytest.mark.parametrize("near", [0.01, 0.1, 0.5])
+def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
+    height: float, center: tuple[float, float], radius: float, near: float
+) -> None:
+    """Drawn, the disc is |z| / (|z| + n) as large, about the middle of the film."""
+    scene = scene_of(part(on_film(circle(center, radius), height)))
+    smaller = abs(height) / (abs(height) + near)
+    r, distance = radius * 128, math.hypot(*center) * (1 - smaller) * 128
+    exact = only_one_of_two_circles(r, r * smaller, distance)
+    predicted = Silhouettes(traced(scene), scene.frustum).wrong_pixels(DoubleFrustum(near=near))
+    # The contour itself shrinks while it is swept: n / |z| of the area.
+    assert predicted == pytest.approx(exact, rel=STAIRS + near / abs(height))
+
+
+def two_sheets(front: float, back: float, turned: float, *, one: bool = False, edge: float = 0.31) -> Scene:
+    """Return about half of the film before the whole of it, two objects or one; beyond an edge."""
+    angle = math.radians(turned)
+    along, across = (
+        np.array([math.cos(angle), math.sin(angle)]),
+        np.array([-math.sin(angle), math.cos(angle)]),
+    )
+    begins = edge * across
+    half = np.array(
+        [
+            begins - 3 * along,
+            begins + 3 * along,
+            begins + 3 * along + 4 * across,
+            begins - 3 * along + 4 * across,
+        ]
+    )
+    whole = 3 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+    sheets = [part(on_film(half, front)), part(on_film(whole, back))]
+    if not one:
+        return scene_of(*sheets)
+    a, b = sheets
+    joined = SceneObject(
+        name="both",
+        vertices=np.concatenate((a.vertices, b.vertices)),
+        faces=np.concatenate((a.faces, b.faces + len(a.vertices))),
+    )
+    return scene_of(joined)
+
+
+@pytest.mark.parametrize("one", [False, True], ids=["two objects", "one object"])
+@pytest.mark.parametrize(("front", "back"), [(60, 30), (60, -30), (-30, -60), (30, -60), (90, 80)])
+@pytest.mark.parametrize("turned", [20, 165, 255])
+@pytest.mark.parametrize("edge", [0.31, -0.2])
+def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
+    front: float, back: float, turned: float, edge: float, one: bool
+) -> None:
+    """Before and behind the plate, the edge moving outward and inward, hiding and uncovering."""
+    scene, settings = two_sheets(front, back, turned, one=one, edge=edge), DoubleFrustum(near=1.0)
+    reference = Reference(scene)
+    truth = reference.trace(AXIS)
+    assert set(contours(truth).kind) == {Kind.OCCLUSION if one else Kind.OBJECTS}
+    measured = compare_images(truth, reference.trace_model(AXIS, settings), reference).surface_wrong
+    assert measured is not None
+    predicted = Silhouettes(truth, scene.frustum).wrong_pixels(settings)
+    # A strip of pixels is counted to a pixel at each end, and its area to the square root of its length.
+    assert abs(predicted - measured) <= (STAIRS + 1 / 30) * measured + math.sqrt(256)
+
+
+def test_inside_one_object_only_what_is_uncovered_is_wrong() -> None:
+    """Behind the plate the front moves inward more: beside the middle it covers, about it it uncovers."""
+    settings = DoubleFrustum(near=1.0)
+
+    def wrong(edge: float, *, one: bool) -> float:
+        scene = two_sheets(-30, -60, 20, one=one, edge=edge)
+        return Silhouettes(traced(scene), scene.frustum).wrong_pixels(settings)
+
+    assert wrong(0.31, one=True) == 0
+    assert wrong(-0.31, one=True) > 100
+    assert min(wrong(0.31, one=False), wrong(-0.31, one=False)) > 200
+
+
+def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
+    """A tilted sheet cut at 40: with fit angle the inner part shrinks away; fitted there, nothing moves."""
+    points = on_film(np.array([[-3.0, -3], [3, -3], [3, 3], [-3, 3]]), -HEIGHT)
+    # Oblique to the pixels, in no simple ratio, or whole rows of them change at once.
+    points[:, 2] += 16.0 + 0.31 * points[:, 0] + 0.173 * points[:, 1]
+    scene = scene_of(part(points))
+    reference = Reference(scene)
+    truth = reference.trace(AXIS)
+    silhouettes = Silhouettes(truth, scene.frustum)
+    apart = DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE)
+    measured = compare_images(truth, reference.trace_model(AXIS, apart), reference).surface_wrong
+    assert measured is not None and measured > 300
+    assert silhouettes.wrong_pixels(apart) == pytest.approx(measured, rel=STAIRS + 1 / 30)
+    fitted = DoubleFrustum(near=1.0, slabs=(40.0,))
+    assert silhouettes.wrong_pixels(fitted) < 1
+    assert silhouettes.wrong_pixels(DoubleFrustum(near=1.0)) == 0
+
+
+def test_what_no_camera_draws_is_wrong_pixel_by_pixel() -> None:
+    scene = view("asymmetric", (128, 96))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    nearest = float(np.nanmin(np.abs(truth.height)))
+    silhouettes = Silhouettes(truth, scene.frustum)
+    for settings in (
+        DoubleFrustum(near=1e-6, camera=Camera.C),
+        DoubleFrustum(near=1e-6, camera=Camera.C_STAR),
+        DoubleFrustum(near=1.5 * nearest, offset=Offset.NONE),
+    ):
+        drawn = reference.trace_model(scene.plate.middle, settings)
+        measured = compare_images(truth, drawn, reference).surface_wrong
+        assert measured is not None and measured > 10
+        assert silhouettes.wrong_pixels(settings) == pytest.approx(measured, abs=1e-2 * measured)
+
+
+@pytest.mark.parametrize("near", [1e-1, 1e-4])
+def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None:
+    scene = view("crossing", (128, 96))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    assert (truth.height == 0).mean() > 0.5
+    settings = DoubleFrustum(near=near)
+    measured = compare_images(
+        truth, reference.trace_model(scene.plate.middle, settings), reference
+    ).surface_wrong
+    assert Silhouettes(truth, scene.frustum).wrong_pixels(settings) == pytest.approx(measured, rel=STAIRS)
+
+
+ALONG_THE_GRID = {"grating"}
+"""Scenes all of whose outlines run along the pixels' rows and columns: there the mean over all places of a
+contour on the grid, which is predicted, says nothing of the one place that is measured."""
+
+
+@pytest.mark.parametrize("name", [n for n in (*builtin.names(), *SHARED_SCENES) if n not in ALONG_THE_GRID])
+def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
+    scene = view(name, (256, 192))
+    reference = Reference(scene)
+    aperture = scene.default_apertures()[-1]
+    truth = reference.trace(aperture)
+    silhouettes = Silhouettes(truth, scene.frustum)
+    ratios = []
+    for near in np.geomspace(3e-2, 3e-5, 7) * scene.frustum.longest_reach:
+        settings = DoubleFrustum(near=float(near))
+        field = displacement_field(truth, scene.frustum, settings)
+        moved = np.hypot(field[..., 0], field[..., 1])
+        moved = moved[np.isfinite(moved)]
+        if not (moved.size and DISPLACED_PX[0] <= np.percentile(moved, 99) <= DISPLACED_PX[1]):
+            continue
+        measured = compare_images(truth, reference.trace_model(aperture, settings), reference).surface_wrong
+        assert measured is not None
+        predicted = silhouettes.wrong_pixels(settings)
+        if max(predicted, measured) < ENOUGH_PIXELS:
+            assert abs(predicted - measured) <= ENOUGH_PIXELS / 2
+            continue
+        ratios.append(predicted / measured)
+    LOG.info(f"{name}: predicted over measured {', '.join(f'{ratio:.2f}' for ratio in ratios)}")
+    assert ratios or name in {"empty", "truck"}  # nothing to see; under forty pixels at this size
+    assert all(1 / FACTOR <= ratio <= FACTOR for ratio in ratios)
+
+
+@pytest.mark.parametrize("near", [15.0, 1.5])
+def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
+    """Sheets before sheets, and displacement of many times their distance on the film."""
+    scene = view("sheets", (128, 128))
+    reference, settings = Reference(scene), DoubleFrustum(near=near)
+    truth = reference.trace(scene.plate.middle)
+    drawn = reference.trace_model(scene.plate.middle, settings)
+    measured = compare_images(truth, drawn, reference).surface_wrong
+    assert measured is not None and measured > 5000
+    assert (
+        measured / FACTOR <= Silhouettes(truth, scene.frustum).wrong_pixels(settings) <= truth.triangle.size
+    )
+    assert Silhouettes(truth, scene.frustum).wrong_pixels(settings) <= measured * FACTOR
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "car-recentered"])
+@pytest.mark.parametrize("options", [{"fit": 40.0}, {"slabs": (30.0,), "fit": Fit.ANGLE}, {"slabs": (40.0,)}])
+def test_each_link_is_charged_with_what_stays_wrong_from_it_on(name: str, options: dict[str, Any]) -> None:
+    """Charges as they are counted pixel by pixel in the traced images of the chain."""
+    scene = view(name, (128, 96))
+    reference, aperture = Reference(scene), scene.plate.middle
+    truth = reference.trace(aperture)
+    chain = traced_settings(DoubleFrustum(near=1.0, **options), scene.frustum)
+    images = [reference.trace_model(aperture, settings) for settings in chain]
+    wrong = np.stack([wrong_surface(truth, image, reference) & judged_pixels(truth) for image in images])
+    # What a later link puts right is charged to nobody.
+    to_the_end = [int(wrong[link:].all(axis=0).sum()) for link in range(len(chain))]
+    measured = np.diff(to_the_end, prepend=0)
+    assert to_the_end[0] < wrong[0].sum(), "some of it is put right"
+    charged = Silhouettes(truth, scene.frustum).charged_pixels(chain)
+    for one, other in zip([*charged, sum(charged)], [*measured, wrong[-1].sum()], strict=True):
+        if max(one, other) < ENOUGH_PIXELS:
+            assert abs(one - other) <= ENOUGH_PIXELS / 2
+        else:
+            assert other / FACTOR <= one <= other * FACTOR
+
+
+def test_a_finer_mesh_has_the_same_contours() -> None:
+    scene = view("asymmetric", (128, 96))
+    aperture = scene.plate.middle
+    coarse, fine = (Reference(one).trace(aperture) for one in (scene, refine(scene, 2)))
+    settings = DoubleFrustum(near=1.0)
+    a, b = (Silhouettes(truth, scene.frustum).wrong_pixels(settings) for truth in (coarse, fine))
+    assert a == pytest.approx(b, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "car"])
+def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(name: str) -> None:
+    """Summed over five images: a few dozen pixels at most, as many as chance allows on both sides."""
+    scene = view(name)
+    reference, aperture = Reference(scene), scene.plate.middle
+    truth = reference.trace(aperture)
+    silhouettes = Silhouettes(truth, scene.frustum)
+    measured, predicted = 0, 0.0
+    with Rasterizer(scene) as rasterizer:
+        for near in (1e-5, 2e-5, 3e-5, 4e-5, 5e-5):
+            settings = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+            drawn = rasterizer.render(aperture, settings, normals=False, color=False)
+            measured += compare_images(truth, drawn, reference).surface_wrong or 0
+            predicted += silhouettes.snapped_pixels(settings, int(rasterizer.device["subpixel_bits"]))
+    LOG.info(f"{name}: {predicted:.1f} predicted, {measured} measured")
+    assert (
+        predicted / FACTOR - 3 * math.sqrt(predicted)
+        <= measured
+        <= predicted * FACTOR + 3 * math.sqrt(predicted)
+    )
+
+
+def test_where_nothing_shows_nothing_is_wrong() -> None:
+    scene = view("empty", (16, 16))
+    silhouettes = Silhouettes(Reference(scene).trace(scene.plate.middle), scene.frustum)
+    assert silhouettes.wrong_pixels(DoubleFrustum(near=1.0, slabs=(2.0,))) == 0
+    assert silhouettes.snapped_pixels(DoubleFrustum(near=1.0), 8) == 0
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_pixel_that_is_missing_is_one_more_wrong_pixel(seed: int) -> None:
+    """Counted without evening out where nothing is swept over twice, and with it for the pixel's sake."""
+    swept = np.random.default_rng(seed).uniform(0, 1, (40, 60))
+    swept[:, 30:] = 0.0
+    missing, judged = np.zeros((2, 40, 60), dtype=np.bool_)
+    judged[:] = True
+    without = expected_wrong(swept, missing, judged)
+    assert without == pytest.approx(swept.sum(), rel=1e-12)
+    missing[20, 55] = True
+    assert expected_wrong(swept, missing, judged) == pytest.approx(without + 1, rel=1e-9)
+
+
+def test_a_film_swept_over_twice_all_over_is_wrong_once() -> None:
+    judged = np.ones((40, 60), dtype=np.bool_)
+    assert expected_wrong(np.full((40, 60), 2.0), ~judged, judged) == pytest.approx(40 * 60)

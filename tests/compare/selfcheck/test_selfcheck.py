@@ -1,0 +1,237 @@
+"""The self-check: integers that agree with fractions, and that notice whatever is wrong with the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from tests.support.brute_force import exact_first
+from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, triangles
+from tests.support.views import SHARED_SCENES, at, soup, view
+from xfrustum.compare.selfcheck import selfcheck as module
+from xfrustum.compare.selfcheck import sphere
+from xfrustum.compare.selfcheck.disagreements import disagreements
+from xfrustum.compare.selfcheck.rational import ExactRows, first_by_brute_force
+from xfrustum.compare.selfcheck.selfcheck import ViewCheck, selfcheck, table
+from xfrustum.compare.selfcheck.sphere import check_sphere
+from xfrustum.reference import Reference
+from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.scenes import NOTHING, Aperture, Certainty, Frustum, HogelImage, InputError, Scene, Screen
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.library.builtin import names
+from xfrustum.scenes.library.hard import cases as hard_cases
+
+Triangles = NDArray[np.float64]
+
+several = settings(max_examples=50, deadline=None, derandomize=True)
+
+SQUARE = Frustum(
+    resolution=(8, 8), reach=(8.0, 8.0), screen=Screen(height=-4.0, center=(0.0, 0.0), size=(8.0, 8.0))
+)
+"""Slopes are the odd multiples of 1/8."""
+
+
+def all_rows(corners: Triangles, frustum: Frustum, aperture: Aperture) -> tuple[ExactRows, Pencil]:
+    pencil = crossed_frustum(frustum, aperture)
+    return first_by_brute_force(corners, pencil, range(pencil.resolution[1])), pencil
+
+
+def check_by_fractions(corners: Triangles, frustum: Frustum, aperture: Aperture) -> None:
+    """Every triangle on every line, by Cramer's rule, with no box that skips any."""
+    found, pencil = all_rows(corners, frustum, aperture)
+    ties: dict[tuple[int, int], list[int]] = {}
+    for row, column, number in found.ties.tolist():
+        ties.setdefault((row, column), []).append(number)
+    for (row, column), triangle in np.ndenumerate(found.triangle):
+        d = pencil.directions()[row, column]
+        s, winners = exact_first(corners, np.array(pencil.center), d, pencil.s_range)
+        assert triangle == (winners[0] if winners else NOTHING)
+        assert ties.get((row, column), []) == (winners if len(winners) > 1 else [])
+        np.testing.assert_equal(found.s[row, column], np.nan if s is None else float(s))
+
+
+@several
+@given(triangles(coordinates=ANYTHING), frusta(), apertures())
+def test_integers_decide_as_fractions_do(corners: Triangles, frustum: Frustum, aperture: Aperture) -> None:
+    check_by_fractions(corners, frustum, aperture)
+
+
+@several
+@given(st.data(), frusta(exact=True), apertures())
+def test_integers_decide_coincidences_as_fractions_do(
+    data: st.DataObject, frustum: Frustum, aperture: Aperture
+) -> None:
+    pencil = crossed_frustum(frustum, aperture)
+    lines = pencil.directions().reshape(-1, 3)
+    corners = data.draw(coincidences(np.array(pencil.center), lines))
+    check_by_fractions(corners, frustum, aperture)
+
+
+@several
+@given(st.data(), triangles(), apertures())
+def test_arbitrary_lines_are_decided_as_fractions_do(
+    data: st.DataObject, corners: Triangles, aperture: Aperture
+) -> None:
+    """Toward corners, the middles of edges, and anywhere; on both sides of the center."""
+    center = (aperture.x, aperture.y, 0.5)
+    toward = np.concatenate((corners.reshape(-1, 3), corners.mean(axis=1))) - np.array(center)
+    component = st.integers(-4, 4).map(float)
+    drawn = data.draw(st.lists(st.tuples(component, component, component), max_size=4))
+    directions = np.array([d for d in (*toward.tolist(), *drawn) if any(d)]).reshape(-1, 3)
+    found = first_surfaces_along(corners, center, directions, (-2.0, 1.0))
+    for line, d in enumerate(directions):
+        s, winners = exact_first(corners, np.array(center), d, (-2.0, 1.0))
+        assert found.triangle[line] == (winners[0] if winners else NOTHING)
+        assert found.ties.get(line, ()) == (tuple(winners) if len(winners) > 1 else ())
+        np.testing.assert_equal(found.s[line], np.nan if s is None else float(s))
+
+
+def test_what_integers_say_of_a_sheet_and_its_copy_is_known_by_hand() -> None:
+    """A square cut along the film's diagonal, and a copy of its lower half."""
+    sheet = np.array(
+        [[[-4, -4, -2], [4, -4, -2], [4, 4, -2]], [[-4, -4, -2], [4, 4, -2], [-4, 4, -2]]], dtype=float
+    )
+    found, _ = all_rows(np.concatenate((sheet, sheet[:1])), SQUARE, at(0, 0))
+    np.testing.assert_array_equal(found.s, 2.0)
+    rows, columns = np.indices((8, 8))
+    # Row 0 is at the top: on the diagonal of the film, which is the sheets' own, all three are met.
+    np.testing.assert_array_equal(found.triangle, np.where(columns >= 7 - rows, 0, 1))
+    ties: dict[tuple[int, int], set[int]] = {
+        (row, column): set() for row in range(8) for column in range(7 - row, 8)
+    }
+    for row, column, number in found.ties.tolist():
+        ties[row, column].add(number)
+    assert all(ties[row, column] == ({0, 1, 2} if column == 7 - row else {0, 2}) for row, column in ties)
+
+
+def test_a_part_of_the_self_check_agrees() -> None:
+    """All kinds of scenes, and ties, exact decisions and proofs among the pixels."""
+    check = selfcheck(quick=True)
+    assert check.agrees, table(check)
+    assert check.total("wrong") == 0
+    assert {view.scene for view in check.views} >= {*names(), *hard_cases.names(giants=False)}
+    assert check.total("pixels") >= 60_000
+    assert check.total("covered") > check.total("pixels") / 3
+    assert check.total("proven") + check.total("exact") + check.total("ties") == check.total("pixels")
+    assert min(check.total("exact"), check.total("ties"), check.total("tracer_wrong")) > 0
+    assert check.sphere is not None and check.sphere.triangles == 5120
+    assert json.loads(json.dumps(check.summary(), allow_nan=False))["agrees"] is True
+
+
+def small_scene() -> Scene:
+    """Two sheets, one a quarter of the film before the other, and a copy of one triangle of it."""
+    back = np.array(
+        [[[-9, -9, -4], [9, -9, -4], [9, 9, -4]], [[-9, -9, -4], [9, 9, -4], [-9, 9, -4]]], dtype=float
+    )
+    front = back / 4 + [2.1, 2.2, -1.0]
+    return soup(np.concatenate((back, front, front[:1])), SQUARE)
+
+
+def shifted(image: HogelImage, along: float) -> HogelImage:
+    """Move every position along its line by a share of itself."""
+    return replace(image, position=image.position * (1 + along))
+
+
+def with_swapped_triangles(image: HogelImage) -> HogelImage:
+    return replace(image, triangle=np.where(image.triangle == 0, 1, image.triangle))
+
+
+def with_class(image: HogelImage, old: Certainty, new: Certainty) -> HogelImage:
+    assert image.certainty is not None
+    return replace(image, certainty=np.where(image.certainty == old, np.uint8(new), image.certainty))
+
+
+def without_a_companion(image: HogelImage) -> HogelImage:
+    assert image.companions is not None
+    return replace(image, companions=image.companions[1:])
+
+
+SPOILED: dict[str, tuple[str, Callable[[HogelImage], HogelImage]]] = {
+    "another triangle": ("triangle", with_swapped_triangles),
+    "nothing": ("triangle", lambda image: replace(image, triangle=np.full_like(image.triangle, NOTHING))),
+    "a tie not called one": ("certainty", lambda image: with_class(image, Certainty.TIE, Certainty.EXACT)),
+    "a proof called a tie": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.TIE)),
+    "nobody looked": ("certainty", lambda image: with_class(image, Certainty.PROVEN, Certainty.UNEXAMINED)),
+    "a companion lost": ("companions", without_a_companion),
+    "a position off by 1e-13": ("position", lambda image: shifted(image, 1e-13)),
+    "no position": ("position", lambda image: shifted(image, np.nan)),
+}
+
+
+@pytest.mark.parametrize("kind", SPOILED)
+def test_whatever_is_wrong_is_found(kind: str) -> None:
+    about, spoil = SPOILED[kind]
+    scene, aperture = small_scene(), at(0, 0)
+    image = Reference(scene).trace(aperture)
+    exact, pencil = all_rows(scene.triangles, scene.frustum, aperture)
+    fine = disagreements(image, exact, pencil, scene.triangles)
+    assert not fine.wrong.any() and fine.listed == ()
+    found = disagreements(spoil(image), exact, pencil, scene.triangles)
+    assert found.wrong.any()
+    assert {at.about for at in found.listed} >= {about}
+    assert all(found.wrong[at.row, at.column] and at.expected != at.got for at in found.listed)
+
+
+def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In float32 the pixels of coinciding and nearly coinciding sheets come out in either order."""
+
+    class Believer(Reference):
+        def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
+            image = super().trace(aperture, sampling)
+            assert image.overruled is not None
+            return replace(image, triangle=np.where(image.overruled, image.triangle + 1, image.triangle))
+
+    monkeypatch.setattr(module, "Reference", Believer)
+    check = selfcheck(["hard/nearly-coincident"], quick=True, processes=1)
+    assert not check.agrees
+    assert check.total("wrong") == check.total("tracer_wrong") > 0
+    view: ViewCheck = check.views[0]
+    assert 0 < len(view.disagreements) <= 5
+    assert "DISAGREE" in table(check)
+
+
+def test_processes_make_no_difference() -> None:
+    one, two = (selfcheck(["asymmetric"], quick=True, processes=n) for n in (1, 2))
+    assert [replace(v, seconds=0.0) for v in one.views] == [replace(v, seconds=0.0) for v in two.views]
+    assert one.sphere is None
+
+
+@pytest.mark.parametrize("name", SHARED_SCENES)
+def test_scene_files_agree(name: str) -> None:
+    check = selfcheck([view(name, (1, 1)).source], quick=True)
+    assert check.agrees, table(check)
+    assert check.total("covered") > 0
+
+
+def test_a_giant_is_refused_and_says_why() -> None:
+    with pytest.raises(InputError, match="giant"):
+        selfcheck(["hard/giant-mesh"])
+
+
+def test_no_line_from_a_spheres_center_misses_it() -> None:
+    """Through all vertices and all middles of edges; every vertex is shared by just its own triangles."""
+    check = check_sphere(quick=True)
+    assert (check.triangles, check.vertices, check.edges) == (5120, 2562, 7680)
+    assert check.agrees
+    assert check.vertex_misses == check.edge_misses == check.wrong == 0
+
+
+def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three vertices and three edges lose one of their triangles, and no line through them a hit."""
+
+    def all_but_one(corners: Triangles, *lines: Any) -> Any:
+        return first_surfaces_along(corners[:-1], *lines)
+
+    monkeypatch.setattr(sphere, "first_surfaces_along", all_but_one)
+    check = check_sphere(quick=True)
+    assert not check.agrees
+    assert check.wrong >= 3

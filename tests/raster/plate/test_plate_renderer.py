@@ -1,0 +1,340 @@
+"""Many hogels at once are the same hogels: bit for bit, whatever is culled, batched or shared."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from tests.support.light import dressed_scene
+from tests.support.views import reversed_d32f, soup, view
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.raster.cameras.passes import drawing_order
+from xfrustum.raster.device.numbered_mesh import number_triangles
+from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.raster.plate.submissions import MOST_HOGELS
+from xfrustum.raster.races.plain_loop import PlainLoop
+from xfrustum.scenes import (
+    Aperture,
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Frustum,
+    InputError,
+    Scene,
+)
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
+from xfrustum.scenes.plate.frustum import Screen
+
+EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
+DEPTHS = list(itertools.product(DepthFormat, DepthMapping))
+OPTIONS = [
+    DoubleFrustum(near=0.3, slabs=(20.0, 55.0)),
+    DoubleFrustum(near=0.3, slabs=(30.0,), fit=Fit.ANGLE, camera=Camera.C_STAR),
+    DoubleFrustum(near=2.0, pivot=Pivot.CAMERA, fit=60.0),
+    DoubleFrustum(near=2.0, offset=Offset.NONE),
+    DoubleFrustum(near=1e-6, camera=Camera.C),
+]
+
+
+def some_apertures(scene: Scene) -> list[Aperture]:
+    """Two neighbors, so that they share a submission, the corners and one in between."""
+    column, row = scene.plate.middle.index
+    between = scene.plate.aperture(column // 2, row // 3)
+    return [scene.plate.middle, scene.plate.aperture(column + 1, row), *scene.plate.corners, between]
+
+
+def same_as_one_by_one(
+    scene: Scene,
+    chosen: DoubleFrustum,
+    apertures: Sequence[Aperture],
+    effects: frozenset[Effect] | None = None,
+) -> float:
+    """Assert that every image is the rasterizer's own, and return how much of them shows surfaces."""
+    covered = []
+    content = replace(EVERYTHING, effects=effects)
+    with PlateRenderer(scene, chosen, content) as plate, Rasterizer(scene, effects) as rasterizer:
+        hogels = list(plate.hogels(apertures))
+        assert [hogel.aperture for hogel in hogels] == list(apertures)
+        for hogel in hogels:
+            image = rasterizer.render(hogel.aperture, chosen, normals=False)
+            np.testing.assert_array_equal(hogel.triangle, image.triangle)
+            np.testing.assert_array_equal(hogel.color, image.color)
+            covered.append(image.covered.mean())
+    return float(np.mean(covered))
+
+
+@pytest.mark.parametrize(("depth", "mapping"), DEPTHS)
+def test_every_depth_buffer_decides_as_for_a_single_hogel(depth: DepthFormat, mapping: DepthMapping) -> None:
+    """A near plane at 1e-4 of the reach: 16 bits leave many ties, which the drawing order decides."""
+    scene = view("asymmetric-recentered", (48, 36))
+    chosen = DoubleFrustum(near=0.015, depth=depth, mapping=mapping)
+    assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.1
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+@pytest.mark.parametrize("chosen", OPTIONS, ids=lambda chosen: str(OPTIONS.index(chosen)))
+def test_slabs_pivots_fits_and_single_cameras_are_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
+    scene = view(name, (48, 36))
+    assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
+
+
+@pytest.mark.parametrize(
+    "name", ["car-recentered", "crossing", "large-triangles", "sheets", "truck", "teapot-recentered"]
+)
+def test_scenes_across_the_plate_are_drawn_alike(name: str) -> None:
+    scene = view(name, (64, 48))
+    assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene)) > 0.05
+
+
+LIT = ("car-studio", "mirror-sphere", "grating", "truck")
+
+
+@pytest.mark.parametrize("effects", [None, ALL_EFFECTS], ids=["auto", "all"])
+@pytest.mark.parametrize("name", LIT)
+def test_light_textures_and_mirrors_are_drawn_alike(name: str, effects: frozenset[Effect] | None) -> None:
+    scene = replace(view(name, (64, 48)), sampling=Sampling())
+    assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene), effects) > 0.02
+
+
+@pytest.mark.parametrize(
+    "chosen", [DoubleFrustum(near=0.015, slabs=(40.0,)), reversed_d32f(1e-3)], ids=["slabs", "reversed"]
+)
+@pytest.mark.parametrize("name", ["asymmetric", "crossing"])
+def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
+    """Smooth and flat, colored and not, textured and not, three lights and mirrors on both sides."""
+    scene = dressed_scene(name, (64, 48))
+    assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
+
+
+@pytest.mark.parametrize("effect", Effect)
+def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
+    scene = dressed_scene("asymmetric", (32, 24))
+    same_as_one_by_one(scene, DoubleFrustum(near=0.1), [scene.plate.middle], ALL_EFFECTS - {effect})
+
+
+def test_scenes_that_ask_for_finer_sampling_are_refused_and_not_drawn_coarsely() -> None:
+    scene = replace(view("asymmetric", (8, 6)), sampling=Sampling(aperture=4))
+    with pytest.raises(InputError, match="--aperture-samples 1"):
+        PlateRenderer(scene, DoubleFrustum(near=0.1))
+
+
+def test_a_row_longer_than_everything_in_flight_comes_back_in_order() -> None:
+    scene = view("asymmetric", (16, 12))
+    row = [scene.plate.aperture(column, 30) for column in range(81)]
+    with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
+        assert plate.batching.hogels_in_memory < len(row)
+        hogels = list(plate.hogels(iter(row)))
+    assert [hogel.aperture for hogel in hogels] == row
+    with PlainLoop(scene, DoubleFrustum(near=0.1), EVERYTHING) as loop:
+        assert_same(hogels, list(loop.hogels(row)))
+
+
+def assert_same(one: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None:
+    for a, b in zip(one, other, strict=True):
+        assert a.aperture == b.aperture
+        np.testing.assert_array_equal(a.triangle, b.triangle)
+        np.testing.assert_array_equal(a.color, b.color)
+
+
+def test_the_plain_loops_are_the_same_images_too() -> None:
+    """What the fast path is measured against does the same work."""
+    scene, chosen = view("car-recentered", (32, 24)), reversed_d32f(0.01)
+    apertures = some_apertures(scene)
+    with PlateRenderer(scene, chosen, EVERYTHING) as plate:
+        hogels = list(plate.hogels(apertures))
+    for numbered in (False, True):
+        with PlainLoop(scene, chosen, EVERYTHING, numbered=numbered) as loop:
+            assert_same(hogels, list(loop.hogels(apertures)))
+
+
+def test_without_layers_hogels_are_drawn_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No version of OpenGL promises that a vertex may choose its layer."""
+    monkeypatch.setattr("xfrustum.raster.plate.renderer.lets_vertices_choose_layers", lambda _: False)
+    monkeypatch.setattr("xfrustum.raster.plate.program.lets_vertices_choose_layers", lambda _: False)
+    scene = view("asymmetric-recentered", (48, 36))
+    with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
+        assert plate.batching.hogels == 1
+    assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene)) > 0.1
+
+
+def test_other_renderers_may_draw_while_a_stream_is_open() -> None:
+    scene = view("asymmetric", (24, 18))
+    chosen = DoubleFrustum(near=0.1)
+    row = [scene.plate.aperture(column, 20) for column in range(40)]
+    with PlateRenderer(scene, chosen, EVERYTHING) as plate:
+        alone = list(plate.hogels(row))
+        with Rasterizer(view("crossing", (24, 18))) as other:
+            disturbed = []
+            for hogel in plate.hogels(row):
+                other.render(hogel.aperture, reversed_d32f(0.5))
+                disturbed.append(hogel)
+    assert_same(alone, disturbed)
+
+
+def test_a_stream_may_be_left_and_another_begun() -> None:
+    scene = view("asymmetric", (24, 18))
+    row = [scene.plate.aperture(column, 20) for column in range(20)]
+    with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
+        whole = list(plate.hogels(row))
+        abandoned = plate.hogels(row[::-1])
+        next(abandoned)
+        assert_same(whole, list(plate.hogels(row)))
+
+
+def test_nothing_shows_nothing() -> None:
+    scene = view("empty", (8, 6))
+    with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
+        (hogel,) = plate.hogels([scene.plate.middle])
+    assert hogel.triangle is not None
+    assert (hogel.triangle == -1).all() and not hogel.color.any()
+
+
+def test_compact_colors_are_the_full_ones_rounded() -> None:
+    scene = view("asymmetric", (48, 36))
+    found = {}
+    for color in ColorType:
+        with PlateRenderer(scene, DoubleFrustum(near=0.1), PlateContent(color=color)) as plate:
+            (hogel,) = plate.hogels([scene.plate.middle])
+            assert hogel.triangle is None and hogel.color.dtype == color.dtype
+            found[color] = hogel.color
+    full = found[ColorType.FLOAT32]
+    assert full.shape == (36, 48, 3) and 0 < full.max() <= 1
+    # A device may round either way: one unit in the last place of the type.
+    assert np.abs(found[ColorType.FLOAT16].astype(np.float64) - full).max() <= 2.0**-11
+    assert np.abs(found[ColorType.UINT8] - 255 * full.astype(np.float64)).max() <= 1.0
+
+
+def test_settings_that_do_not_fit_are_refused_before_anything_is_opened() -> None:
+    with pytest.raises(InputError, match="near"):
+        PlateRenderer(view("asymmetric"), DoubleFrustum(near=1000.0))
+
+
+def test_images_larger_than_the_device_draws_are_refused() -> None:
+    with pytest.raises(InputError, match=r"smaller frustum\.resolution"):
+        PlateRenderer(view("asymmetric", (1 << 20, 4)), DoubleFrustum(near=0.1))
+
+
+def test_stages_are_timed_apart() -> None:
+    scene = view("asymmetric", (48, 36))
+    with PlateRenderer(scene, DoubleFrustum(near=0.1)) as plate:
+        stages = plate.measure(some_apertures(scene))
+    assert list(stages) == ["upload", "C", "C*", "read-back"]
+    assert all(stage.gpu_s >= 0 and stage.wall_s > 0 for stage in stages.values())
+    assert stages["C"].gpu_s + stages["C*"].gpu_s > 0
+
+
+CENTERED = Frustum(resolution=(24, 18), reach=(30.0, 20.0), fov=(radians(70), radians(50)))
+RECENTERED = Frustum(
+    resolution=(24, 18),
+    reach=(30.0, 20.0),
+    screen=Screen(height=-12.0, center=(3.0, -2.0), size=(18.0, 14.0)),
+)
+
+
+def scattered(seed: int, count: int, size: float) -> NDArray[np.float64]:
+    """Triangles of some size whose middles lie about the plate, (F, 3, 3)."""
+    random = np.random.default_rng(seed)
+    middle = random.uniform(-1, 1, (count, 1, 3)) * (12, 12, 25)
+    return np.asarray(middle + random.normal(scale=size, size=(count, 3, 3)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 1 << 20),
+    st.sampled_from([0.3, 3.0, 40.0, 1e4, 1e7]),
+    st.sampled_from([CENTERED, RECENTERED]),
+    st.sampled_from([0.5, 1e-3, 1e-7]),
+)
+def test_culling_loses_no_pixel_of_triangles_of_any_size(
+    seed: int, size: float, frustum: Frustum, near: float
+) -> None:
+    """Also of those that are far larger than everything, across the plate, behind the camera."""
+    scene = soup(scattered(seed, 60, size), frustum)
+    apertures = [scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))]
+    same_as_one_by_one(scene, reversed_d32f(near), apertures)
+
+
+def test_what_one_camera_cannot_see_is_not_drawn() -> None:
+    """Each triangle of the car goes to one camera, but for the few across the plate."""
+    scene = view("car", (16, 12))
+    with PlateRenderer(scene, DoubleFrustum(near=0.1)) as plate:
+        lowest, highest = scene.height_ranges
+        drawn = plate.triangles_of_cameras
+        assert drawn[0] == np.count_nonzero(lowest <= 0)
+        assert drawn[1] == np.count_nonzero(highest >= 0)
+
+
+@given(st.integers(0, 1 << 20), st.sampled_from([CENTERED, RECENTERED]))
+def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) -> None:
+    """Points instead of boxes: reached are those that both definitions of the film put on it."""
+    scene = soup(scattered(seed, 20, 1.0), frustum)
+    aperture = scene.plate.aperture(5, 9)
+    # So small a step back moves nothing by a visible amount, and float32 knows no far plane with it.
+    chosen = DoubleFrustum(near=1e-9)
+    points = np.random.default_rng(seed).uniform(-1, 1, (200, 3)) * (40, 40, 20)
+    boxes = Boxes.of(points, points)
+    found = np.zeros(len(points), dtype=np.bool_)
+    for camera in drawing_order(scene, aperture, chosen):
+        planes, magnitudes = clip_planes(
+            camera.clip_from_scene.astype(np.float32), MAPPINGS[chosen.mapping].clip_control
+        )
+        found |= reached(planes, magnitudes, boxes)
+    k, t = shear_and_half_extent(frustum, aperture)
+    s = -points[:, 2]
+    film = ((points[:, :2] - (aperture.x, aperture.y)) / s[:, None] - k) / t
+    np.testing.assert_array_equal(found, np.abs(film).max(axis=1) < 1)
+
+
+def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[NDArray[np.float64], ...]:
+    """k and t by their definitions (CONVENTIONS.md, "Frames")."""
+    if frustum.screen is None:
+        assert frustum.fov is not None
+        return np.zeros(2), np.tan(np.array(frustum.fov) / 2)
+    depth = -frustum.screen.height
+    k = (np.array(frustum.screen.center) - (aperture.x, aperture.y)) / depth
+    return k, np.array(frustum.screen.size) / 2 / abs(depth)
+
+
+@pytest.mark.parametrize("name", ["car", "asymmetric", "large-triangles", "sheets"])
+def test_a_triangle_has_the_number_of_its_last_vertex(name: str) -> None:
+    faces = view(name).faces
+    mesh = number_triangles(faces)
+    np.testing.assert_array_equal(mesh.source[mesh.faces], faces)
+    np.testing.assert_array_equal(mesh.faces[:, 2], np.arange(len(faces)))
+    assert len(mesh.source) <= len(faces) + len(view(name).vertices)
+
+
+@given(st.lists(st.lists(st.booleans(), min_size=9, max_size=9), min_size=1, max_size=4))
+def test_runs_cover_what_is_visible_and_bridge_single_gaps_only(rows: list[list[bool]]) -> None:
+    visible = np.array(rows)
+    covered = np.zeros_like(visible)
+    row, first, end = runs(visible)
+    for r, a, b in zip(row, first, end, strict=True):
+        assert visible[r, a] and visible[r, b - 1] and not covered[r, a:b].any()
+        covered[r, a:b] = True
+    assert covered[visible].all()
+    for r, c in np.argwhere(covered & ~visible):
+        assert visible[r, c - 1] and visible[r, c + 1]
+    assert list(row) == sorted(row)
+
+
+def test_a_submission_holds_as_many_hogels_as_stay_close_by() -> None:
+    small, large = view("asymmetric", (16, 16)), view("asymmetric", (1024, 1024))
+    with PlateRenderer(small, DoubleFrustum(near=0.1)) as plate:
+        assert plate.batching.hogels == MOST_HOGELS
+    with PlateRenderer(replace(large, objects=()), DoubleFrustum(near=0.1)) as plate:
+        assert plate.batching.hogels == 1

@@ -1,0 +1,231 @@
+"""The rasterizer: same bits every time, cameras that compose, formats that work, nothing leaked."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.views import reversed_d32f, view
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import NOTHING, Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage, InputError
+
+DEPTHS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
+ARRAYS = ("triangle", "object", "position", "normal", "color")
+
+
+def assert_same_bits(one: HogelImage, other: HogelImage) -> None:
+    for name in ARRAYS:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+
+
+@pytest.mark.parametrize("name", ["car-recentered", "crossing"])
+def test_every_run_makes_the_same_bits(name: str) -> None:
+    scene = view(name, (160, 120))
+    aperture = scene.plate.corners[0] if name == "car-recentered" else scene.plate.middle
+    images = []
+    for _ in range(2):
+        with Rasterizer(scene) as raster:
+            images.append(raster.render(aperture, reversed_d32f(1.0)))
+            raster.render(scene.plate.middle, DoubleFrustum(near=0.3, depth=DepthFormat.D16))
+            images.append(raster.render(aperture, reversed_d32f(1.0)))
+    assert images[0].covered.mean() > 0.05
+    for image in images[1:]:
+        assert_same_bits(image, images[0])
+
+
+@pytest.mark.parametrize("name", ["asymmetric-recentered", "car", "crossing"])
+@pytest.mark.parametrize(("depth", "mapping"), DEPTHS)
+def test_c_star_over_c_is_both(name: str, depth: DepthFormat, mapping: DepthMapping) -> None:
+    scene = view(name, (160, 120))
+    settings = DoubleFrustum(near=0.5, depth=depth, mapping=mapping)
+    with Rasterizer(scene) as raster:
+        both, c, c_star = (
+            raster.render(scene.plate.middle, replace(settings, camera=camera))
+            for camera in (Camera.BOTH, Camera.C, Camera.C_STAR)
+        )
+    assert (c.height[c.covered] <= 0).all()
+    assert (c_star.height[c_star.covered] >= 0).all()
+    for array in ARRAYS:
+        over, under, shown = (getattr(image, array) for image in (c_star, c, both))
+        on_top = c_star.covered if over.ndim == 2 else c_star.covered[..., None]
+        np.testing.assert_array_equal(shown, np.where(on_top, over, under), err_msg=array)
+
+
+@pytest.mark.parametrize(("depth", "mapping"), DEPTHS)
+def test_every_depth_format_draws_the_model(depth: DepthFormat, mapping: DepthMapping) -> None:
+    """At a near so large that even 16 bits order most of the scene."""
+    scene = view("asymmetric", (256, 256))
+    settings = DoubleFrustum(near=15.0, depth=depth, mapping=mapping)
+    with Rasterizer(scene) as raster:
+        drawn = raster.render(scene.plate.middle, settings)
+    model = Reference(scene).trace_model(scene.plate.middle, settings)
+    assert (drawn.object != model.object).mean() < 2e-3
+    assert drawn.camera.settings == settings
+
+
+def test_formats_and_mappings_differ_where_depth_is_scarce() -> None:
+    """Otherwise they would be one format by many names.
+
+    Of one and the same name could only be 24-bit and float depth, where most of a scene lies at depths
+    just below 1, with steps of 2^-24 in both. The logarithmic and the linear mapping have steps to
+    spare in every format: they show what the model shows.
+    """
+    scene = view("car", (256, 256))
+    near = 1.5e-4
+    with Rasterizer(scene) as raster:
+        images = {
+            (depth, mapping): raster.render(
+                scene.plate.middle, DoubleFrustum(near=near, depth=depth, mapping=mapping)
+            ).triangle
+            for depth, mapping in DEPTHS
+        }
+    hyperbolic = (DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED)
+    same = {
+        frozenset((one, other))
+        for one, other in combinations([pair for pair in DEPTHS if pair[1] in hyperbolic], 2)
+        if np.array_equal(images[one], images[other])
+    }
+    d24, d32f = DepthFormat.D24, DepthFormat.D32F
+    assert same <= {frozenset(((d24, m), (d32f, m))) for m in (DepthMapping.STANDARD, DepthMapping.GL)}
+    model = Reference(scene).trace_model(scene.plate.middle, DoubleFrustum(near=near)).triangle
+    for pair in DEPTHS:
+        if pair[1] not in hyperbolic:
+            assert (images[pair] != model).mean() < 1e-3
+
+
+def test_an_image_says_who_drew_it_and_with_what() -> None:
+    scene = view("asymmetric-recentered", (64, 48))
+    aperture, settings = scene.plate.corners[1], reversed_d32f(0.25)
+    with Rasterizer(scene) as raster:
+        image = raster.render(aperture, settings)
+        assert set(raster.device) == {"vendor", "renderer", "version", "subpixel_bits"}
+        assert int(raster.device["subpixel_bits"]) >= 4
+        assert raster.device["renderer"] in image.camera.renderer
+    truth = Reference(scene).trace(aperture).camera
+    assert image.camera == replace(
+        truth,
+        renderer=image.camera.renderer,
+        settings=settings,
+        shear=image.camera.shear,
+        half_extent=image.camera.half_extent,
+    )
+    np.testing.assert_allclose(image.camera.shear, truth.shear, rtol=1e-14)
+    np.testing.assert_allclose(image.camera.half_extent, truth.half_extent, rtol=1e-14)
+    assert image.normal is not None and image.color is not None
+    covered = image.covered
+    assert (image.object[covered] == scene.object_of_triangle[image.triangle[covered]]).all()
+    np.testing.assert_allclose(image.normal[covered], scene.normals[image.triangle[covered]], atol=1e-7)
+    assert np.isnan(image.position[~covered]).all() and np.isnan(image.normal[~covered]).all()
+    assert (image.object[~covered] == NOTHING).all() and (image.color[~covered] == 0).all()
+
+
+def test_what_nobody_asked_for_is_not_made() -> None:
+    scene = view("asymmetric", (64, 48))
+    with Rasterizer(scene) as raster:
+        image = raster.render(scene.plate.middle, reversed_d32f(0.25), normals=False, color=False)
+    assert image.normal is None and image.color is None
+
+
+def test_shading_agrees_with_the_reference_on_both_sides_of_the_plate() -> None:
+    """C* flips normal and light; a flip left out darkens one side (paper, section 3)."""
+    scene = view("asymmetric", (128, 128))
+    with Rasterizer(scene) as raster:
+        drawn = raster.render(scene.plate.middle, reversed_d32f(1.5e-5))
+    truth = Reference(scene).trace(scene.plate.middle)
+    same = truth.covered & (drawn.triangle == truth.triangle)
+    assert drawn.color is not None and truth.color is not None
+    for side in (truth.height > 0, truth.height < 0):
+        assert (same & side).sum() > 500
+        assert truth.color[same & side].std() > 0.05
+        np.testing.assert_allclose(drawn.color[same & side], truth.color[same & side], atol=1e-5)
+
+
+def test_an_empty_scene_is_an_empty_image() -> None:
+    scene = view("empty", (32, 16))
+    with Rasterizer(scene) as raster:
+        image = raster.render(scene.plate.middle, reversed_d32f(1.0))
+    assert image.triangle.shape == (16, 32)
+    assert not image.covered.any() and np.isnan(image.position).all()
+
+
+@pytest.mark.parametrize("near", [150.0, 1e9])
+def test_near_beyond_the_reach_is_an_input_error(near: float) -> None:
+    scene = view("asymmetric", (32, 32))
+    with Rasterizer(scene) as raster, pytest.raises(InputError, match="near"):
+        raster.render(scene.plate.middle, reversed_d32f(near))
+
+
+def test_an_image_larger_than_the_device_draws_is_an_input_error() -> None:
+    """Said before anything is traced or drawn."""
+    with pytest.raises(InputError, match="resolution"):
+        Rasterizer(view("asymmetric", (1 << 20, 2)))
+
+
+NO_OPENGL = [
+    ({"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent"}, "no OpenGL context"),
+    ({"MESA_GL_VERSION_OVERRIDE": "4.4"}, "OpenGL 4.4"),
+]
+
+
+@pytest.mark.parametrize(("environment", "complaint"), NO_OPENGL)
+def test_without_usable_opengl_the_command_says_what_to_install(
+    environment: dict[str, str], complaint: str, tmp_path: Path
+) -> None:
+    if any(name.startswith("MESA") for name in environment):
+        with Rasterizer(view("empty", (8, 8))) as raster:
+            if "Mesa" not in raster.device["version"]:
+                pytest.skip(f"only Mesa's drivers can pretend to be older, not {raster.device['renderer']}")
+    out = tmp_path / "image.exr"
+    command = [sys.executable, "-m", "xfrustum", "raster", "asymmetric", "--near", "1", "--out", str(out)]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    [line] = [line for line in done.stderr.splitlines() if line.strip()]
+    assert complaint in line and "install" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def resident_mib() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux's /proc for its memory")
+def test_two_hundred_images_of_changing_formats_do_not_grow_the_process() -> None:
+    """A leaked target of this size is 5 MiB: 200 of them would be a gigabyte."""
+    scene = view("asymmetric", (512, 512))
+    with Rasterizer(scene) as raster:
+
+        def draw(count: int) -> None:
+            for n in range(count):
+                depth, mapping = DEPTHS[n % len(DEPTHS)]
+                raster.render(scene.plate.middle, DoubleFrustum(near=0.1 + n, depth=depth, mapping=mapping))
+
+        draw(len(DEPTHS))
+        before = resident_mib()
+        draw(149)
+        draw(51)
+        assert resident_mib() - before < 100
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux's /proc for its memory")
+def test_rasterizers_that_are_left_free_what_they_had() -> None:
+    scene = view("car", (512, 512))
+
+    def draw() -> None:
+        with Rasterizer(scene) as raster:
+            raster.render(scene.plate.middle, reversed_d32f(1.0))
+
+    for _ in range(5):
+        draw()
+    before = resident_mib()
+    for _ in range(25):
+        draw()
+    assert resident_mib() - before < 100

@@ -1,0 +1,129 @@
+"""Images too large for the device or the memory are refused before any work, and large ones are foretold."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.support.views import view
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.accumulate import largest_image
+from xfrustum.raster.device import room
+from xfrustum.raster.device.context import open_context
+from xfrustum.reports.commands import tracing
+from xfrustum.reports.commands.tracing import FILE_BYTES, forecast
+from xfrustum.scenes import DoubleFrustum, InputError, Scene
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.files.openexr.images import read_image
+
+
+def sized(width: int, height: int) -> Scene:
+    return view("crossing", (width, height))
+
+
+def longest_side() -> int:
+    context = open_context()
+    with context:
+        longest = largest_image()
+    context.release()
+    return longest
+
+
+def write_scene(folder: Path, resolution: int) -> Path:
+    path = folder / "large.toml"
+    path.write_text(
+        f"""
+        [plate]
+        size = [80.0, 60.0]
+        hogels = [81, 61]
+        [frustum]
+        resolution = [{resolution}, {resolution}]
+        fov_deg = [60.0, 60.0]
+        reach = [150.0, 150.0]
+        [[object]]
+        shape = "box"
+        scale = 20.0
+        translate = [0.0, 0.0, -50.0]
+        """
+    )
+    return path
+
+
+def test_a_side_longer_than_the_device_draws_is_refused_with_the_limit() -> None:
+    longest = longest_side()
+    with pytest.raises(InputError, match=f"at most {longest} pixels along a side.* not {longest + 1} x 8;"):
+        Rasterizer(sized(longest + 1, 8))
+
+
+def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The longest sides that the device has, in both directions at once: it is the device or the memory."""
+    scene, out = write_scene(tmp_path, longest_side()), tmp_path / "raster.exr"
+    assert main(["raster", str(scene), "--near", "1", "--out", str(out)]) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("xfrustum: error: ")
+    assert said.count("\n") == 1
+    assert "choose a smaller frustum.resolution" in said
+    assert not out.exists()
+
+
+def test_the_largest_square_that_is_named_can_be_stored_and_one_more_cannot() -> None:
+    context = open_context()
+    with context:
+        side = room._largest_square(1 << 16)
+        assert room._can_store((side, side))
+        assert not room._can_store((side + 1, side + 1))
+    context.release()
+
+
+def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, needed = sized(64, 48), room.PIXEL_BYTES * 64 * 48
+    monkeypatch.setattr(room, "free_memory", lambda: needed - 1)
+    with pytest.raises(InputError, match=r"image of 64 x 48 pixels needs about .* GiB are free"):
+        Rasterizer(scene)
+    monkeypatch.setattr(room, "free_memory", lambda: needed)
+    with Rasterizer(scene) as rasterizer:
+        assert rasterizer.render(scene.plate.middle, DoubleFrustum(near=0.1)).covered.shape == (48, 64)
+
+
+def test_a_large_truth_is_foretold_and_a_small_one_is_not() -> None:
+    assert forecast(sized(512, 512), transported=False) is None
+    text = forecast(sized(16000, 16000), transported=False)
+    assert text is not None
+    assert "16000 x 16000 are 256.0 million pixels" in text
+    # Bands of 2^19 pixels at most, 32 rows, however many processors share them.
+    assert "traced in 500 bands" in text
+    assert f"at most {16000**2 * FILE_BYTES / 2**30:.1f} GiB" in text
+
+
+def test_samples_and_light_paths_count_as_pixels_do() -> None:
+    scene = sized(512, 512)
+    averaged = replace(scene, sampling=Sampling(supersample=2, aperture=16))
+    text = forecast(averaged, transported=False)
+    assert text is not None
+    assert "each is the mean of 64 samples" in text
+    lit = replace(scene, transport=Transport(shadows=True, samples=100))
+    text = forecast(lit, transported=True)
+    assert text is not None
+    assert "each is the mean of 100 light paths" in text
+
+
+def test_trace_says_it_on_standard_error_unless_it_is_to_be_quiet(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tracing, "LARGE_PIXELS", 64 * 64)
+    scene, out = write_scene(tmp_path, 64), tmp_path / "truth.exr"
+    for quiet, lines in ((["--quiet"], 0), ([], 1)):
+        assert main(["trace", str(scene), "--out", str(out), *quiet]) == 0
+        printed = capfd.readouterr()
+        told = [line for line in printed.err.splitlines() if line.startswith("xfrustum: note: 64 x 64 are")]
+        assert len(told) == lines
+        assert printed.out == ""
+    # What was foretold bounds what came: the header has no more than some kilobytes.
+    image = read_image(out)
+    assert out.stat().st_size < 64 * 64 * FILE_BYTES + len(json.dumps(str(image.camera))) + (1 << 12)

@@ -1,0 +1,285 @@
+"""The truth is exact: it agrees with rational arithmetic, and does not depend on how a scene is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from tests.support.brute_force import exact_first
+from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, near_misses, triangles
+from tests.support.views import at, lines_by_definition, soup, view
+from xfrustum.compare.metrics.film import pixel_centers, true_pixel
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.scenes import (
+    NOTHING,
+    Aperture,
+    Certainty,
+    DoubleFrustum,
+    Frustum,
+    HogelImage,
+    Scene,
+    Screen,
+    open_scene,
+)
+
+Triangles = NDArray[np.float64]
+Winners = list[list[frozenset[int]]]
+
+several = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+def winners(image: HogelImage, parent: NDArray[np.int64] | None = None) -> Winners:
+    """Return for each pixel the set of all triangles that are first there."""
+    assert image.certainty is not None and image.companions is not None
+    number = np.arange(image.triangle.max() + 1 + len(image.companions)) if parent is None else parent
+    height, width = image.triangle.shape
+    shared: dict[tuple[int, int], set[int]] = {}
+    for row, column, triangle in image.companions.tolist():
+        shared.setdefault((row, column), set()).add(triangle)
+    ties = {(int(row), int(column)) for row, column in np.argwhere(image.certainty == Certainty.TIE)}
+    assert set(shared) == ties
+    found: Winners = []
+    for row in range(height):
+        found.append([])
+        for column in range(width):
+            triangle = int(image.triangle[row, column])
+            group = shared.get((row, column), set() if triangle == NOTHING else {triangle})
+            assert not group or triangle == min(group), "the smallest number is shown"
+            found[-1].append(frozenset(int(number[t]) if parent is not None else t for t in group))
+    return found
+
+
+def s_of(image: HogelImage) -> NDArray[np.float64]:
+    return np.asarray(-image.height, dtype=np.float64)
+
+
+@st.composite
+def exact_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
+    frustum, aperture = draw(frusta(exact=True)), draw(apertures())
+    empty = Scene(name="", plate=open_scene("car").plate, frustum=frustum, objects=())
+    lines = lines_by_definition(empty, aperture).reshape(-1, 3)
+    center = np.array([aperture.x, aperture.y, 0.0])
+    return soup(draw(coincidences(center, lines)), frustum), aperture
+
+
+@st.composite
+def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
+    frustum, aperture = draw(frusta()), draw(apertures())
+    pencil = crossed_frustum(frustum, aperture)
+    return soup(
+        draw(near_misses(np.array(pencil.center), pencil.directions().reshape(-1, 3))), frustum
+    ), aperture
+
+
+class TestAgainstRationalNumbers:
+    """Corners exactly on lines and in the aperture, shared edges, coincident and flat triangles."""
+
+    @settings(max_examples=150, deadline=None, derandomize=True)
+    @given(exact_scenes())
+    def test_every_pixel_shows_the_first_surface_and_names_every_tie(
+        self, asked: tuple[Scene, Aperture]
+    ) -> None:
+        scene, aperture = asked
+        image = Reference(scene).trace(aperture)
+        s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
+        self.check(scene, image, [(np.array([aperture.x, aperture.y, 0.0]), s_range)], aperture)
+
+    @settings(max_examples=150, deadline=None, derandomize=True)
+    @given(rounded_scenes())
+    def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
+        self, asked: tuple[Scene, Aperture]
+    ) -> None:
+        scene, aperture = asked
+        pencil = crossed_frustum(scene.frustum, aperture)
+        d, center = pencil.directions(), np.array(pencil.center)
+        image = Reference(scene).trace(aperture)
+        assert image.certainty is not None
+        for row, column in np.ndindex(*image.triangle.shape):
+            _, first = exact_first(scene.triangles, center, d[row, column], pencil.s_range)
+            assert image.triangle[row, column] == (first[0] if first else NOTHING)
+            assert (image.certainty[row, column] == Certainty.TIE) == (len(first) > 1)
+
+    @settings(max_examples=75, deadline=None, derandomize=True)
+    @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
+    def test_so_do_the_two_offset_cameras_overlaid(self, asked: tuple[Scene, Aperture], near: float) -> None:
+        scene, aperture = asked
+        viewer, back = scene.frustum.reach
+        screen = scene.frustum.screen
+        assert screen is not None
+        # k = (m - a) / ss with ss = -zs; C stands at a - n k + n z, C* at a + n k - n z.
+        k = (np.array(screen.center) - [aperture.x, aperture.y]) / -screen.height
+        away = near * np.append(-k, 1.0)
+        middle = np.array([aperture.x, aperture.y, 0.0])
+        image = Reference(scene).trace_model(aperture, DoubleFrustum(near=near))
+        cameras = [(middle - away, (-near - viewer, -near)), (middle + away, (near, near + back))]
+        self.check(scene, image, cameras, aperture)
+
+    def check(
+        self,
+        scene: Scene,
+        image: HogelImage,
+        cameras: list[tuple[NDArray[np.float64], tuple[float, float]]],
+        aperture: Aperture,
+    ) -> None:
+        """Compare pixel by pixel; of several cameras the first that meets something is shown."""
+        assert image.certainty is not None and image.companions is not None
+        d = lines_by_definition(scene, aperture)
+        shared: dict[tuple[int, int], list[int]] = {}
+        for row, column, triangle in image.companions.tolist():
+            shared.setdefault((row, column), []).append(triangle)
+        for row, column in np.ndindex(*image.triangle.shape):
+            line = d[row, column]
+            met = [(c, *exact_first(scene.triangles, c, line, s_range)) for c, s_range in cameras]
+            center, s, first = next((m for m in met if m[2]), met[-1])
+            assert image.triangle[row, column] == (first[0] if first else NOTHING)
+            assert (image.certainty[row, column] == Certainty.TIE) == (len(first) > 1)
+            assert image.certainty[row, column] != Certainty.UNEXAMINED
+            assert shared.get((row, column), []) == (first if len(first) > 1 else [])
+            if s is not None:
+                point = center + float(s) * line
+                np.testing.assert_allclose(image.position[row, column], point, rtol=1e-12, atol=1e-12)
+
+
+def test_most_pixels_of_real_scenes_are_proven_and_none_unexamined() -> None:
+    for name in ("car", "asymmetric-recentered"):
+        scene = view(name, (128, 96))
+        certainty = Reference(scene).trace(scene.plate.corners[0]).certainty
+        assert certainty is not None
+        assert (certainty == Certainty.PROVEN).mean() > 0.99
+        assert not (certainty == Certainty.UNEXAMINED).any()
+
+
+def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
+    """Every triangle of the asymmetric scene twice: where a surface shows, two triangles show."""
+    scene = view("asymmetric", (64, 64))
+    doubled = replace(scene, objects=scene.objects * 2)
+    once, twice = (Reference(s).trace(scene.plate.middle) for s in (scene, doubled))
+    np.testing.assert_array_equal(once.triangle, twice.triangle)
+    assert twice.certainty is not None
+    np.testing.assert_array_equal(twice.certainty == Certainty.TIE, once.covered)
+    twins = [[group | {t + len(scene.faces) for t in group} for group in row] for row in winners(once)]
+    assert winners(twice) == twins
+
+
+@several
+@given(triangles(coordinates=ANYTHING), frusta(), apertures())
+def test_what_a_pixel_shows_is_imaged_in_that_pixel(
+    corners: Triangles, frustum: Frustum, aperture: Aperture
+) -> None:
+    scene = soup(corners, frustum)
+    image = Reference(scene).trace(aperture)
+    shown = image.covered & (image.height != 0)
+    off = np.abs(true_pixel(image.position, image.camera) - pixel_centers(image.camera))[shown]
+    # s d + a and the subtraction of a again round by 2^-53 of |a| and |s d| each, over |s|.
+    s = np.abs(image.height[shown])[:, None]
+    largest = np.abs(image.position[shown, :2]) + np.abs([aperture.x, aperture.y])
+    pixels_per_slope = np.array(frustum.resolution) / (2 * np.array(image.camera.half_extent))
+    slopes = np.abs(image.camera.shear) + image.camera.half_extent
+    assert (off <= 2.0**-50 * (largest / s + slopes) * pixels_per_slope).all()
+
+
+@several
+@given(triangles(), frusta(), apertures(), st.randoms(use_true_random=False))
+def test_numbers_make_no_difference(
+    corners: Triangles, frustum: Frustum, aperture: Aperture, random: Any
+) -> None:
+    order = list(range(len(corners)))
+    random.shuffle(order)
+    one = Reference(soup(corners, frustum)).trace(aperture)
+    other = Reference(soup(corners[order], frustum)).trace(aperture)
+    assert winners(other, np.array(order)) == winners(one)
+    np.testing.assert_allclose(s_of(other), s_of(one), rtol=1e-9, atol=1e-12)
+
+
+@several
+@given(triangles(), frusta(), apertures(), st.integers(0, 7), st.integers(0, 2))
+def test_a_triangle_in_two_halves_is_the_same_surface(
+    corners: Triangles, frustum: Frustum, aperture: Aperture, which: int, edge: int
+) -> None:
+    which %= len(corners)
+    a, b, c = np.roll(corners[which], -edge, axis=0)
+    middle = (a + b) / 2  # of eighths: exact
+    split = np.concatenate([corners, [[middle, b, c]]])
+    split[which] = [a, middle, c]
+    one = Reference(soup(corners, frustum)).trace(aperture)
+    two = Reference(soup(split, frustum)).trace(aperture)
+    assert winners(two, np.append(np.arange(len(corners)), which)) == winners(one)
+    np.testing.assert_allclose(s_of(two), s_of(one), rtol=1e-9, atol=1e-12)
+
+
+def turned_frustum(frustum: Frustum, swap: bool, signs: tuple[int, int]) -> Frustum:
+    """Return the frustum after x and y are swapped, or not, and then multiplied by signs."""
+
+    def pair(values: tuple[Any, Any]) -> tuple[Any, Any]:
+        return values[::-1] if swap else values
+
+    screen = frustum.screen
+    if screen is not None:
+        x, y = pair(screen.center)
+        screen = Screen(height=screen.height, center=(x * signs[0], y * signs[1]), size=pair(screen.size))
+    return Frustum(
+        resolution=pair(frustum.resolution),
+        reach=frustum.reach,
+        fov=None if frustum.fov is None else pair(frustum.fov),
+        screen=screen,
+    )
+
+
+Picture = Callable[[NDArray[Any]], NDArray[Any]]
+MOVES: dict[str, tuple[bool, tuple[int, int], Picture]] = {
+    "mirrored in x": (False, (-1, 1), lambda image: image[:, ::-1]),
+    "mirrored in y": (False, (1, -1), lambda image: image[::-1]),
+    "a quarter turn": (True, (-1, 1), lambda image: np.rot90(image, 1)),
+    "a half turn": (False, (-1, -1), lambda image: image[::-1, ::-1]),
+    "three quarters of a turn": (True, (1, -1), lambda image: np.rot90(image, -1)),
+}
+
+
+@pytest.mark.parametrize("move", MOVES)
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(triangles(), frusta(), apertures())
+def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
+    move: str, corners: Triangles, frustum: Frustum, aperture: Aperture
+) -> None:
+    swap, signs, picture = MOVES[move]
+    axes = [1, 0, 2] if swap else [0, 1, 2]
+    moved = corners[..., axes] * [*signs, 1]
+    x, y = np.array([aperture.x, aperture.y])[axes[:2]] * signs
+    one = Reference(soup(corners, frustum)).trace(aperture)
+    other = Reference(soup(moved, turned_frustum(frustum, swap, signs))).trace(at(float(x), float(y)))
+    np.testing.assert_array_equal(other.triangle, picture(one.triangle))
+    assert one.certainty is not None and other.certainty is not None
+    ties, moved_ties = one.certainty == Certainty.TIE, other.certainty == Certainty.TIE
+    np.testing.assert_array_equal(moved_ties, picture(ties))
+    np.testing.assert_allclose(s_of(other), picture(s_of(one)), rtol=1e-9, atol=1e-12)
+
+
+@several
+@given(triangles(coordinates=ANYTHING), frusta(), apertures(), st.integers(-60, 60))
+def test_the_unit_of_length_makes_no_difference(
+    corners: Triangles, frustum: Frustum, aperture: Aperture, exponent: int
+) -> None:
+    """Scaling by a power of two rounds nothing: every bit of the image stays, but for the exponent."""
+    scale = 2.0**exponent
+    screen = frustum.screen
+    if screen is not None:
+        center, size = np.array(screen.center) * scale, np.array(screen.size) * scale
+        screen = Screen(height=screen.height * scale, center=tuple(center), size=tuple(size))
+    viewer, back = frustum.reach
+    scaled = replace(frustum, reach=(viewer * scale, back * scale), screen=screen)
+    one = Reference(soup(corners, frustum)).trace(aperture)
+    larger = soup(corners * scale, scaled, size=16 * scale)
+    other = Reference(larger).trace(at(aperture.x * scale, aperture.y * scale))
+    np.testing.assert_array_equal(other.triangle, one.triangle)
+    np.testing.assert_array_equal(other.certainty, one.certainty)
+    np.testing.assert_array_equal(other.position, one.position * scale)
+    np.testing.assert_array_equal(other.normal, one.normal)
+    np.testing.assert_array_equal(other.companions, one.companions)

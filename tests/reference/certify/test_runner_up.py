@@ -1,0 +1,150 @@
+"""Gaps: how far behind each pixel's surface the same camera sees the next one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.brute_force import first_hits
+from tests.support.views import at, lines_by_definition, soup, view
+from xfrustum.reference import Reference
+from xfrustum.reference.certify import runner_up as module
+from xfrustum.reference.certify.runner_up import RunnersUp
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.scenes import Certainty, Frustum, Scene, Screen
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.shapes import build_shape
+
+ALIKE = 1e-9
+"""Relative to the reach: far more than brute force rounds, far less than any gap here."""
+
+ROUNDED = 1e-13
+"""Relative to |z|, of two surfaces: a dozen roundings of 2^-53 in sums several times as large."""
+
+
+def level_squares(heights: list[float], half_size: float = 100.0) -> NDArray[np.float64]:
+    """Return two triangles for each height: squares parallel to the plate."""
+    corners = half_size * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    squares = [[[*corners[k], z] for k in ks] for z in heights for ks in ((0, 1, 2), (0, 2, 3))]
+    return np.array(squares, dtype=np.float64)
+
+
+def on_film(random: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Return triangles that the film shows behind the plate, on the left, and before it, on the right."""
+    slopes = random.uniform(-0.7, 0.7, (count, 3, 2))
+    side = np.where(np.arange(count) % 2, 1.0, -1.0)[:, None]
+    slopes[..., 0] = -side * np.abs(slopes[..., 0])
+    s = side * random.uniform(1, 8, (count, 3))
+    return np.concatenate((slopes * s[..., None], -s[..., None]), axis=-1)
+
+
+def by_brute_force(scene: Scene, truth_pixels: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the gaps of some pixels by textbook formulas, from all triangles."""
+    aperture = scene.plate.middle
+    center = np.array([aperture.x, aperture.y, 0.0])
+    reach = scene.frustum.reach
+    hits = first_hits(
+        scene.triangles, center, lines_by_definition(scene, aperture)[truth_pixels], (-reach[0], reach[1])
+    )
+    other_side = (hits.s < 0) & (hits.second > 0)
+    gaps = np.full(len(hits.s), np.inf)
+    np.subtract(hits.second, hits.s, out=gaps, where=np.isfinite(hits.second) & ~other_side)
+    return gaps
+
+
+FRUSTA = [
+    Frustum(resolution=(24, 16), reach=(12.0, 9.0), fov=(math.radians(70), math.radians(50))),
+    Frustum(resolution=(16, 24), reach=(9.0, 12.0), screen=Screen(height=5.0, center=(2, -1), size=(9, 7))),
+]
+
+
+@pytest.mark.parametrize("frustum", FRUSTA, ids=["centered", "recentered"])
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("seed", range(6))
+def test_gaps_are_those_of_brute_force(
+    frustum: Frustum, seed: int, compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Loose triangles on both sides, through the plate, and around the aperture."""
+    if not compiled:
+        monkeypatch.setattr(module, "compiled", lambda: False)
+    random = np.random.default_rng(seed)
+    scene = soup(np.concatenate((on_film(random, 16), random.uniform(-10, 10, (2, 3, 3)))), frustum)
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    gaps = reference.gaps(scene.plate.middle)
+    expected = by_brute_force(scene, np.ones_like(truth.covered)).reshape(gaps.shape)
+    assert truth.certainty is not None and not (truth.certainty == Certainty.TIE).any()
+    np.testing.assert_array_equal(np.isfinite(gaps), np.isfinite(expected))
+    found = np.isfinite(gaps)
+    assert (truth.height[found] < 0).any() and (truth.height[found] > 0).any()
+    np.testing.assert_allclose(gaps[found], expected[found], rtol=0, atol=ALIKE * max(frustum.reach))
+
+
+def test_each_camera_sees_what_is_on_its_own_side() -> None:
+    """C: nearest and second nearest; C*: farthest and the next toward the plate; never one of each."""
+    frustum = FRUSTA[0]
+    for heights, gap in [
+        ([-5.0, -3.0, -8.0], 2.0),
+        ([5.0, 3.0, 8.0], 3.0),
+        ([5.0, -3.0, -8.0], math.inf),
+        ([5.0, 0.0], 5.0),
+        ([0.0, -4.0, -5.0], 4.0),
+        ([-3.0], math.inf),
+        ([-3.0, -9.5], math.inf),  # beyond the reach
+    ]:
+        scene = soup(level_squares(heights), frustum)
+        gaps = Reference(scene).gaps(at(0.3, -0.2))
+        np.testing.assert_allclose(gaps, gap, rtol=0, atol=8 * ROUNDED, err_msg=str(heights))
+
+
+def test_surfaces_a_few_roundings_apart_are_told_apart_and_coincident_ones_are_one() -> None:
+    close = 3 * (1 + 1e-11)
+    for heights, gap in [([-3.0, -close], close - 3), ([-3.0, -3.0], math.inf), ([-3.0, -3.0, -4.0], 1.0)]:
+        scene = soup(level_squares(heights), FRUSTA[0])
+        gaps = Reference(scene).gaps(at(0.3, -0.2))
+        np.testing.assert_allclose(gaps, gap, rtol=0, atol=3 * ROUNDED)
+
+
+def test_the_gap_of_a_sphere_is_its_chord() -> None:
+    """A polyhedron between two balls has chords between theirs: 2 sqrt(r^2 - h^2 sin^2 a) cos a in |z|."""
+    shape = build_shape("sphere")
+    height = -90.0
+    corners = 40 * shape.vertices[shape.faces] + [0, 0, height]
+    scene = soup(corners, view("empty", (64, 48)).frustum)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    offsets = np.einsum("ij,ij->i", normals, corners[:, 0] - [0, 0, height]) / np.linalg.norm(normals, axis=1)
+    inner, outer = offsets.min(), np.linalg.norm(corners - [0, 0, height], axis=-1).max()
+    gaps = Reference(scene).gaps(at(0, 0))
+    cosine = 1 / np.linalg.norm(lines_by_definition(scene, at(0, 0)), axis=-1)
+
+    def chord(radius: float) -> NDArray[np.float64]:
+        return np.asarray(2 * np.sqrt(np.maximum(radius**2 - height**2 * (1 - cosine**2), 0)) * cosine)
+
+    seen = np.isfinite(gaps)
+    assert (seen >= (chord(inner) > 0)).all() and (seen <= (chord(outer) > 0)).all()
+    assert seen.sum() > 100
+    rounded = ROUNDED * abs(height)
+    assert (gaps[seen] >= chord(inner)[seen] - rounded).all()
+    assert (gaps[seen] <= chord(outer)[seen] + rounded).all()
+
+
+@pytest.mark.parametrize("name", ["car", "crossing", "asymmetric-recentered"])
+def test_refining_a_mesh_leaves_its_gaps(name: str) -> None:
+    """Neither edges of triangles nor their number change it: but where a line meets an edge exactly."""
+    scene = view(name, (160, 120))
+    aperture = scene.plate.middle
+    coarse, fine = (Reference(s).gaps(aperture) for s in (scene, refine(scene, 1)))
+    assert np.isfinite(coarse).mean() > 0.05
+    alike = np.isclose(coarse, fine, rtol=1e-6, atol=1e-9) | (np.isinf(coarse) & np.isinf(fine))
+    assert (~alike).mean() <= 1e-4
+
+
+def test_bands_make_one_image() -> None:
+    scene = view("car", (64, 48))
+    aperture = scene.plate.middle
+    runners_up = RunnersUp(scene.triangles, crossed_frustum(scene.frustum, aperture))
+    parts = [runners_up.gaps(range(start, start + 16)) for start in range(0, 48, 16)]
+    np.testing.assert_array_equal(np.concatenate(parts), Reference(scene).gaps(aperture))

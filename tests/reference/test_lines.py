@@ -1,0 +1,155 @@
+"""Pixel to line: the geometry of the design and of the paper's sections 3 to 5."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.views import at, lines_by_definition, view
+from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
+from xfrustum.raster.cameras.depth_formats import ClipEnds
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
+from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
+
+SCREENS = [
+    Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0)),
+    Screen(height=-60.0, center=(-4.0, 8.0), size=(100.0, 80.0)),
+]
+SETTINGS = [
+    DoubleFrustum(near=3.0),
+    DoubleFrustum(near=3.0, pivot=Pivot.CAMERA),
+    DoubleFrustum(near=3.0, fit=40.0),
+    DoubleFrustum(near=3.0, fit=Fit.ANGLE, slabs=(10.0, 50.0)),
+    DoubleFrustum(near=3.0, slabs=(7.0,), pivot=Pivot.CAMERA),
+    DoubleFrustum(near=3.0, offset=Offset.NONE, slabs=(20.0,)),
+]
+APERTURES = [at(0.0, 0.0), at(-39.5, 29.5), at(11.0, -23.0)]
+
+
+def recentered(screen: Screen, resolution: tuple[int, int] = (64, 48)) -> Frustum:
+    return Frustum(resolution=resolution, reach=(150.0, 130.0), screen=screen)
+
+
+def film_corner(pencil: Pencil, u: int, v: int, s: float) -> NDArray[np.float64]:
+    """Return the point at s on the line of the film's corner (u, v), found half a pixel beyond the last."""
+    dx, dy = pencil.dx, pencil.dy
+    x = dx[-1] + (dx[-1] - dx[-2]) / 2 if u > 0 else dx[0] - (dx[1] - dx[0]) / 2
+    y = dy[0] + (dy[0] - dy[1]) / 2 if v > 0 else dy[-1] - (dy[-2] - dy[-1]) / 2
+    return np.array(pencil.center) + s * np.array([x, y, -1.0])
+
+
+@pytest.mark.parametrize("aperture", APERTURES)
+@pytest.mark.parametrize("screen", SCREENS)
+def test_the_screen_fills_the_film_of_every_aperture(screen: Screen, aperture: Aperture) -> None:
+    """In front of the plate its image is mirrored in both axes, as everything there is."""
+    pencil = crossed_frustum(recentered(screen), aperture)
+    mirror = -1 if screen.height > 0 else 1
+    for u in (-1, 1):
+        for v in (-1, 1):
+            corner = np.array(screen.center) + mirror * np.array([u, v]) * np.array(screen.size) / 2
+            found = film_corner(pencil, u, v, -screen.height)
+            np.testing.assert_allclose(found, [*corner, screen.height], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("resolution", [(512, 384), (7, 5), (1, 1)])
+def test_pixel_centers_divide_the_film_evenly(resolution: tuple[int, int]) -> None:
+    width, height = resolution
+    angles = (math.radians(70), math.radians(50))
+    pencil = crossed_frustum(Frustum(resolution=resolution, reach=(1.0, 1.0), fov=angles), at(0.25, -0.5))
+    assert pencil.center == (0.25, -0.5, 0.0)
+    assert pencil.s_range == (-1.0, 1.0)
+    for column in range(width):
+        u = (2 * column + 1) / width - 1
+        assert pencil.dx[column] == pytest.approx(u * math.tan(math.radians(35)), rel=1e-14, abs=1e-16)
+    for row in range(height):
+        v = 1 - (2 * row + 1) / height
+        assert pencil.dy[row] == pytest.approx(v * math.tan(math.radians(25)), rel=1e-14, abs=1e-16)
+    assert pencil.directions().shape == (height, width, 3)
+
+
+@pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "car-recentered"])
+def test_every_line_passes_through_the_aperture_with_the_slopes_of_the_design(name: str) -> None:
+    scene = view(name, (33, 20))
+    aperture = scene.plate.corners[1]
+    pencil = crossed_frustum(scene.frustum, aperture)
+    assert pencil.center == (aperture.x, aperture.y, 0.0)
+    assert pencil.s_range == (-scene.frustum.reach[0], scene.frustum.reach[1])
+    expected = lines_by_definition(scene, aperture)
+    np.testing.assert_allclose(pencil.directions(), expected, rtol=1e-15, atol=1e-16)
+    np.testing.assert_array_equal(pencil.directions(slice(3, 7)), pencil.directions()[3:7])
+
+
+@pytest.mark.parametrize("aperture", APERTURES)
+@pytest.mark.parametrize("screen", SCREENS)
+@pytest.mark.parametrize("near", [40.0, 0.5, 1e-6])
+def test_the_offset_cameras_near_planes_coincide_at_the_plate(
+    screen: Screen, aperture: Aperture, near: float
+) -> None:
+    """The paper's condition (section 4): C and C* are pushed back until their near planes meet.
+
+    Recentered, they meet in one and the same window about the aperture, mirrored in both axes: C*'s
+    lines run through it the other way.
+    """
+    frustum = recentered(screen)
+    c, c_star = (camera.pencil for camera in model_cameras(frustum, aperture, DoubleFrustum(near=near)))
+    window = near * np.array([screen.size[0], screen.size[1]]) / 2 / abs(screen.height)
+    center = np.array([aperture.x, aperture.y])
+    for u in (-1, 1):
+        for v in (-1, 1):
+            corner = center + window * [u, v]
+            on_c, on_c_star = film_corner(c, u, v, near), film_corner(c_star, -u, -v, -near)
+            np.testing.assert_allclose(on_c, [*corner, 0.0], rtol=0, atol=1e-12)
+            np.testing.assert_allclose(on_c_star, [*corner, 0.0], rtol=0, atol=1e-12)
+    assert c.center[2] == near and c_star.center[2] == -near
+    viewer, back = frustum.reach
+    ends = [film_corner(c, 1, 1, c.s_range[1])[2], film_corner(c_star, 1, 1, c_star.s_range[0])[2]]
+    np.testing.assert_allclose(ends, [-back, viewer], rtol=1e-15)
+    # The farthest from C* is the nearest to the viewer: it has the smallest s, and is met first.
+    assert c_star.s_range[0] < c_star.s_range[1] == -near and c.s_range[0] == near
+
+
+@pytest.mark.parametrize("frustum", [*map(recentered, SCREENS), view("car", (64, 48)).frustum])
+@pytest.mark.parametrize("aperture", APERTURES)
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_both_answers_put_a_point_into_the_same_pixel(
+    frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
+) -> None:
+    """The exact lines of C and C* against the matrices for OpenGL: two derivations of one geometry."""
+    pencils = [camera.pencil for camera in model_cameras(frustum, aperture, settings)]
+    c, c_star = (slab_cameras(frustum, settings, orthoscopic=side) for side in (True, False))
+    ends = ClipEnds(near=0.0, far=1.0)
+    matrices = [
+        clip_from_scene(frustum, aperture, camera, settings.pivot, ends) for camera in (*reversed(c), *c_star)
+    ]
+    width, height = frustum.resolution
+    u = (2 * np.arange(width) + 1) / width - 1
+    v = 1 - (2 * np.arange(height) + 1) / height
+    for pencil, matrix in zip(pencils, matrices, strict=True):
+        for s in np.linspace(*pencil.s_range, 5):
+            points = np.array(pencil.center) + s * pencil.directions()
+            clip = np.append(points, np.ones((height, width, 1)), axis=2) @ matrix.T
+            assert (clip[..., 3] > 0).all()
+            np.testing.assert_allclose(clip[..., 3], abs(s), rtol=1e-12)
+            depth = clip[..., 2] / clip[..., 3]
+            if abs(s) in (min(map(abs, pencil.s_range)), max(map(abs, pencil.s_range))):
+                np.testing.assert_allclose(depth, float(abs(s) == max(map(abs, pencil.s_range))), atol=1e-11)
+            film = clip[..., :2] / clip[..., 3:]
+            np.testing.assert_allclose(film[..., 0], np.broadcast_to(u, (height, width)), atol=1e-12)
+            np.testing.assert_allclose(film[..., 1], np.broadcast_to(v[:, None], (height, width)), atol=1e-12)
+
+
+def test_as_near_vanishes_the_offset_cameras_become_the_crossed_frustum() -> None:
+    scene = view("asymmetric-recentered", (64, 48))
+    reference, aperture = Reference(scene), scene.plate.corners[0]
+    truth = reference.trace(aperture)
+    different = [
+        (reference.trace_model(aperture, DoubleFrustum(near=n)).triangle != truth.triangle).mean()
+        for n in (15.0, 1.5, 1.5e-12)
+    ]
+    assert different[0] > different[1] > 0
+    assert different[2] == 0

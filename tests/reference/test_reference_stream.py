@@ -1,0 +1,77 @@
+"""Many apertures in one stream: the very images that each has alone."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from tests.support.views import view
+from xfrustum.reference import Reference, truth
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.effects import needed
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.rendering import Rendering
+
+APERTURES = [(40, 30), (0, 0), (80, 60), (29, 12), (41, 30), (40, 30), (3, 55)]
+
+
+def assert_same(one: HogelImage, other: HogelImage) -> None:
+    """Every bit, camera and companions included."""
+    for field in fields(HogelImage):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(a, np.ndarray):
+            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), field.name
+        else:
+            assert a == b, field.name
+
+
+@pytest.mark.parametrize("tracer", ["embree", "mitsuba"])
+# `crossing` has triangles that reach through the plate at some of these apertures, and not at others.
+@pytest.mark.parametrize("name", ["crossing", "asymmetric-recentered", "large-triangles"])
+def test_a_stream_has_the_images_of_each_aperture_alone(
+    name: str, tracer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = view(name, (40, 24))
+    apertures = [scene.plate.aperture(*index) for index in APERTURES]
+    reference = Reference(scene, tracer=tracer)
+    # Three hogels at a time, so that seven end in a group that is not full.
+    monkeypatch.setattr(truth, "STREAMED_PIXELS", 3 * 40 * 24)
+    streamed = list(reference.stream(iter(apertures)))
+    assert [image.camera.aperture for image in streamed] == apertures
+    for image, aperture in zip(streamed, apertures, strict=True):
+        assert_same(image, reference.trace(aperture))
+
+
+def test_so_it_has_where_images_are_cut_into_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = view("car", (48, 64))
+    apertures = [scene.plate.aperture(*index) for index in APERTURES[:3]]
+    reference = Reference(scene)
+    alone = [reference.trace(aperture) for aperture in apertures]
+    monkeypatch.setattr(truth, "BUSY_PIXELS", 48 * 10)
+    for image, expected in zip(reference.stream(apertures), alone, strict=True):
+        assert_same(image, expected)
+
+
+def test_and_where_color_is_a_mean() -> None:
+    scene = replace(view("grating", (24, 24)), sampling=Sampling(aperture=3))
+    apertures = [scene.plate.aperture(*index) for index in APERTURES[:2]]
+    reference = Reference(scene)
+    for image, aperture in zip(reference.stream(apertures), apertures, strict=True):
+        assert_same(image, reference.trace(aperture))
+        assert image.rendering == Rendering.of(needed(scene), Sampling(aperture=3))
+
+
+def test_nothing_is_traced_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = view("car", (16, 16))
+    monkeypatch.setattr(truth, "STREAMED_PIXELS", 2 * 16 * 16)
+    taken: list[int] = []
+
+    def apertures() -> object:
+        for column in range(81):
+            taken.append(column)
+            yield scene.plate.aperture(column, 30)
+
+    next(Reference(scene).stream(apertures()))  # type: ignore[arg-type]
+    assert taken == [0, 1]

@@ -1,0 +1,419 @@
+"""Light paths through Mitsuba: the double-precision light where no more is asked for, and closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from tests.support.lit import (
+    CENTERED,
+    LAMP,
+    PLATE,
+    REACH,
+    RECENTERED,
+    Floats,
+    ball,
+    card,
+    eyes,
+    lit,
+    quad,
+    sky,
+)
+from xfrustum.reference import Reference
+from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.transport import transport
+from xfrustum.reference.transport.light_paths import CLEARANCE, SINGLE, power
+from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
+from xfrustum.scenes import Scene, SceneObject
+from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+
+APERTURE = PLATE.aperture(3, 12)
+SMALL = replace(RECENTERED, resolution=(32, 24))
+
+PAINT = Material(
+    ambient=(0.02, 0.05, 0.03),
+    diffuse=(0.7, 0.4, 0.2),
+    specular=(0.3, 0.5, 0.6),
+    exponent=12.5,
+    reflectivity=(0.3, 0.2, 0.4),
+)
+
+FALSE_ALARM = 1e-4
+"""Chance that a test of a whole picture fails although nothing is wrong. Seeds are fixed."""
+
+SEEN_OFTEN = 100
+"""Paths that find a lamp: of fewer, which are rare events, neither mean nor variance are near normal."""
+
+COLOR_ROUNDING = 3 * 2.0**-24
+"""Relative: the reference's color is rounded to float32; the rest is double precision."""
+
+
+def everything() -> tuple[SceneObject, ...]:
+    """Smooth, flat, textured and colored surfaces on both sides of the plate, some behind others."""
+    uv = np.array([(0.0, 0.1), (3.3, 0.0), (3.0, 2.2), (0.0, 2.0)])
+    picture = np.random.default_rng(8).integers(0, 256, (5, 7, 4), dtype=np.uint8)
+    floor = replace(
+        quad([(-40, -35, -70), (38, -30, -90), (43, 40, -82.75), (-35, 35, -62.75)], "paint", uv=uv),
+        textures=(picture,),
+        texture_of_triangle=np.array([0, -1], dtype=np.int32),
+    )
+    behind = ball((5.0, 2.0, -45.0), 14.0, "paint", 3)
+    before = ball((-4.0, 1.0, 30.0), 5.0, "paint", 2, smooth=False)
+    colored = replace(behind, vertex_colors=np.abs(behind.vertices) / 60)
+    return floor, colored, before
+
+
+def farthest(estimate: RadianceEstimate, expected: Floats) -> float:
+    """p-value of the pixel and channel that lies farthest out, corrected for their number (Bonferroni).
+
+    Student's t by the samples' own spread; where samples do not vary, and everywhere in addition, the two
+    may differ by the rounding of colors.
+    """
+    difference = np.maximum(np.abs(estimate.mean - expected) - COLOR_ROUNDING * np.abs(expected), 0.0)
+    error = np.sqrt(estimate.variance_of_mean)
+    assert not difference[error == 0].any()
+    chance = 2 * stats.t.sf(difference[error > 0] / error[error > 0], estimate.samples - 1)
+    return float(chance.min(initial=1.0) * max(chance.size, 1))
+
+
+def some(estimate: RadianceEstimate, pixels: NDArray[np.bool_]) -> RadianceEstimate:
+    mean, variance = estimate.mean[pixels], estimate.variance_of_mean[pixels]
+    return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=estimate.samples)
+
+
+class TestDirectLight:
+    """Without shadows and interreflection, both references compute the same light."""
+
+    def test_at_pixel_centers_it_is_the_same_to_the_rounding_of_colors(self) -> None:
+        scene = lit(*everything(), frustum=SMALL, environment=sky(), paint=PAINT)
+        truth = Reference(scene).trace(APERTURE)
+        estimate = PathTracer(scene).render(APERTURE, Transport(samples=2))
+        assert truth.color is not None
+        assert truth.overruled is not None
+        assert np.count_nonzero(truth.covered) > 300
+        assert not estimate.variance_of_mean.any()
+        same = ~truth.overruled
+        np.testing.assert_allclose(
+            estimate.mean[same], truth.color[same].astype(np.float64), rtol=COLOR_ROUNDING, atol=1e-12
+        )
+
+    def test_over_pixel_boxes_it_is_the_same_within_its_noise(self) -> None:
+        sampling = Sampling(supersample=4)
+        scene = lit(*everything(), frustum=SMALL, environment=sky(), sampling=sampling, paint=PAINT)
+        truth = Reference(scene).trace(APERTURE).color
+        assert truth is not None
+        estimate = PathTracer(scene).render(APERTURE, Transport(samples=256), seed=3)
+        assert np.count_nonzero(estimate.variance_of_mean > 0) > 1000
+        assert farthest(estimate, truth.astype(np.float64)) > FALSE_ALARM
+
+    def test_another_light_would_be_seen_through_the_noise(self) -> None:
+        sampling = Sampling(supersample=4)
+        scene = lit(*everything(), frustum=SMALL, environment=sky(), sampling=sampling, paint=PAINT)
+        brighter = replace(PAINT, diffuse=(0.73, 0.4, 0.2))
+        other = lit(*everything(), frustum=SMALL, environment=sky(), sampling=sampling, paint=brighter)
+        truth = Reference(other).trace(APERTURE).color
+        assert truth is not None
+        estimate = PathTracer(scene).render(APERTURE, Transport(samples=256), seed=3)
+        assert farthest(estimate, truth.astype(np.float64)) < FALSE_ALARM
+
+    def test_the_claimed_variance_is_that_between_seeds(self) -> None:
+        scene = lit(*everything(), frustum=SMALL, environment=sky(), paint=PAINT)
+        asked = Transport(shadows=True, interreflection=True, samples=16)
+        tracer = PathTracer(replace(scene, sampling=Sampling(supersample=2)))
+        found = [tracer.render(APERTURE, asked, seed=seed) for seed in range(24)]
+        actual = np.var([one.mean for one in found], axis=0, ddof=1)
+        claimed = np.mean([one.variance_of_mean for one in found], axis=0)
+        noisy = claimed > 0
+        assert np.count_nonzero(noisy) > 1000
+        # Ratios of variances with 23 degrees of freedom spread by sqrt(2 / 23) = 0.3 each; their mean over
+        # a thousand pixels or more, channels alike, by less than 0.01 for light tails; paths have heavier.
+        assert 0.9 < (actual[noisy] / claimed[noisy]).mean() < 1.1
+
+    def test_seeds_repeat_and_differ(self) -> None:
+        scene = lit(*everything(), frustum=SMALL, paint=PAINT)
+        asked = Transport(interreflection=True, samples=4)
+        first, again, other = (
+            PathTracer(scene).render(APERTURE, asked, seed=seed).mean for seed in (5, 5, 6)
+        )
+        np.testing.assert_array_equal(first, again)
+        assert not np.array_equal(first, other)
+
+    def test_launches_of_any_size_give_the_same_moments(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        scene = lit(*everything(), frustum=SMALL, sampling=Sampling(supersample=2), paint=PAINT)
+        truth = Reference(scene).trace(APERTURE).color
+        monkeypatch.setattr(transport, "PATHS_AT_ONCE", 500)
+        estimate = PathTracer(scene).render(APERTURE, Transport(samples=33))
+        assert truth is not None
+        assert farthest(estimate, truth.astype(np.float64)) > FALSE_ALARM
+        assert np.count_nonzero(estimate.variance_of_mean) > 100
+
+    def test_nothing_is_black(self) -> None:
+        estimate = PathTracer(lit()).render(APERTURE, Transport(shadows=True, interreflection=True))
+        assert not estimate.mean.any()
+        assert not estimate.variance_of_mean.any()
+
+    @pytest.mark.parametrize("factor", [2.0**-40, 1000.0])
+    def test_the_unit_of_length_does_not_matter(self, factor: float) -> None:
+        scene = lit(*everything(), environment=sky(), paint=PAINT)
+        frustum = replace(scene.frustum, resolution=(16, 12))
+        asked = Transport(shadows=True, samples=2)
+        expected = PathTracer(replace(scene, frustum=frustum)).render(PLATE.middle, asked).mean
+        scaled = replace(
+            scene,
+            objects=tuple(replace(part, vertices=part.vertices * factor) for part in scene.objects),
+            frustum=replace(frustum, reach=(REACH[0] * factor, REACH[1] * factor)),
+        )
+        middle = replace(PLATE.middle, x=PLATE.middle.x * factor, y=PLATE.middle.y * factor)
+        np.testing.assert_allclose(
+            PathTracer(scaled).render(middle, asked).mean, expected, rtol=1e-6, atol=1e-9
+        )
+
+    def test_one_ray_at_a_time_gives_the_same(self) -> None:
+        """The scalar variant, which is all there is without LLVM."""
+        scene = lit(*everything(), frustum=replace(SMALL, resolution=(8, 6)), environment=sky(), paint=PAINT)
+        asked = Transport(shadows=True, samples=2)
+        expected = PathTracer(scene).render(APERTURE, asked).mean
+        bounced = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=64))
+        mi = backend().mitsuba
+        before = mi.variant()
+        mi.set_variant("scalar_rgb")
+        try:
+            found = PathTracer(scene).render(APERTURE, asked).mean
+            slow = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=8), seed=2)
+        finally:
+            mi.set_variant(before)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        both = RadianceEstimate(
+            mean=slow.mean, variance_of_mean=slow.variance_of_mean + bounced.variance_of_mean, samples=8
+        )
+        assert farthest(both, bounced.mean) > FALSE_ALARM
+
+
+HIGH = DirectionalLight(direction=(-0.25, 0.15, 1.0), color=(1.0, 0.8, 0.5))
+
+
+def shadow_scene(lights: tuple[DirectionalLight, ...]) -> tuple[Scene, SceneObject]:
+    """A floor far behind the plate and a card above it, before the plate."""
+    screen = card((3.0, -2.0, 12.0), (9.0, 6.0), "matt")
+    matt = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0.8, 0.6, 0.4))
+    frustum = replace(CENTERED, resolution=(96, 72))
+    return lit(
+        card((0.0, 0.0, -40.0), (200.0, 200.0), "matt"), screen, frustum=frustum, lights=lights, matt=matt
+    ), screen
+
+
+class TestShadows:
+    def test_a_card_throws_its_outline_across_the_plate(self) -> None:
+        """A point of the floor is dark where the line toward the light meets the card: a moved rectangle."""
+        scene, screen = shadow_scene((HIGH,))
+        image = Reference(scene).trace(PLATE.middle)
+        direct = PathTracer(scene).render(PLATE.middle, Transport(samples=2)).mean
+        shadowed = PathTracer(scene).render(PLATE.middle, Transport(shadows=True, samples=2)).mean
+        floor = image.object == 0
+        point = image.position[floor]
+        light = np.array(HIGH.direction)
+        arrives = point + (12.0 - point[:, 2:]) / light[2] * light
+        low, high = screen.vertices.min(axis=0)[:2], screen.vertices.max(axis=0)[:2]
+        # How far inside the card's outline the line passes it; outside negative.
+        inside = np.minimum(arrives[:, :2] - low, high - arrives[:, :2]).min(axis=1)
+        # Rays start off the surface, and are in float32.
+        blurred = 4 * CLEARANCE * SINGLE * np.abs(scene.vertices).max()
+        dark, lit_up = inside > blurred, inside < -blurred
+        assert np.count_nonzero(dark) > 50
+        assert np.count_nonzero(lit_up) > 500
+        assert np.count_nonzero(dark | lit_up) > 0.99 * len(point)
+        np.testing.assert_allclose(shadowed[floor][dark], 0.1, rtol=1e-12)
+        np.testing.assert_array_equal(shadowed[floor][lit_up], direct[floor][lit_up])
+        np.testing.assert_array_equal(shadowed[~floor], direct[~floor])
+
+    def test_each_light_has_its_own(self) -> None:
+        """What two lights leave in the dark is the sum of what each of them does, above the ambient term."""
+        both, one, other = (
+            PathTracer(shadow_scene(lights)[0]).render(PLATE.middle, Transport(shadows=True, samples=2)).mean
+            for lights in ((HIGH, LAMP), (HIGH,), (LAMP,))
+        )
+        covered = both[..., 0] > 0
+        np.testing.assert_allclose(both[covered], (one + other)[covered] - 0.1, rtol=1e-9)
+
+    @pytest.mark.parametrize("center", [(-3.0, 5.0, -55.0), (9.0, 0.0, 45.0), (0.0, 0.0, -1000.0)])
+    @pytest.mark.parametrize("smooth", [False, True])
+    def test_what_is_convex_throws_none_on_itself(
+        self, center: tuple[float, float, float], smooth: bool
+    ) -> None:
+        """What faces the light is lit whole, however its ray starts, and whichever way its facet looks."""
+        part = ball(center, 0.3 * abs(center[2]), "paint", 4, smooth=smooth)
+        frustum = replace(CENTERED, resolution=(64, 48), reach=(100.0, 2000.0))
+        scene = lit(part, frustum=frustum, paint=PAINT)
+        plain, shadowed = (
+            PathTracer(scene).render(APERTURE, Transport(shadows=s, samples=2)).mean for s in (False, True)
+        )
+        assert np.count_nonzero(plain) > 500
+        np.testing.assert_array_equal(shadowed, plain)
+
+    def test_what_touches_is_shadowed_up_to_the_contact(self) -> None:
+        """A wall on a floor: the shadow begins at its foot, but for what is lost by rays that start off."""
+        floor = card((0.0, 0.0, -40.0), (60.0, 60.0), "matt")
+        wall = quad([(0, -30, -40), (0, 30, -40), (0, 30, -20), (0, -30, -20)], "matt")
+        matt = Material(ambient=(0.1, 0.1, 0.1))
+        light = DirectionalLight(direction=(-1.0, 0.0, 1.0))
+        scene = lit(floor, wall, frustum=replace(CENTERED, resolution=(128, 8)), lights=(light,), matt=matt)
+        image = Reference(scene).trace(PLATE.middle)
+        shadowed = PathTracer(scene).render(PLATE.middle, Transport(shadows=True, samples=2)).mean
+        x = np.where(image.object == 0, image.position[..., 0], np.nan)
+        dark = (x > 4 * CLEARANCE * SINGLE * 40) & (x < 20 - 1e-3)
+        assert np.count_nonzero(dark) > 100
+        np.testing.assert_allclose(shadowed[dark], 0.1, rtol=1e-12)
+        assert (shadowed[x < 0] > 0.2).all()
+
+
+LAMP_COLOR = (3.0, 2.0, 1.0)
+
+
+class TestInterreflection:
+    def test_a_furnace_glows_as_the_sum_of_all_its_bounces(self) -> None:
+        """In a closed box whose walls glow with e and scatter the share d, everything shows e / (1 - d)."""
+        wall = Material(ambient=(0.2, 0.3, 0.1), diffuse=(0.5, 0.2, 0.8))
+        corners = np.array([(x, y, z) for x in (-30, 34) for y in (-25, 27) for z in (-50, 20)], dtype=float)
+        sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        box = [quad(corners[list(side)], "wall") for side in sides]
+        # Cut where the reach begins, so that the box is looked into.
+        frustum = replace(CENTERED, resolution=(16, 12), reach=(10.0, 60.0))
+        scene = lit(*box, frustum=frustum, lights=(), wall=wall)
+        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=512))
+        expected = np.broadcast_to(np.array(wall.ambient) / (1 - np.array(wall.diffuse)), (12, 16, 3))
+        assert farthest(estimate, expected) > FALSE_ALARM
+        error = np.sqrt(estimate.variance_of_mean.sum(axis=(0, 1))) / (12 * 16)
+        assert np.all(np.abs((estimate.mean - expected).mean(axis=(0, 1))) < 4 * error)
+        assert np.all(error < 0.01 * expected[0, 0])
+
+    TRIANGLE = np.array([(-24.0, -18.0, 30.0), (50.0, -8.0, 38.0), (6.0, 40.0, 34.0)])
+    """A glowing triangle beyond the reach: not imaged, but it lights and is mirrored."""
+
+    def under_the_triangle(self, floor: Material) -> Scene:
+        lamp = SceneObject(name="lamp", vertices=self.TRIANGLE, faces=np.array([(0, 1, 2)]), material="glow")
+        glow = Material(ambient=LAMP_COLOR, diffuse=(0.0,) * 3)
+        frustum = replace(CENTERED, resolution=(24, 18), reach=(25.0, 120.0))
+        part = card((0.0, 0.0, -40.0), (100.0, 90.0), "floor")
+        return lit(part, lamp, frustum=frustum, lights=(), environment=sky(), floor=floor, glow=glow)
+
+    def share(self, points: NDArray[np.floating]) -> Floats:
+        """Share of the hemisphere above each point, by cosine, that the triangle fills (Lambert, 1760).
+
+        A sum over its edges: 1 / 2 pi times the angle under which each is seen, times the cosine between
+        the normal and that of the plane through the edge and the point.
+        """
+        seen = self.TRIANGLE - points[..., None, :]
+        seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+        share = np.zeros(points.shape[:-1])
+        for k in range(3):
+            a, b = seen[..., k, :], seen[..., (k + 1) % 3, :]
+            across = np.cross(a, b)
+            sine = np.linalg.norm(across, axis=-1)
+            share += np.arctan2(sine, np.sum(a * b, axis=-1)) * across[..., 2] / sine / (2 * math.pi)
+        return np.abs(share)
+
+    def inside(self, points: NDArray[np.floating], directions: Floats) -> Floats:
+        """Smallest barycentric coordinate of where lines meet the triangle's plane: negative outside."""
+        edges = np.broadcast_arrays(*(self.TRIANGLE[1:] - self.TRIANGLE[0]), -directions)
+        offset = points - self.TRIANGLE[0]
+        solved = np.linalg.solve(np.stack(edges, axis=-1), offset[..., None])[..., 0]
+        b, c = solved[..., 0], solved[..., 1]
+        return np.asarray(np.minimum(np.minimum(b, c), 1 - b - c))
+
+    def test_diffuse_light_of_a_triangle_is_lamberts(self) -> None:
+        floor = Material(ambient=(0.0,) * 3, diffuse=(0.9, 0.5, 0.7))
+        scene = self.under_the_triangle(floor)
+        image = Reference(scene).trace(APERTURE)
+        assert image.covered.all()
+        share = self.share(image.position)
+        expected = share[..., None] * np.array(floor.diffuse) * LAMP_COLOR
+        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=4096))
+        assert (
+            farthest(some(estimate, share * 4096 > SEEN_OFTEN), expected[share * 4096 > SEEN_OFTEN])
+            > FALSE_ALARM
+        )
+        error = np.sqrt(estimate.variance_of_mean.sum()) / estimate.mean.size
+        assert abs((estimate.mean - expected).mean()) < 4 * error
+        assert error < 0.01 * expected.mean()
+
+    def test_a_mirror_shows_what_lies_in_the_mirrored_direction(self) -> None:
+        """The lamp where the mirrored line meets it, else the environment; without any noise."""
+        mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
+        scene = self.under_the_triangle(mirror)
+        image = Reference(scene).trace(APERTURE)
+        assert image.color is not None
+        inside = self.inside(image.position, eyes(scene, APERTURE) * (-1.0, -1.0, 1.0))
+        clear = np.abs(inside) > 1e-4
+        lamp = np.array(mirror.reflectivity) * LAMP_COLOR
+        shown = np.where((inside > 0)[..., None], lamp, image.color)
+        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=4))
+        assert np.count_nonzero(inside > 0) > 10
+        assert np.count_nonzero(clear) > 0.99 * clear.size
+        np.testing.assert_allclose(estimate.mean[clear], shown[clear], rtol=COLOR_ROUNDING)
+
+    def test_a_mirrored_direction_under_its_own_triangle_shows_the_environment(self) -> None:
+        """By a normal that leans far over, as the local model has it: no black rims on smooth mirrors."""
+        mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
+        leaning = np.broadcast_to((0.9, 0.0, math.sqrt(0.19)), (4, 3))
+        part = replace(card((0.0, 0.0, -40.0), (100.0, 90.0), "mirror"), vertex_normals=leaning)
+        frustum = replace(CENTERED, resolution=(12, 9))
+        scene = lit(part, frustum=frustum, lights=(), environment=sky(), mirror=mirror)
+        local = Reference(scene).trace(APERTURE).color
+        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=2))
+        assert local is not None
+        np.testing.assert_allclose(estimate.mean, local.astype(np.float64), rtol=COLOR_ROUNDING)
+
+    def test_what_is_both_shows_the_sum(self) -> None:
+        floor = Material(ambient=(0.1, 0.2, 0.3), diffuse=(0.6, 0.5, 0.1), reflectivity=(0.1, 0.2, 0.6))
+        scene = self.under_the_triangle(floor)
+        image = Reference(scene).trace(APERTURE)
+        assert image.color is not None
+        inside = self.inside(image.position, eyes(scene, APERTURE) * (-1.0, -1.0, 1.0))
+        share = self.share(image.position)
+        mirrored = np.array(floor.ambient) + np.array(floor.reflectivity) * LAMP_COLOR
+        expected = np.where((inside > 0)[..., None], mirrored, image.color)
+        expected += share[..., None] * np.array(floor.diffuse) * LAMP_COLOR
+        estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=4096))
+        # Every other path, or more, looks for diffuse light.
+        clear = (np.abs(inside) > 1e-4) & (share * 4096 / 2 > SEEN_OFTEN)
+        assert np.count_nonzero(clear) > 0.5 * clear.size
+        part = some(estimate, clear)
+        assert farthest(part, expected[clear]) > FALSE_ALARM
+        error = np.sqrt(part.variance_of_mean.sum(axis=0)) / len(part.mean)
+        assert np.all(np.abs((part.mean - expected[clear]).mean(axis=0)) < 4 * error)
+
+    @pytest.mark.parametrize("shadows", [False, True])
+    def test_a_lit_floor_lights_a_wall_by_half_of_what_it_shows(self, shadows: bool) -> None:
+        """A wall sees a wide floor fill half its hemisphere, by cosine; the sun shines along the wall."""
+        sun = DirectionalLight(direction=(0.0, 0.6, 0.8), color=(1.0, 0.8, 0.5))
+        ground = Material(ambient=(0.0,) * 3, diffuse=(0.7, 0.5, 0.6))
+        plaster = Material(ambient=(0.0,) * 3, diffuse=(0.9, 0.8, 0.3))
+        wall = quad([(8, -2, -42), (8, -2, -39), (8, 1, -39), (8, 1, -42)], "plaster")
+        # A floor that ends at 1e4 lacks some (70 / 1e4)^2 of its share, and gets 9 / 70^2 from the wall.
+        floor = card((0.0, 0.0, -110.0), (2e4, 2e4), "ground")
+        screen = replace(RECENTERED, resolution=(64, 64), reach=(50.0, 200.0))
+        scene = lit(wall, floor, frustum=screen, lights=(sun,), ground=ground, plaster=plaster)
+        seen = Reference(scene).trace(APERTURE).object == 0
+        assert np.count_nonzero(seen) >= 3
+        asked = Transport(shadows=shadows, interreflection=True, samples=1024)
+        estimate = PathTracer(scene).render(APERTURE, asked)
+        expected = np.array(plaster.diffuse) * 0.5 * 0.8 * np.array(sun.color) * np.array(ground.diffuse)
+        part = some(estimate, seen)
+        assert farthest(part, np.broadcast_to(expected, part.mean.shape)) > FALSE_ALARM
+        assert np.sqrt(part.variance_of_mean.mean()) < 0.04 * expected.mean()
+
+
+def test_a_highlight_that_dies_out_below_what_doubles_hold_is_dark() -> None:
+    """Powers that underflow are zero, and no infinity."""
+    mi = backend().mitsuba
+    base = np.concatenate(([0.0, 1e-300, 1.0], np.linspace(0.02, 0.04, 4001)))
+    highlight = np.array(power(mi.Float64(base), mi.Float64(200.0)))
+    assert np.isfinite(highlight).all()
+    np.testing.assert_allclose(highlight, np.float_power(base, 200.0), rtol=1e-12, atol=1e-304)

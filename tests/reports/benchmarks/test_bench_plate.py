@@ -1,0 +1,146 @@
+"""Benchmarks say what they measured; how fast anything is, is no test's business."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.views import view
+from xfrustum.cli.main import main
+from xfrustum.raster.light.reflection import reflecting
+from xfrustum.raster.races.plate_rates import BATCHED, MEANINGS
+from xfrustum.reports.benchmarks.plate import bench_plate, table
+from xfrustum.reports.benchmarks.table1 import PAPER, Database, bench_table1
+from xfrustum.reports.benchmarks.table1 import table as table_1
+from xfrustum.reports.common.timing import Spread, race
+from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
+from xfrustum.scenes.model.effects import Effect, needed
+
+
+def test_a_spread_is_the_median_and_the_ends() -> None:
+    assert Spread.of([5.0, 1.0, 3.0]) == Spread(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
+    assert Spread.of([8.0, 2.0]).divided_by(2) == Spread(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
+
+
+def test_contestants_take_turns_and_the_first_turn_does_not_count() -> None:
+    order: list[str] = []
+    done: list[None] = []
+    runs = {name: partial(order.append, name) for name in "ab"}
+    seconds = race(runs, 2, lambda: done.append(None))
+    assert order == list("ababab") and len(done) == 6
+    assert {name: spread.repetitions for name, spread in seconds.items()} == {"a": 2, "b": 2}
+
+
+def test_the_plates_json_carries_every_contestant_stage_and_ratio(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["bench", "plate", "crossing", "--resolution", "8", "--repeat", "2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    rates = found["hogels_per_second"]
+    assert set(rates) == set(found["meanings"]) == set(MEANINGS)
+    assert all(0 < rate["lowest"] <= rate["median"] <= rate["highest"] for rate in rates.values())
+    assert found["hogels"] == 81 and found["resolution"] == [8, 8] and found["row"] == 30
+    for pair, ratio in found["ratios"].items():
+        one, other = pair.split("/")
+        assert ratio == pytest.approx(rates[one]["median"] / rates[other]["median"])
+    assert set(found["stages_s"]) == {"upload", "C", "C*", "read-back"}
+    assert all(set(clocks) == {"gpu_s", "wall_s"} for clocks in found["stages_s"].values())
+    assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
+
+
+def test_the_plates_table_names_every_contestant_and_stage() -> None:
+    lines = table(bench_plate(view("crossing"), 8, 1)).splitlines()
+    assert {line.split()[0] for line in lines if line} >= {*MEANINGS, "upload", "C", "C*", "read-back"}
+    assert "crossing" in lines[0] and any(line.startswith(f"stages of {BATCHED}") for line in lines)
+
+
+def test_a_scene_without_triangles_is_refused() -> None:
+    with pytest.raises(InputError, match="empty"):
+        bench_plate(view("empty"), 8, 1)
+
+
+@pytest.mark.parametrize("paper", PAPER, ids=lambda paper: str(paper.polygons))
+def test_the_car_has_the_papers_counts_and_the_same_surface(paper: Database) -> None:
+    car = tessellated_car(paper.polygons, paper.reflective_share)
+    assert len(car.scene.faces) == paper.polygons
+    assert np.count_nonzero(car.reflective) == round(paper.reflective_share * paper.polygons)
+    assert car.reflective[: np.count_nonzero(car.reflective)].all()
+    for part, original in zip(car.scene.objects, builtin.build("car").objects, strict=True):
+        assert area(part) == pytest.approx(area(original), rel=1e-12)
+        # Neither cracks nor vertices in the middle of somebody's edge.
+        assert boundary(part) == pytest.approx(boundary(original), rel=1e-12)
+        assert euler(part) == euler(original)
+
+
+def area(part: SceneObject) -> float:
+    a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def edges_of(part: SceneObject) -> tuple[np.ndarray, np.ndarray]:
+    sides = np.stack([part.faces, np.roll(part.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    edges, uses = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    return edges, uses
+
+
+def boundary(part: SceneObject) -> float:
+    """Length of all edges that bound one face only."""
+    edges, uses = edges_of(part)
+    ends = part.vertices[edges[uses == 1]]
+    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum())
+
+
+def euler(part: SceneObject) -> int:
+    return len(np.unique(part.faces)) - len(edges_of(part)[0]) + len(part.faces)
+
+
+def test_a_car_of_fewer_triangles_is_refused() -> None:
+    with pytest.raises(InputError, match="at least 41,896"):
+        tessellated_car(1000, 0.3)
+
+
+def test_table_1_is_measured_in_the_papers_terms(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "table1", "--resolution", "8", "--repeat", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row["polygons"] for row in found["rows"]] == [42382, 272074]
+    assert [round(row["reflective_share"], 3) for row in found["rows"]] == [0.312, 0.479]
+    for row in found["rows"]:
+        rate = row["frames_per_second"]
+        assert row["polygons_per_second"] == pytest.approx(row["polygons"] * rate)
+        assert set(row["paper"]) == {"RealityEngine2", "Maximum Impact"}
+        for name, machine in row["paper"].items():
+            assert row["factors"][name] == pytest.approx(rate / machine["frames_per_second"])
+        # Somewhere in the frusta, and nothing more than twice.
+        assert 0 < row["submitted_polygons_per_second"] < 2 * row["polygons_per_second"]
+    assert found["antialiasing"] is False
+
+
+def test_table_1_as_text_sets_both_machines_beside_the_measurement() -> None:
+    text = table_1(bench_table1(8, 1, PAPER[:1]))
+    assert text.count("42,382") == 3
+    assert re.search(r"RealityEngine2 \(1996\), antialiasing on", text)
+    assert re.search(r"Maximum Impact \(1996\), antialiasing off", text)
+
+
+def test_the_papers_numbers_are_the_papers(shared_data: Path) -> None:
+    text = (shared_data / "paper.txt").read_text()
+    for row in PAPER:
+        old = row.machines["RealityEngine2"], row.machines["Maximum Impact"]
+        speeds = " | ".join(f"{m.frames_per_second} | {m.polygons_per_second:,}" for m in old)
+        assert f"| {row.polygons:,} | {100 * row.reflective_share:.1f}% | {speeds} |" in text
+
+
+def test_the_reflective_triangles_are_the_mirrors_of_the_picture() -> None:
+    """In the same triangles in the same order, so that the first of them are reflective."""
+    car = tessellated_car(42_382, 0.312)
+    scene = mirrored(car)
+    np.testing.assert_array_equal(scene.triangles, car.scene.triangles)
+    assert reflecting(scene) == [(0, int(car.reflective.sum()))]
+    assert Effect.REFLECTION in needed(scene) and Effect.SMOOTH_NORMALS in needed(scene)

@@ -1,0 +1,286 @@
+"""What accuracy costs: the front, the answers, and that nothing else can be had for less."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.views import view
+from xfrustum.cli.main import main
+from xfrustum.compare import compare_images
+from xfrustum.compare.metrics.display import LEVELS, encoded
+from xfrustum.compare.metrics.pixel_bands import ALONE_PIXELS, BAND_PIXELS, in_bands
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import TRACERS, Reference
+from xfrustum.reports.common.timing import CONFIDENCE, Spread
+from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
+from xfrustum.reports.cost import ways as cost_ways
+from xfrustum.reports.error_report.images import _levels
+from xfrustum.reports.measurements.measurement import MAX_WRONG
+from xfrustum.reports.trade_off.trade_off import Option, answers, cheapest, pareto, rank, unsettled
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+
+def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.0) -> Option:
+    return Option(
+        renderer="raster",
+        label=f"{seconds} s",
+        configuration={},
+        displacement_p99_px=moved,
+        surface_fraction=wrong,
+        time_s=Spread(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
+    )
+
+
+numbers = st.integers(1, 4).map(float)
+
+
+@given(st.lists(st.builds(option, numbers, numbers, numbers), min_size=1, max_size=12))
+def test_the_front_is_what_nothing_beats(options: list[Option]) -> None:
+    front = [one for one, best in zip(options, pareto(options), strict=True) if best]
+    assert front
+    assert not any(one.beats(other) for one in options for other in front)
+    assert all(one in front or any(other.beats(one) for other in front) for one in options)
+
+
+def test_the_cheapest_is_fast_enough_and_within_the_tolerance() -> None:
+    fast, slow, wrong = option(1, 0.4), option(2, 0.01), option(0.5, 0.0, wrong=2 * MAX_WRONG)
+    assert cheapest([slow, fast, wrong], 0.5) is fast
+    assert cheapest([slow, fast, wrong], 0.1) is slow
+    assert cheapest([fast, wrong], 0.1) is None
+
+
+def test_of_times_that_cannot_be_told_apart_the_least_error_is_named() -> None:
+    noisy, better = option(1, 0.4, slowest=1.5), option(1.2, 0.1)
+    assert cheapest([noisy, better], 0.5) is better
+    assert cheapest([noisy, replace(better, time_s=Spread.of([1.6] * 5))], 0.5) is noisy
+
+
+def timed(label: str, milliseconds: list[float], moved: float) -> Option:
+    return replace(option(1, moved), label=label, time_s=Spread.of([ms / 1000 for ms in milliseconds]))
+
+
+def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
+    """With one outlier the slower way, of the least error, was named the fastest at 99.5 ms."""
+    quick = timed("quick", [43, 43, 44, 43, 120], 0.4)
+    careful = timed("careful", [99, 99.5, 99.5, 100, 101], 0.01)
+    said = answers([careful, quick], 0.5)[0].sentence
+    assert said.startswith("The fastest way to stay under 0.5 px is one of these 2, 43 to 99.5 ms a picture")
+    assert "5 repetitions do not tell apart" in said
+    assert ". The least error among them is that of careful, 99.5 ms" in said
+    # Further repetitions leave the outlier out of the interval.
+    quick, careful = timed("quick", [43.0] * 8 + [120], 0.4), timed("careful", [99.5] * 9, 0.01)
+    assert answers([careful, quick], 0.5)[0].sentence.startswith(
+        "The fastest way to stay under 0.5 px: quick, 43 ms (43 to 43) a picture"
+    )
+
+
+def test_a_stricter_tolerance_within_the_noise_costs_nothing_that_can_be_told() -> None:
+    loose, strict = timed("loose", [40, 41, 42, 43, 60], 0.4), timed("strict", [44, 45, 46, 47, 48], 0.05)
+    assert "nothing more that can be told: strict, 46 ms" in answers([loose, strict], 0.5)[1].sentence
+    slower = timed("slower", [80, 80, 80, 80, 84], 0.05)
+    assert (
+        "2.00 times (1.90 to 2.10) the time of that"
+        in answers([timed("loose", [40, 40, 40, 41, 42], 0.4), slower], 0.5)[1].sentence
+    )
+
+
+def test_too_few_repetitions_rank_nothing() -> None:
+    said = answers([timed("one", [40], 0.4), timed("other", [90], 0.01)], 0.5)[0].sentence
+    assert "2 ways stay under 0.5 px, 40 to 90 ms a picture; they are not ranked by time" in said
+    assert "fastest" not in said
+
+
+repeated = st.lists(st.integers(1, 9), min_size=5, max_size=12)
+
+
+@given(st.lists(repeated, min_size=1, max_size=8))
+def test_no_way_is_left_out_whose_interval_overlaps_with_that_of_the_fastest(times: list[list[int]]) -> None:
+    options = [timed(str(number), [float(one) for one in each], 0.1) for number, each in enumerate(times)]
+    ranking = rank(options, 0.5)
+    assert ranking is not None
+    least = min(options, key=lambda one: one.time_s.median)
+    for one in options:
+        apart = least.time_s.interval[1] < one.time_s.interval[0]
+        assert (one in ranking.fastest) != apart
+    assert ranking.fastest[0].time_s.median == least.time_s.median
+
+
+@pytest.mark.parametrize("count", [5, 6, 7, 8, 9])
+def test_equally_long_times_are_told_apart_by_chance_once_in_126_times_at_most(count: int) -> None:
+    """Every order of two samples of one distribution is equally likely: all of them are counted."""
+    orders = list(itertools.combinations(range(2 * count), count))
+    apart = 0
+    for order in orders:
+        one, other = Spread.of(order), Spread.of(sorted(set(range(2 * count)) - set(order)))
+        apart += one.told_below(other) or other.told_below(one)
+    assert 0 < apart / len(orders) <= 1 / 126
+
+
+@given(st.lists(st.floats(0, 1e3), min_size=1, max_size=40))
+def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[float]) -> None:
+    spread = Spread.of(values)
+    low, high = spread.interval
+    assert spread.lowest <= low <= spread.median <= high <= spread.highest
+    # Of n distinct values the ends are the i-th smallest and largest: fewer than i heads of n, or of tails.
+    ordered = Spread.of(range(len(values)))
+    outside = int(ordered.interval[0])
+    beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
+    assert beyond <= 1 - CONFIDENCE or len(values) < 6
+    assert 2 * sum(math.comb(len(values), heads) for heads in range(outside + 2)) > 0.05 * 2 ** len(values)
+
+
+class Clock:
+    """A clock that goes on only when somebody works."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 0.0
+        monkeypatch.setattr(
+            "xfrustum.reports.common.timing.time", SimpleNamespace(perf_counter=lambda: self.now)
+        )
+
+    def worker(self, seconds: Iterable[float]) -> Callable[[], None]:
+        durations = iter(seconds)
+
+        def work() -> None:
+            self.now += next(durations)
+
+        return work
+
+
+def test_turns_go_on_until_the_fastest_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock(monkeypatch)
+    quick = clock.worker([1.0, 1.0, 1.0, 1.0, 9.0] + [1.0] * 99)
+    slow = clock.worker([2.0, 2.5] * 99)
+    seconds: list[list[float]] = [[], []]
+    for _ in range(5):
+        take_turn([quick, slow], seconds)
+
+    def open_places(spreads: Sequence[Spread]) -> list[bool]:
+        pair = zip(spreads, (0.4, 0.3), strict=True)
+        return unsettled([replace(option(1, moved), time_s=spread) for spread, moved in pair], 0.5)
+
+    assert open_places([Spread.of(taken) for taken in seconds]) == [True, True]
+    take_turns_until_settled([quick, slow], seconds, open_places, budget_s=1e6)
+    one, other = (Spread.of(taken) for taken in seconds)
+    assert one.told_below(other) and one.repetitions == other.repetitions == 9
+
+
+def test_turns_end_with_the_time_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock(monkeypatch)
+    runs = [clock.worker([1.0, 3.0] * 99), clock.worker([3.0, 1.0] * 99)]
+    seconds: list[list[float]] = [[], []]
+    take_turn(runs, seconds)
+    begun = clock.now
+    take_turns_until_settled(runs, seconds, lambda spreads: [True] * len(spreads), budget_s=20.0)
+    assert 16.0 <= clock.now - begun <= 20.0
+    assert [len(taken) for taken in seconds] == [6, 6]
+
+
+def test_the_answers_are_sentences_about_the_tolerance_and_a_fifth_of_it() -> None:
+    loose, strict = answers([option(1, 0.4), option(3, 0.05)], 0.5)
+    assert "under 0.5 px: 1 s" in loose.sentence
+    assert "0.1 px would cost 3.00 times" in strict.sentence
+    assert "Nothing" in answers([option(1, 0.4)], 0.5)[1].sentence
+
+
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_a_tracer_alone_shows_the_truth_but_for_what_float32_cannot_tell(tracer: str) -> None:
+    scene = view("car", (64, 48))
+    reference = Reference(scene, tracer=tracer)
+    truth, proposed = (f(scene.plate.middle) for f in (reference.trace, reference.propose))
+    assert proposed.certainty is not None
+    assert (proposed.certainty == Certainty.UNEXAMINED).all()
+    judged = compare_images(truth, proposed, reference, radiance=False)
+    assert judged.displacement_px is not None
+    assert judged.displacement_px.max < 1e-6
+    assert judged.surface_wrong is not None
+    assert judged.surface_wrong < 10
+
+
+@pytest.mark.parametrize("near_per_reach", [1e-1, 1e-3, 1e-7])
+def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach: float) -> None:
+    scene = view("car-recentered", (160, 120))
+    reference = Reference(scene)
+    for aperture in scene.default_apertures()[:2]:
+        truth = reference.trace(aperture)
+        with Rasterizer(scene) as rasterizer:
+            settings = DoubleFrustum(near=near_per_reach * scene.frustum.longest_reach)
+            drawn = rasterizer.render(aperture, settings)
+        asked = replace(truth, certainty=np.full_like(truth.certainty, Certainty.UNEXAMINED))
+        found, again = (compare_images(one, drawn, reference) for one in (truth, asked))
+        assert found.maps.surface is not None and again.maps.surface is not None
+        np.testing.assert_array_equal(found.maps.surface, again.maps.surface & found.maps.judged)
+
+
+def test_bands_join_to_the_image_whether_one_thread_makes_them_or_many() -> None:
+    scene = view("car", (64, 48))
+    image = Reference(scene).trace(scene.plate.middle)
+    for copies in (1, ALONE_PIXELS // (64 * 48) + 1):
+        tall = replace(image, triangle=np.tile(image.triangle, (copies, 1)), companions=None, overruled=None)
+        bands = in_bands(tall, tall, lambda truth, raster, rows: truth.triangle)
+        np.testing.assert_array_equal(np.concatenate(bands), tall.triangle)
+        assert all(band.size <= BAND_PIXELS for band in bands)
+
+
+def test_levels_from_a_table_are_those_of_the_curve() -> None:
+    colors = np.linspace(0, 1, 1_000_003, dtype=np.float32)
+    np.testing.assert_array_equal(_levels(colors), np.rint(LEVELS * encoded(colors)))
+    # The floats on both sides of where two levels meet.
+    edges = np.interp(np.arange(255) + 0.5, LEVELS * encoded(colors), colors).astype(np.float32)
+    near = np.concatenate([np.nextafter(edges, np.float32(to)) for to in (0, 1)] + [edges])
+    np.testing.assert_array_equal(_levels(near), np.rint(LEVELS * encoded(near)))
+
+
+def test_the_device_s_time_is_part_of_the_frame() -> None:
+    scene = builtin.build("sheets")
+    with Rasterizer(scene) as rasterizer:
+        rasterizer.render(scene.plate.middle, DoubleFrustum(near=1.0))
+        assert list(rasterizer.times) == ["draw", "read"]
+        assert rasterizer.times["draw"].gpu_s > 0
+
+
+def test_cost_prints_one_object_and_writes_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cost_ways, "NEARS_PER_REACH", (1e-2, 1e-5))
+    scene = "grating"
+    arguments = ["cost", scene, "--repeat", "1", "--quiet", "--json", "--out", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert {"raster", "embree", "mitsuba", "certified"} == {row["renderer"] for row in printed["rows"]}
+    for row in printed["rows"]:
+        assert set(row["error"]) == {"displacement_p99_px", "surface_fraction"}
+        low, high = row["time_s"]["interval"]
+        assert row["time_s"]["low"] <= low <= row["time_s"]["median"] <= high <= row["time_s"]["high"]
+    assert any(row["pareto"] for row in printed["rows"])
+    assert [answer["tolerance_px"] for answer in printed["answers"]] == pytest.approx([0.5, 0.1])
+    page = (tmp_path / "out" / "index.html").read_text()
+    # The answer stands before the first figure.
+    words = printed["answers"][0]["sentence"].split(":")[0].split(".")[0]
+    assert words in page[: page.index('id="plot"')]
+    assert json.loads((tmp_path / "out" / "cost.json").read_text())["answers"] == printed["answers"]
+    assert main(["cost", scene, "--tolerance-px", "0"]) == 2
+
+
+def test_all_that_are_not_clearly_slower_take_every_turn() -> None:
+    """A way told apart in one round may be fast in the next, and goes on; one thrice as slow does not."""
+    noisy, slow = [1.0, 1.0, 1.2, 1.0, 1.0], [1.4, 1.4, 1.5, 1.4, 1.4]
+    spreads = [Spread.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
+    assert spreads[0].told_below(spreads[2])
+    assert open_races(spreads[:2], spreads) == [True, True, True, False]
+    assert open_races(spreads[:1], spreads) == [False] * 4
+    steady = [Spread.of([1.0, 1.01, 1.0, 1.02, 1.01])] * 2
+    assert open_races(steady, steady) == [False, False]

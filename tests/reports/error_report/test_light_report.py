@@ -1,0 +1,166 @@
+"""The report of a shaded scene: color in rows, pictures and the page, and what light costs and misses."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from tests.support.views import view
+from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.error_report.shading import is_shaded
+from xfrustum.scenes import DepthFormat, DepthMapping, Scene
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.model.effects import Effect, needed
+
+NEARS = (1.5, 0.15, 0.015)
+DEPTHS = ((DepthFormat.D32F, DepthMapping.REVERSED),)
+SHINY = Material(diffuse=(0.5, 0.4, 0.3), specular=(0.3, 0.3, 0.3), exponent=10.0)
+
+
+def shiny(name: str = "asymmetric") -> Scene:
+    scene = view(name, (64, 48))
+    light = DirectionalLight(direction=(-1.0, 1.5, 2.0))
+    looks = Appearance(materials={"all": SHINY}, lights=(light,))
+    return replace(
+        scene,
+        appearance=looks,
+        objects=tuple(replace(o, material="all") for o in scene.objects),
+        sampling=Sampling(aperture=3),
+        transport=Transport(shadows=True, samples=4),
+    )
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    return make_report(shiny(), tmp_path_factory.mktemp("report"), nears=NEARS, depths=DEPTHS)
+
+
+def page_data(files: ReportFiles) -> dict[str, Any]:
+    found = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>', files.html.read_text(), re.DOTALL
+    )
+    assert found
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def test_a_scene_is_shaded_where_it_says_how_it_looks() -> None:
+    assert not is_shaded(view("asymmetric", (8, 8)))
+    assert is_shaded(shiny())
+
+
+def test_every_row_says_how_far_colors_are_off_and_how_different_they_look(files: ReportFiles) -> None:
+    errors = [row["comparison"]["radiance"] for row in files.content["rows"]]
+    for name in ("rms", "flip"):
+        assert errors[0][name] > errors[1][name] > errors[2][name] > 0
+    assert errors[0]["ssim"] < errors[1]["ssim"] < errors[2]["ssim"] < 1
+    rows = pq.read_table(files.parquet).to_pylist()
+    for flat, error in zip(rows, errors, strict=True):
+        assert flat["radiance_rms"] == error["rms"] and flat["radiance_flip"] == error["flip"]
+        assert flat["radiance_channels_rms"] == error["channels"]["rms"]
+        assert flat["radiance_away_from_edges_max"] == error["away_from_edges"]["max"]
+
+
+def test_effects_are_explained_and_what_all_of_them_would_cost_is_measured(files: ReportFiles) -> None:
+    shading = files.content["shading"]
+    used = {decision["effect"] for decision in shading["decisions"] if decision["used"]}
+    assert used == {str(effect) for effect in needed(shiny())} != {str(effect) for effect in Effect}
+    assert shading["same_bits"] is True
+    assert set(shading["saved_s"]) == set(shading["image_s"]) == {"raster", "reference"}
+    assert all(seconds > 0 for seconds in shading["image_s"].values())
+    assert set(shading["saved_interval_s"]) == set(shading["saved_s"])
+    for name, (low, high) in shading["saved_interval_s"].items():
+        assert low <= shading["saved_s"][name] <= high
+    assert any("all effects take" in note or "all effects could not be told" in note for note in files.notes)
+
+
+def test_the_bent_eye_vector_is_predicted_and_measured_at_every_near(files: ReportFiles) -> None:
+    errors = files.content["shading"]["eye_vector"]
+    assert [error["near"] for error in errors] == list(NEARS)
+    last = errors[-1]
+    assert last["measured"] == pytest.approx(last["predicted"], rel=0.1)
+    assert errors[0]["measured"] > 30 * last["measured"]
+
+
+def test_each_point_of_the_aperture_has_its_cost(files: ReportFiles) -> None:
+    cost = files.content["shading"]["seconds_per_aperture_sample"]
+    assert set(cost) == {"raster", "reference"} and min(cost.values()) > 0
+
+
+def test_what_the_raster_misses_is_counted(files: ReportFiles) -> None:
+    (missed,) = files.content["shading"]["left_out"]
+    assert missed["shadows"] and not missed["interreflection"]
+    assert 0 < missed["pixels"] <= 64 * 48 and missed["darker"] == missed["pixels"]
+    assert missed["mean"] < 0 < missed["rms"] and missed["light_paths"] == 4
+    assert any("light transport changes" in note for note in files.notes)
+
+
+def test_the_page_is_still_one_file_that_asks_for_nothing(files: ReportFiles) -> None:
+    html = files.html.read_text()
+    own = re.sub(r"<script>.*?</script>", "", html, count=1, flags=re.DOTALL)
+    assert not re.search(r"https?:|//cdn|@import|url\(", own)
+    assert not re.search(r'(src|href)\s*=\s*"(?!data:)', own)
+    for part in (
+        "<h2>Light</h2>",
+        "What the raster misses",
+        "of white</tt>",
+        "All three scales of errors are logarithmic",
+        "fraction of display white",
+        "scale of the right one is logarithmic",
+        'id="plot-eye"',
+        'id="plot-flip"',
+        'data-layer="radiance"',
+    ):
+        assert part in own
+    data = page_data(files)
+    assert {"radiance", "flip"} <= set(data["curves"][0]) and data["eye"]["data"]
+    assert all("radiance" in row["pictures"] for row in data["rows"])
+
+
+def test_an_unshaded_scene_has_none_of_it(tmp_path: Path) -> None:
+    scene = view("asymmetric", (32, 24))
+    files = make_report(scene, tmp_path, nears=NEARS[:1], depths=DEPTHS)
+    assert files.content["shading"] is None and files.notes == ()
+    assert files.content["rows"][0]["comparison"]["radiance"] is None
+    html = files.html.read_text()
+    assert "<h2>Light</h2>" not in html and 'id="plot-flip"' not in html
+    assert "Both scales of errors are logarithmic" in html and "display white" not in html
+    data = page_data(files)
+    assert data["eye"] is None and "radiance" not in data["rows"][0]["pictures"]
+    assert set(data["curves"][0]).isdisjoint({"radiance", "flip"})
+
+
+def test_a_matte_scene_has_no_curve_of_the_eye_vector(tmp_path: Path) -> None:
+    scene = replace(shiny(), sampling=Sampling(), transport=Transport())
+    matte = {"all": replace(SHINY, specular=(0.0, 0.0, 0.0))}
+    scene = replace(scene, appearance=replace(scene.appearance, materials=matte))
+    files = make_report(scene, tmp_path, nears=NEARS[:1], depths=DEPTHS)
+    shading = files.content["shading"]
+    assert shading["eye_vector"] == [] == shading["left_out"]
+    assert shading["seconds_per_aperture_sample"] == {}
+    assert 'id="plot-eye"' not in files.html.read_text()
+    assert np.isfinite(files.content["rows"][0]["comparison"]["radiance"]["rms"])
+
+
+def test_light_is_a_stage_of_its_own_and_all_stages_add_up(files: ReportFiles) -> None:
+    times, cost = files.content["times_s"], files.content["cost"]
+    assert times["light"] > 0
+    assert sum(times.values()) == pytest.approx(cost["total_s"], rel=1e-9)
+    assert cost["wall_s"] <= cost["total_s"] - times["light"]
+
+
+def test_colors_are_part_of_what_is_recommended(files: ReportFiles) -> None:
+    best, html = files.content["best"], files.html.read_text()
+    row = next(row for row in files.content["rows"] if row["settings"]["near"] == best["near"])
+    assert best["radiance_fraction"] == row["comparison"]["radiance"]["above_step"]
+    assert "off in color by more than a level of 255" in files.sentence and "<dt>wrong color</dt>" in html

@@ -1,0 +1,310 @@
+"""A plate on disk: every hogel once, the same bytes however often the process was killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from tests.support.views import view
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reports.plate.plate import WRITTEN_BEHIND, blocks_of_apertures, write_plate
+from xfrustum.reports.plate.store import PlateStore
+from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.geometry.smoothing import smoothed
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
+from xfrustum.scenes.model.look import look_hash
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.plate.plate import Aperture
+
+SETTINGS = DoubleFrustum(near=0.15)
+EVERYTHING = PlateContent(color=ColorType.FLOAT32, ids=True)
+
+
+def small(name: str = "asymmetric-recentered") -> Scene:
+    return replace(view(name, (20, 12)), plate=Plate(size=(80.0, 60.0), hogels=(7, 5)))
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def chunks(folder: Path) -> dict[str, tuple[int, int]]:
+    """Every finished hogel, with what changes when its file is written again."""
+    found = {}
+    for path in folder.glob("color/c/*/*/0/0/0"):
+        status = path.stat()
+        found[str(path)] = (status.st_ino, status.st_mtime_ns)
+    return found
+
+
+def test_the_plate_holds_the_rasterizers_images_by_row_and_column(tmp_path: Path) -> None:
+    scene = small()
+    files = write_plate(scene, SETTINGS, tmp_path / "x.zarr", content=EVERYTHING)
+    assert (files.drawn, files.found) == (35, 0)
+    group = zarr.open_group(files.out, mode="r")
+    color, triangle = group["color"], group["triangle"]
+    assert isinstance(color, zarr.Array) and isinstance(triangle, zarr.Array)
+    assert color.shape == (5, 7, 12, 20, 3) and color.chunks == (1, 1, 12, 20, 3)
+    assert triangle.shape == (5, 7, 12, 20) and triangle.dtype == np.int32
+    with Rasterizer(scene) as rasterizer:
+        for aperture in scene.plate.apertures():
+            image = rasterizer.render(aperture, SETTINGS, normals=False)
+            np.testing.assert_array_equal(color[aperture.row, aperture.column], image.color)
+            np.testing.assert_array_equal(triangle[aperture.row, aperture.column], image.triangle)
+
+
+def test_the_group_says_what_was_drawn_and_how(tmp_path: Path) -> None:
+    scene = small()
+    out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", [scene.plate.middle]).out
+    said = json.loads(json.dumps(zarr.open_group(out, mode="r").attrs["xfrustum"]))
+    assert said["scene"]["hash"] == scene.content_hash
+    assert said["plate"] == {"size": [80.0, 60.0], "hogels": [7, 5]}
+    assert said["frustum"]["resolution"] == [20, 12] and said["frustum"]["screen"]["height"] == 120.0
+    assert said["settings"]["near"] == 0.15 and said["content"] == {"color": "float16", "ids": False}
+
+
+def test_parts_add_up_to_the_whole_and_nothing_is_drawn_twice(tmp_path: Path) -> None:
+    scene = small()
+    whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING).out
+    out = tmp_path / "parts.zarr"
+    blocks = [(((1, 3), (0, 2)), 9), (((2, 6), (2, 2)), 3), ((None, (4, 4)), 7), ((None, None), 16)]
+    before: dict[str, tuple[int, int]] = {}
+    for block, drawn in blocks:
+        apertures = list(blocks_of_apertures(scene.plate, [block, block]))
+        files = write_plate(scene, SETTINGS, out, apertures, EVERYTHING)
+        assert (files.drawn, files.found) == (drawn, len(set(apertures)) - drawn)
+        after = chunks(out)
+        assert before.items() <= after.items() and len(after) == len(before) + drawn
+        before = after
+    assert tree(out) == tree(whole)
+
+
+def test_hogels_that_show_nothing_are_finished_too(tmp_path: Path) -> None:
+    scene = small("empty")
+    assert write_plate(scene, SETTINGS, tmp_path / "x.zarr").drawn == 35
+    assert write_plate(scene, SETTINGS, tmp_path / "x.zarr").drawn == 0
+
+
+def test_rows_come_first_and_blocks_in_the_order_given_each_aperture_once() -> None:
+    plate = Plate(size=(1.0, 1.0), hogels=(3, 2))
+    assert [a.index for a in plate.apertures()] == [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
+    found = blocks_of_apertures(plate, [((1, 1), None), ((0, 1), (0, 0))])
+    assert [a.index for a in found] == [(1, 0), (1, 1), (0, 0)]
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda s: (s, replace(SETTINGS, near=0.2), EVERYTHING), r"settings\.near"),
+        (lambda s: (s, SETTINGS, PlateContent(ids=True)), r"content\.color"),
+        (lambda s: (small("crossing"), SETTINGS, EVERYTHING), r"scene\.hash"),
+        (lambda s: (replace(s, objects=s.objects[1:]), SETTINGS, EVERYTHING), r"scene\.hash"),
+        (lambda s: (replace(s, appearance=Appearance(lights=())), SETTINGS, EVERYTHING), r"scene\.look"),
+        (lambda s: (s, SETTINGS, replace(EVERYTHING, effects=ALL_EFFECTS - {Effect.DIFFUSE})), "effects"),
+    ],
+)
+def test_going_on_with_anything_else_is_refused(
+    change: Callable[[Scene], tuple[Scene, DoubleFrustum, PlateContent]], named: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "x.zarr"
+    write_plate(small(), SETTINGS, out, [small().plate.middle], EVERYTHING)
+    before = tree(out)
+    scene, settings, content = change(small())
+    with pytest.raises(InputError, match=f"another .*{named}"):
+        write_plate(scene, settings, out, content=content)
+    assert tree(out) == before
+
+
+def test_going_on_with_effects_that_change_no_pixel_is_going_on(tmp_path: Path) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    write_plate(scene, SETTINGS, out, [scene.plate.middle], EVERYTHING)
+    files = write_plate(scene, SETTINGS, out, content=replace(EVERYTHING, effects=ALL_EFFECTS))
+    assert (files.drawn, files.found) == (34, 1)
+
+
+def mirrored_in(strength: float, material: Material, name: str) -> Scene:
+    parts = tuple(replace(part, material=name) for part in small().objects)
+    sky = Environment(radiance=np.full((2, 4, 3), 0.5, dtype=np.float32), strength=strength)
+    return replace(small(), objects=parts, appearance=Appearance(materials={name: material}, environment=sky))
+
+
+def test_the_look_is_everything_that_color_depends_on_and_no_name() -> None:
+    mirror = Material(reflectivity=(0.5, 0.5, 0.5))
+    scene = mirrored_in(1.0, mirror, "mirror")
+    smooth = replace(scene, objects=tuple(smoothed(part) for part in scene.objects))
+    others = [mirrored_in(0.5, mirror, "mirror"), mirrored_in(1.0, Material(), "mirror"), smooth, small()]
+    assert len({look_hash(other) for other in (scene, *others)}) == 5
+    assert {other.content_hash for other in others} == {scene.content_hash}
+    assert look_hash(mirrored_in(1.0, mirror, "another name")) == look_hash(scene)
+
+
+def test_a_scene_that_asks_for_finer_sampling_is_drawn_when_told_how(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "x.zarr"
+    arguments = ["plate", "grating", "--near", "0.1", "--apertures", "3,4", "--out", str(out), "--quiet"]
+    assert main([*arguments, "--aperture-samples", "4"]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1 and "--aperture-samples 1" in printed.err
+    assert not out.exists()
+    once = ["--supersample", "1", "--multisample", "1", "--aperture-samples", "1"]
+    assert main([*arguments, *once, "--effects", "all"]) == 0
+
+
+def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:
+    folder, file = tmp_path / "folder", tmp_path / "file"
+    folder.mkdir()
+    (folder / "mine.txt").write_text("mine")
+    file.write_text("mine")
+    zarr.create_group(tmp_path / "other.zarr")
+    for out in (folder, file, tmp_path / "other.zarr"):
+        with pytest.raises(InputError, match="is no plate of xfrustum"):
+            write_plate(small(), SETTINGS, out)
+    assert tree(folder) == {"mine.txt": b"mine"} and file.read_text() == "mine"
+
+
+def test_a_full_disk_ends_in_one_line_and_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    original = zarr.Array.__setitem__
+
+    def full(self: zarr.Array[Any], place: tuple[int, int], value: Any) -> None:
+        if place == (3, 2):
+            raise OSError(28, "No space left on device")
+        original(self, place, value)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(zarr.Array, "__setitem__", full)
+        with pytest.raises(InputError, match="No space left on device"):
+            write_plate(scene, SETTINGS, out)
+    finished = len(chunks(out))
+    # Up to the one that failed; one that was under way behind it may have been written.
+    assert 23 <= finished < 35
+    files = write_plate(scene, SETTINGS, out)
+    assert (files.drawn, files.found) == (35 - finished, finished)
+
+
+def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Drawn or asked for, and not yet written."""
+    scene = replace(view("asymmetric", (16, 12)), plate=Plate(size=(80.0, 60.0), hogels=(40, 10)))
+    taken, written, most = 0, 0, 0
+    hogels, write = PlateRenderer.hogels, PlateStore.write
+
+    def counted(self: PlateRenderer, apertures: list[Aperture]) -> Iterator[object]:
+        def asked_for() -> Iterator[Aperture]:
+            nonlocal taken, most
+            for aperture in apertures:
+                taken += 1
+                most = max(most, taken - written)
+                yield aperture
+
+        return iter(hogels(self, asked_for()))
+
+    def counted_write(self: PlateStore, hogel: object) -> None:
+        nonlocal written
+        write(self, hogel)  # type: ignore[arg-type]
+        written += 1
+
+    monkeypatch.setattr(PlateRenderer, "hogels", counted)
+    monkeypatch.setattr(PlateStore, "write", counted_write)
+    write_plate(scene, SETTINGS, tmp_path / "x.zarr")
+    with PlateRenderer(scene, SETTINGS) as renderer:
+        allowed = renderer.batching.hogels_in_memory + WRITTEN_BEHIND
+    assert written == taken == 400
+    assert 1 < most <= allowed < 400
+
+
+def command(out: Path, rows: str) -> list[str]:
+    arguments = ["plate", "asymmetric", "--near", "0.15", "--apertures", f"*,{rows}", "--color", "uint8"]
+    return [sys.executable, "-m", "xfrustum", *arguments, "--ids", "--out", str(out), "--quiet", "--json"]
+
+
+def killed(out: Path, rows: str, delay: float, *, from_first_hogel: bool) -> bool:
+    """Run the command, kill it after a delay, and return whether it had not ended by then."""
+    before = len(chunks(out))
+    process = subprocess.Popen(command(out, rows), stdout=subprocess.DEVNULL, start_new_session=True)
+    while from_first_hogel and process.poll() is None and len(chunks(out)) == before:
+        time.sleep(0.002)
+    time.sleep(delay)
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+    return process.wait() == -signal.SIGKILL
+
+
+def resumed(out: Path, rows: str) -> dict[str, int]:
+    finished = subprocess.run(command(out, rows), capture_output=True, check=True, text=True)
+    found: dict[str, int] = json.loads(finished.stdout)
+    return found
+
+
+def assert_kills_do_no_harm(tmp_path: Path, rows: str, count: int, delays: Iterator[float]) -> None:
+    clean, out = tmp_path / "clean.zarr", tmp_path / "killed.zarr"
+    assert resumed(clean, rows)["found"] == 0
+    kills = 0
+    for number, delay in enumerate(delays):
+        before = chunks(out)
+        # Sometimes while everything is still being set up.
+        kills += killed(out, rows, delay, from_first_hogel=number % 4 != 3)
+        after = chunks(out)
+        assert before.items() <= after.items(), "a finished hogel was lost or drawn again"
+    assert kills > 0
+    before = chunks(out)
+    last = resumed(out, rows)
+    assert (last["drawn"], last["found"]) == (count - len(before), len(before))
+    assert before.items() <= chunks(out).items()
+    assert tree(out) == tree(clean)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["clean.zarr", "killed.zarr"]
+
+
+def test_killing_it_three_times_changes_no_byte(tmp_path: Path) -> None:
+    chance = random.Random(6)
+    delays = iter([chance.uniform(0.0, 0.2) for _ in range(3)])
+    assert_kills_do_no_harm(tmp_path, "28", 81, delays)
+
+
+@pytest.mark.slow
+def test_killing_it_twenty_times_changes_no_byte(tmp_path: Path) -> None:
+    chance = random.Random(20)
+    delays = iter([chance.uniform(0.0, 3.0 if number % 4 == 3 else 0.8) for number in range(20)])
+    assert_kills_do_no_harm(tmp_path, "20-39", 1620, delays)
+
+
+@pytest.mark.parametrize("apertures", ["", "5", "1,2,3", "4-2,0", "-1,0", "a,b", "0,0;"])
+def test_apertures_that_are_none_are_refused_in_one_line(
+    apertures: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["plate", "asymmetric", "--near", "0.1", "--out", str(tmp_path / "x.zarr")]
+    assert main([*arguments, f"--apertures={apertures}"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert not (tmp_path / "x.zarr").exists()
+
+
+def test_apertures_beyond_the_plate_are_refused_before_anything_is_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["plate", "asymmetric", "--near", "0.1", "--out", str(tmp_path / "x.zarr")]
+    assert main([*arguments, "--apertures", "0-81,3"]) == 2
+    assert "columns run from 0 to 80" in capsys.readouterr().err
+    assert not (tmp_path / "x.zarr").exists()

@@ -1,0 +1,260 @@
+"""`xfrustum check` and `xfrustum new`: facts and pictures of a scene, and a scene that fits a mesh."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import xfrustum
+from tests.support.views import view
+from xfrustum.cli.main import main
+from xfrustum.compare.extent import box
+from xfrustum.reports.error_report.report import make_report
+from xfrustum.reports.scene_check.drawing import draw_view
+from xfrustum.reports.scene_check.picture_frame import PictureFrame, View
+from xfrustum.reports.scene_check.silhouettes import outlines
+from xfrustum.scenes import InputError, Scene, open_scene
+
+FILE = """
+name = "two & a <half>"
+units = "mm"
+[plate]
+size = [80.0, 60.0]
+hogels = [9, 7]
+[frustum]
+resolution = [16, 16]
+fov_deg = [60.0, 60.0]
+reach = [150.0, 100.0]
+[[object]]
+shape = "sphere"
+scale = 60.0
+translate = [10.0, -5.0, -60.0]
+smooth = true
+[[object]]
+shape = "torus"
+scale = 40.0
+translate = [0.0, 0.0, 60.0]
+[[object]]
+shape = "box"
+scale = 1000.0
+translate = [0.0, 0.0, -8500.0]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> str:
+    path = tmp_path / "scene.toml"
+    path.write_text(FILE)
+    return str(path)
+
+
+def area(loops: list[list[tuple[float, float]]]) -> float:
+    """Area between outlines by the even-odd rule; they do not cross, and holes turn the other way."""
+    return abs(sum(_shoelace(np.array(loop)) for loop in loops))
+
+
+def _shoelace(loop: np.ndarray) -> float:
+    x, y = loop.T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def words(svg: str) -> list[str]:
+    return [element.text or "" for element in Xml.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+
+
+def test_check_says_of_each_object_where_it_lies_and_who_sees_it(
+    scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", scene, "--json"]) == 0
+    printed = capsys.readouterr()
+    content = json.loads(printed.out)
+    sphere, torus, away = content["objects"]
+    assert (sphere["name"], sphere["number"]) == ("sphere", 0)
+    assert sphere["size"] == pytest.approx([60, 60, 60], rel=0.01)
+    assert [sphere["low"][2], sphere["high"][2]] == pytest.approx([-90, -30], abs=0.5)
+    assert sphere["share_in_reach"] == pytest.approx(1.0) and sphere["sight"]["apertures"] == 63
+    assert "smooth" in sphere["normals"] and torus["normals"].startswith("none")
+    assert away["share_in_reach"] == 0 and away["sight"]["apertures"] == 0
+    assert content["seen"] is True and content["files"] == []
+    assert "object 2 (box) spans 8,000 to 9,000 mm behind the plate" in printed.err
+    assert printed.err.count("\n") == len(content["warnings"])
+
+
+def test_check_exits_with_one_where_no_aperture_sees_anything(
+    scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path(scene).read_text()
+    Path(scene).write_text(text.replace("-60.0]", "-800.0]").replace("60.0]\n[[", "900.0]\n[["))
+    assert main(["check", scene]) == 1
+    printed = capsys.readouterr()
+    assert "none of 63 apertures" in printed.out and "no aperture of the plate sees anything" in printed.err
+
+
+def test_check_writes_two_views_that_name_what_they_show(scene: str, tmp_path: Path) -> None:
+    assert main(["check", scene, "--out", str(tmp_path / "views")]) == 0
+    files = sorted((tmp_path / "views").iterdir())
+    assert [file.name for file in files] == ["side.svg", "top.svg"]
+    for file in files:
+        found = words(file.read_text())
+        for expected in (
+            "plate",
+            "viewer",
+            "reach 150",
+            "reach 100",
+            "behind the plate: camera C",
+            "viewer's side: camera C*",
+            "0 sphere",
+            "1 torus",
+            "8,000 to 9,000 mm behind the plate",
+        ):
+            assert expected in found
+        assert "http" not in file.read_text().replace("http://www.w3.org/2000/svg", "")
+
+
+@pytest.mark.parametrize("side", View)
+def test_the_outline_of_a_sphere_is_a_circle_where_the_sphere_is(side: View, scene: str) -> None:
+    opened = open_scene(scene)
+    frame = PictureFrame.of(opened, side)
+    (loop,) = outlines(opened.objects[0], frame, side)
+    across = (10.0, -5.0)[side.axis]
+    center = np.array([frame.x(-60.0) - frame.x(frame.box[0]), frame.y(across) - frame.y(frame.box[3])])
+    radii = np.linalg.norm(np.array(loop) - center, axis=1) / frame.scale
+    assert radii.min() > 28.5 and radii.max() < 31
+    assert area([loop]) / frame.scale**2 == pytest.approx(math.pi * 30**2, rel=0.04)
+
+
+def test_a_ring_that_lies_flat_has_its_hole_from_above_and_none_from_the_side(scene: str) -> None:
+    opened = open_scene(scene)
+    loops = {side: outlines(opened.objects[1], PictureFrame.of(opened, side), side) for side in View}
+    assert {side: len(found) for side, found in loops.items()} == {View.SIDE: 1, View.TOP: 2}
+
+
+@pytest.mark.parametrize(
+    "name", ["car-recentered", "empty", "hard/screen-near-plate", "hard/huge", "hard/tiny"]
+)
+def test_every_kind_of_scene_has_both_views(name: str) -> None:
+    for side in View:
+        svg = draw_view(open_scene(name), side)
+        assert "nan" not in svg and "inf" not in svg.replace("info", "")
+        assert "plate" in words(svg)
+
+
+def test_a_report_begins_with_the_views(tmp_path: Path) -> None:
+    files = make_report(view("asymmetric", (16, 16)), tmp_path / "out", nears=[0.1])
+    page = files.html.read_text()
+    assert page.count("Side view</text>") == page.count("Top view</text>") == 1
+    assert page.index("Side view</text>") < page.index("Top view</text>") < page.index('class="verdict"')
+
+
+def mesh(
+    folder: Path, extents: tuple[float, float, float], at: tuple[float, float, float], name: str
+) -> Path:
+    solid = trimesh.creation.box(extents=extents)
+    solid.apply_translation(at)
+    path = folder / name
+    solid.export(path)
+    return path
+
+
+def fits(scene: Scene) -> None:
+    (low, high), (toward, back) = box(scene.objects[0]), scene.frustum.reach
+    assert -back <= low[2] and high[2] <= toward
+    checked = xfrustum.check(scene)
+    (found,) = checked.objects
+    assert found.extent.share_in_reach == pytest.approx(1.0) and found.extent.sight.middle
+    assert checked.warnings == ()
+    assert scene.plate.size[0] >= high[0] - low[0] and scene.plate.size[1] >= high[1] - low[1]
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.tuples(*[st.floats(0.01, 1.0)] * 3),
+    st.tuples(*[st.floats(-50.0, 50.0)] * 3),
+    st.integers(-6, 6),
+    st.sampled_from(["through", "behind", "before"]),
+    st.sampled_from([None, 120.0, 0.3]),
+)
+def test_a_new_scene_fits_a_mesh_of_any_size_anywhere(
+    tmp_path_factory: pytest.TempPathFactory,
+    sides: tuple[float, float, float],
+    at: tuple[float, float, float],
+    power: int,
+    place: str,
+    size: float | None,
+) -> None:
+    folder = tmp_path_factory.mktemp("new")
+    unit = 10.0**power
+    solid = mesh(folder, tuple(unit * s for s in sides), tuple(unit * a for a in at), "box.ply")  # type: ignore[arg-type]
+    written = xfrustum.new_scene(solid, folder / "box.toml", place=place, size=size)
+    scene = open_scene(str(written.path))
+    fits(scene)
+    low, high = box(scene.objects[0])
+    if size is not None:
+        assert max(np.subtract(high, low)) == pytest.approx(size, rel=1e-4)
+    assert {"through": low[2] < 0 < high[2], "behind": high[2] < 0, "before": low[2] > 0}[place]
+
+
+def test_new_writes_a_file_that_opens_from_anywhere_and_says_what_fits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes").mkdir()
+    mesh(tmp_path, (2.0, 1.0, 0.5), (7.0, 0.0, 0.0), 'a "quoted" näme.obj')
+    arguments = ["new", 'a "quoted" näme.obj', "--out", "scenes/new.toml", "--size", "100", "--units", "mm"]
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert "100 x 50 x 25 mm, from 12.5 mm behind the plate to 12.5 mm before it" in said
+    text = Path("scenes/new.toml").read_text()
+    assert tomllib.loads(text)["units"] == "mm" and text.count("#") > 8
+    monkeypatch.chdir(tmp_path / "scenes")
+    fits(open_scene("new.toml"))
+
+
+def test_new_replaces_nothing_unless_told_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.stl")
+    Path("part.toml").write_text("mine")
+    assert main(["new", "part.stl"]) == 2
+    assert "part.toml: exists already" in capsys.readouterr().err
+    assert Path("part.toml").read_text() == "mine"
+    assert main(["new", "part.stl", "--force"]) == 0
+    fits(open_scene("part.toml"))
+
+
+def test_glb_is_in_meters_and_new_says_so(tmp_path: Path) -> None:
+    solid = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.glb")
+    assert xfrustum.new_scene(solid, tmp_path / "a.toml").units == "m"
+    assert open_scene(str(tmp_path / "a.toml")).units == "m"
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said"),
+    [
+        ({"place": "beside"}, "through, behind, before"),
+        ({"size": -1.0}, "positive"),
+        ({"units": ""}, "units"),
+    ],
+)
+def test_new_refuses_nonsense(keywords: dict[str, object], said: str, tmp_path: Path) -> None:
+    solid = mesh(tmp_path, (2.0, 1.0, 0.5), (0.0, 0.0, 0.0), "part.obj")
+    with pytest.raises(InputError, match=said):
+        xfrustum.new_scene(solid, tmp_path / "a.toml", **keywords)  # type: ignore[arg-type]
+    assert not (tmp_path / "a.toml").exists()
+
+
+def test_a_mesh_of_one_point_fits_no_scene(tmp_path: Path) -> None:
+    point = tmp_path / "point.obj"
+    point.write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
+    with pytest.raises(InputError, match="one point"):
+        xfrustum.new_scene(point, tmp_path / "a.toml")

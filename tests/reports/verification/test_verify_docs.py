@@ -1,0 +1,144 @@
+"""The examples of docs/verify.md run, and say what they say they say."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import string
+import subprocess
+import sys
+import textwrap
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from xfrustum.compare.diagnosis import faults
+from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
+
+# Untyped, and needed here only.
+yaml: Any = import_module("yaml")
+
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "verify.md"
+
+
+@pytest.mark.slow
+def test_the_examples_in_python_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)
+    assert len(blocks) == 3
+    names: dict[str, Any] = {}
+    results = []
+    for block in blocks:
+        exec(compile(block, str(DOCS), "exec"), names)
+        results.append(names["found"])
+    function, files, command = results
+    assert not function.passed
+    assert [fault.fault for fault in function.diagnosis.faults] == ["near"]
+    assert files.passed
+    assert command.passed
+
+
+def test_every_fault_is_in_the_table() -> None:
+    text = DOCS.read_text()
+    known = [
+        value
+        for name, group in vars(faults).items()
+        if name.isupper() and name != "CONVENTIONS"
+        for value in ((group,) if isinstance(group, str) else group if isinstance(group, tuple) else ())
+    ]
+    assert len(known) == 21
+    assert [name for name in known if f"`{name}`" not in text] == []
+
+
+def test_every_fault_of_encoding_is_in_the_table() -> None:
+    text = DOCS.read_text()
+    assert [name for name in ENCODING_FAULTS if f"`{name}`" not in text] == []
+
+
+RENDERER = """#!{python}
+import sys, numpy as np
+from PIL import Image
+from xfrustum import DoubleFrustum, Rasterizer, open_scene
+
+assert sys.argv[1::2] == ["--x", "--y", "--out"]
+x, y, out = sys.argv[2::2]
+scene = open_scene("tests/scene.toml")
+index = [(i, j) for j in (0, 1) for i in (0, 1)
+         if (scene.plate.aperture(i, j).x, scene.plate.aperture(i, j).y) == (float(x), float(y))][0]
+with Rasterizer(scene) as rasterizer:
+    number = rasterizer.render(scene.plate.aperture(*index), DoubleFrustum(near=1e-4)).triangle + 1
+Image.fromarray(np.stack((number >> 16, number >> 8 & 255, number & 255), -1).astype(np.uint8)).save(out)
+"""
+SCENE = """
+name = "ball"
+units = "mm"
+[plate]
+size = [40.0, 40.0]
+hogels = [2, 2]
+[frustum]
+resolution = [32, 32]
+fov_deg = [60.0, 60.0]
+reach = [50.0, 60.0]
+[[object]]
+shape = "sphere"
+scale = 30.0
+translate = [-4.0, 2.0, -35.0]
+"""
+
+
+def steps_of_the_job() -> tuple[dict[str, Any], list[str]]:
+    """The environment of the job in the docs, and the commands that it runs."""
+    (block,) = re.findall(r"^    verify-renderer:\n(?:(?:      .*)?\n)+", DOCS.read_text(), re.MULTILINE)
+    (job,) = yaml.safe_load(textwrap.dedent(block)).values()
+    return job["env"], [step["run"].strip() for step in job["steps"] if "run" in step]
+
+
+def test_the_job_installs_from_a_repository_that_the_project_is() -> None:
+    """What pip fetches is a checkout; that a checkout installs and runs is tests/test_wheel.py's."""
+    environment, commands = steps_of_the_job()
+    (install,) = [command for command in commands if "pip" in command]
+    words = shlex.split(string.Template(install).substitute(environment))
+    assert words[:2] == ["pip", "install"]
+    url, _, revision = words[2].removeprefix("git+").rpartition("@")
+    assert words[2].startswith("git+https://")
+    assert url == environment["XFRUSTUM_URL"]
+    assert revision == "main"
+
+
+def test_the_job_judges_a_renderer(tmp_path: Path) -> None:
+    _, commands = steps_of_the_job()
+    (verify,) = [command for command in commands if command.startswith("xfrustum ")]
+    (tmp_path / "build").mkdir()
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "scene.toml").write_text(SCENE)
+    renderer = tmp_path / "build" / "my-renderer"
+    renderer.write_text(RENDERER.format(python=sys.executable))
+    renderer.chmod(0o755)
+    # The command of this checkout, under the name that an installation gives it.
+    command = tmp_path / "xfrustum"
+    command.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m xfrustum "$@"\n')
+    command.chmod(0o755)
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        verify,
+        shell=True,
+        cwd=tmp_path,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Right: all 4 hogels" in done.stdout
+    kept = [step["with"]["path"] for step in uploads()]
+    assert kept == ["verification\nverify.xml"]
+    assert all((tmp_path / name).exists() for name in kept[0].split())
+
+
+def uploads() -> list[dict[str, Any]]:
+    (block,) = re.findall(r"^    verify-renderer:\n(?:(?:      .*)?\n)+", DOCS.read_text(), re.MULTILINE)
+    (job,) = yaml.safe_load(textwrap.dedent(block)).values()
+    return [step for step in job["steps"] if "upload-artifact" in step.get("uses", "")]

@@ -1,0 +1,275 @@
+"""Files, commands and functions that do not give what they should are reported, hogel by hogel."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import xfrustum
+from tests.support.foreign_renderers import Faulty, small
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
+from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Scene, open_scene
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.openexr.images import write_image
+
+SCENE = """
+name = "three parts"
+units = "mm"
+[plate]
+size = [40.0, 40.0]
+hogels = [3, 2]
+[frustum]
+resolution = [32, 32]
+fov_deg = [60.0, 60.0]
+reach = [50.0, 60.0]
+[[object]]
+shape = "torus"
+scale = 12.0
+rotate_deg = [20.0, 30.0, 0.0]
+translate = [6.0, 3.0, 25.0]
+[[object]]
+shape = "sphere"
+scale = 30.0
+translate = [-4.0, 2.0, -35.0]
+"""
+NEAR = DoubleFrustum(near=1e-4)
+
+
+@pytest.fixture
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE)
+    return open_scene("scene.toml")
+
+
+@pytest.fixture
+def pattern(world: Scene) -> str:
+    """Six pictures of triangle numbers by our own rasterizer."""
+    with Rasterizer(world) as rasterizer:
+        for aperture in all_apertures(world):
+            number = rasterizer.render(aperture, NEAR).triangle + 1
+            packed = np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1)
+            Image.fromarray(packed.astype(np.uint8)).save(f"{aperture.column}-{aperture.row}.png")
+    return "{i}-{j}.png"
+
+
+def all_apertures(scene: Scene) -> list[Aperture]:
+    columns, rows = scene.plate.hogels
+    return [scene.plate.aperture(i, j) for j in range(rows) for i in range(columns)]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
+    status = main(["verify", "scene.toml", *arguments, "--json", "--quiet"])
+    output = capsys.readouterr()
+    return status, json.loads(output.out)
+
+
+def test_right_files_pass_and_leave_page_json_and_junit(
+    pattern: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, found = run(capsys, pattern, "--encoding", "triangle-id", "--out", "out", "--junit", "junit.xml")
+    assert status == 0
+    assert found["verdict"] == "pass"
+    assert found["diagnosis"] == []
+    assert [tuple(hogel["aperture"]) for hogel in found["hogels"]] == [
+        (i, j) for j in (0, 1) for i in (0, 1, 2)
+    ]
+    assert json.loads(Path("out/verification.json").read_text()) == found
+    page = Path("out/index.html").read_text()
+    assert "Right: all 6 hogels" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    suite = ElementTree.parse("junit.xml").getroot()
+    assert suite.get("tests") == "6"
+    assert (suite.get("failures"), suite.get("errors")) == ("0", "0")
+
+
+def test_missing_damaged_and_wrongly_sized_files_are_listed_and_the_rest_judged(
+    pattern: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("0-0.png").unlink()
+    Path("1-0.png").write_bytes(Path("1-0.png").read_bytes()[:90])
+    Image.new("RGB", (31, 32)).save("2-0.png")
+    Path("0-1.png").write_text("no picture")
+    Path("1-1.png").unlink()
+    Path("1-1.png").mkdir()
+    status, found = run(capsys, pattern, "--encoding", "triangle-id", "--junit", "junit.xml")
+    assert status == 1
+    problems = [hogel["problem"] for hogel in found["hogels"]]
+    for problem, words in zip(
+        problems, ("no such file", "damaged", "31 x 32", "not an image", "is a folder"), strict=False
+    ):
+        assert words in problem
+    assert [hogel["verdict"] for hogel in found["hogels"]] == ["missing"] * 5 + ["pass"]
+    assert ElementTree.parse("junit.xml").getroot().get("errors") == "5"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("{i}-{j}.exr",), "none of its files exists"),
+        (("{i}.png",), "{j}"),
+        (("{i}-{k}.png",), "{k}"),
+        (("{i-{j}.png",), "SOURCE"),
+        ((), "either SOURCE"),
+        (("{i}-{j}.png", "--command", "x {out}"), "either SOURCE"),
+        (("--command", "x {i}"), "{out}"),
+        (("--command", "x '{out}"), "quotes"),
+        (("{i}-{j}.png", "--near", "77"), "reach"),
+        (("{i}-{j}.png", "--accept", "colors"), "colors"),
+        (("{i}-{j}.png", "--max-wrong", "2 pixels"), "share"),
+        (("{i}-{j}.png", "--apertures", "3,0"), "outside the plate"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_one_line(
+    pattern: str, arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", "scene.toml", *arguments, "--encoding", "triangle-id"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert words in error
+
+
+RENDERER = """
+import os, shutil, signal, sys, time
+i, j, out, copies = sys.argv[1:]
+what = {"1,0": "hang", "2,0": "crash", "0,1": "nothing", "1,1": "garbage", "2,1": "elsewhere"}.get(f"{i},{j}")
+if what == "hang":
+    # A child that outlives its parent must end too.
+    if os.fork() == 0:
+        time.sleep(60)
+    time.sleep(60)
+if what == "crash":
+    print("first line\\nno such lens", file=sys.stderr)
+    sys.exit(7)
+if what == "garbage":
+    open(out, "wb").write(b"\\x00garbage" * 100)
+elif what == "elsewhere":
+    shutil.copy(copies + f"/{i}-{j}.png", copies + "/elsewhere.png")
+elif what != "nothing":
+    shutil.copy(copies + f"/{i}-{j}.png", out)
+"""
+
+
+def test_a_command_may_hang_crash_and_write_garbage_and_the_rest_is_judged(
+    pattern: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("renderer.py").write_text(RENDERER)
+    command = f"{sys.executable} renderer.py {{i}} {{j}} {{out}} '{Path.cwd()}'"
+    status, found = run(capsys, "--command", command, "--encoding", "triangle-id", "--timeout", "1")
+    assert status == 1
+    hang, crash, nothing, garbage, elsewhere = (hogel["problem"] for hogel in found["hogels"][1:])
+    assert "longer than 1 s" in hang
+    assert "exit status 7" in crash
+    assert "no such lens" in crash
+    assert "wrote no file" in nothing
+    assert "not an image" in garbage
+    assert "wrote no file" in elsewhere
+    assert found["hogels"][0]["verdict"] == "pass"
+
+
+def test_a_command_sees_the_aperture_and_no_shell(world: Scene, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("tell.py").write_text("import sys; sys.exit(' '.join(sys.argv[1:]))")
+    command = f"{sys.executable} tell.py --x {{x}} --y {{y}} {{i}} {{j}} '$HOME; ls' {{out}}"
+    status, found = run(capsys, "--command", command, "--apertures", "2,0")
+    assert status == 1
+    middle = world.plate.aperture(2, 0)
+    assert f"--x {middle.x!r} --y {middle.y!r} 2 0 $HOME; ls" in found["hogels"][0]["problem"]
+
+
+def test_a_command_that_does_not_exist_is_reported(world: Scene, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = run(capsys, "--command", "no-such-renderer {out}", "--apertures", "0,0")
+    assert status == 1
+    assert "cannot be run" in found["hogels"][0]["problem"]
+
+
+def test_a_function_that_raises_or_returns_something_else_is_reported(world: Scene) -> None:
+    with Rasterizer(world) as rasterizer:
+
+        def renderer(scene: Scene, aperture: Aperture) -> HogelImage:
+            if aperture.column == 0:
+                raise ValueError("no memory of that")
+            if aperture.column == 1:
+                return None  # type: ignore[return-value]  # as strangers do
+            return rasterizer.render(aperture, NEAR)
+
+        found = xfrustum.verify(world, renderer)
+    problems = [hogel.problem for hogel in found.hogels[:3]]
+    assert problems[0] == "renderer raised ValueError: no memory of that"
+    assert problems[1] == "renderer returned NoneType, not a HogelImage"
+    assert problems[2] is None
+    assert not found.passed
+    assert found.hogels[2].passed
+
+
+@pytest.mark.parametrize("kept", ["triangle", "object", "position", "all"])
+def test_any_subset_of_an_exr_files_channels_is_judged(kept: str, world: Scene, tmp_path: Path) -> None:
+    with Rasterizer(world) as rasterizer:
+        for aperture in all_apertures(world):
+            image = rasterizer.render(aperture, NEAR)
+            nothing = np.full_like(image.triangle, -1)
+            write_image(
+                tmp_path / f"{aperture.column}{aperture.row}.exr",
+                HogelImage(
+                    camera=image.camera,
+                    triangle=image.triangle if kept in ("triangle", "all") else nothing,
+                    object=image.object if kept in ("object", "all") else nothing,
+                    position=image.position
+                    if kept in ("position", "all")
+                    else np.full_like(image.position, np.nan),
+                ),
+            )
+    found = xfrustum.verify(world, str(tmp_path / "{i}{j}.exr"))
+    assert found.passed
+    assert found.diagnosis.faults == ()
+
+
+def test_a_function_needs_a_picture_of_the_right_size() -> None:
+    scene, other = small(size=16), small(size=24)
+    with Faulty(scene=other) as renderer:
+        found = xfrustum.verify(scene, renderer, apertures=[(0, 0)])
+    assert found.hogels[0].problem == "Faulty returned an image that is not 16 x 16"
+
+
+def test_python_refuses_what_the_command_line_refuses(world: Scene) -> None:
+    with pytest.raises(InputError, match="accept"):
+        xfrustum.verify(world, "{i}{j}", accept=("everything",))
+    with pytest.raises(InputError, match="max-wrong"):
+        xfrustum.verify(world, "{i}{j}", max_wrong=2.0)
+
+
+def test_noise_is_no_convention_and_one_file_of_it_spoils_nothing_else() -> None:
+    scene = small(size=32)
+    random = np.random.default_rng(1)
+    with Faulty(scene=scene, shift=(-0.5, -0.5)) as renderer:
+
+        def partly(scene: Scene, aperture: Aperture) -> HogelImage:
+            image = renderer(scene, aperture)
+            return noise(image) if aperture.index == (2, 2) else image
+
+        def noise(image: HogelImage) -> HogelImage:
+            number = random.integers(0, 2 * len(scene.faces), image.triangle.shape, dtype=np.int32)
+            return replace(image, triangle=number)
+
+        one = xfrustum.verify(scene, partly)
+        every = xfrustum.verify(scene, lambda scene, aperture: noise(renderer(scene, aperture)))
+    assert [fault.fault for fault in one.diagnosis.faults] == ["shift-x", "shift-y"]
+    assert every.diagnosis.faults == ()
+    assert "no convention explains" in every.diagnosis.means
+    assert not every.passed
+
+
+def test_nothing_is_nothing(world: Scene) -> None:
+    empty = replace(world, objects=())
+    with Rasterizer(empty) as rasterizer:
+        found = xfrustum.verify(empty, lambda scene, aperture: rasterizer.render(aperture, NEAR))
+    assert found.passed
+    assert found.diagnosis.faults == ()

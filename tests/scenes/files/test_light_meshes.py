@@ -1,0 +1,257 @@
+"""Normals and colors of meshes: those of the file, carried along by placing and refining."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from numpy.typing import NDArray
+
+from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
+from xfrustum.scenes.files.meshes.meshes import load_mesh
+from xfrustum.scenes.geometry.placement import magnification, place, placement
+from xfrustum.scenes.geometry.refine import refine
+from xfrustum.scenes.geometry.shapes import build_shape
+from xfrustum.scenes.geometry.smoothing import smoothed
+
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+ROUNDING = 1e-12
+"""A few dozen operations of doubles on values of size one round to 1e-14; matrices here may be so close to
+singular that they lose two digits more."""
+
+MATRICES = npst.arrays(np.float64, (3, 3), elements=st.floats(-2, 2)).filter(
+    lambda matrix: abs(matrix[0] @ np.cross(matrix[1], matrix[2])) > 0.1
+)
+VECTORS = npst.arrays(np.float64, (3, 3), elements=st.floats(-1, 1))
+
+
+def written(folder: Path, name: str, text: str) -> SceneObject:
+    (folder / name).write_text(text)
+    return load_mesh(folder / name)
+
+
+def alone(part: SceneObject) -> Scene:
+    frustum = Frustum(resolution=(4, 4), reach=(10.0, 10.0), fov=(1.0, 1.0))
+    return Scene(name="one", plate=Plate(size=(1, 1), hogels=(1, 1)), frustum=frustum, objects=(part,))
+
+
+def normals_of(part: SceneObject) -> NDArray[np.float64]:
+    assert part.vertex_normals is not None
+    return part.vertex_normals
+
+
+def colors_of(part: SceneObject) -> NDArray[np.float64]:
+    assert part.vertex_colors is not None
+    return part.vertex_colors
+
+
+def winding_normals(part: SceneObject) -> NDArray[np.float64]:
+    a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
+    return np.cross(b - a, c - a)
+
+
+def test_normals_are_those_of_the_file_and_not_made_up(tmp_path: Path) -> None:
+    assert written(tmp_path, "flat.obj", CORNERS + "f 1 2 3\n").vertex_normals is None
+    normals = "vn 0 0 2\nvn 0 3 4\nvn 0 0 0\n"
+    part = written(tmp_path, "own.obj", CORNERS + normals + "f 1//1 2//2 3//3\n")
+    order = np.argsort(part.vertices @ [1, 2, 0])
+    expected = np.array([[0, 0, 1], [0, 0.6, 0.8], [np.nan] * 3])
+    np.testing.assert_allclose(normals_of(part)[order], expected)
+
+
+def test_ply_normals_are_read_too(tmp_path: Path) -> None:
+    header = "ply\nformat ascii 1.0\nelement vertex 3\n"
+    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    part = written(tmp_path, "n.ply", header + "0 0 0 0 0 1\n1 0 0 0 1 0\n0 1 0 1 0 0\n3 0 1 2\n")
+    np.testing.assert_array_equal(normals_of(part), [[0, 0, 1], [0, 1, 0], [1, 0, 0]])
+
+
+def placed_ball(matrix: NDArray[np.float64], folder: Path) -> SceneObject:
+    """Return a glTF file's ball, with its normals, placed by its node."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    assert len(ball.vertex_normals) == len(ball.vertices)  # now the exporter finds them
+    scene: Any = trimesh.Scene()
+    scene.add_geometry(ball, transform=matrix)
+    path = folder / "ball.glb"
+    scene.export(str(path), include_normals=True)
+    return load_mesh(path)
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_a_node_places_normals_with_its_mesh_also_where_it_mirrors(tmp_path: Path, mirror: float) -> None:
+    matrix = np.diag([mirror * 2.0, 0.5, 3.0, 1.0])
+    matrix[:3, 3] = (5, 6, 7)
+    part = placed_ball(matrix, tmp_path)
+    # On the ellipsoid of these half axes the normal is along x / a^2, y / b^2, z / c^2.
+    outward = (part.vertices - (5, 6, 7)) / np.array([2.0, 0.5, 3.0]) ** 2
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    # Normals of 32-bit floats, averaged over the facets of an icosphere: not those of the ball exactly.
+    assert (np.einsum("vx,vx->v", outward, normals_of(part)) > 0.99).all()
+    agree = np.einsum("fx,fcx->fc", winding_normals(part), normals_of(part)[part.faces])
+    assert (agree > 0).all(), "on the side that the winding faces"
+
+
+def test_vertex_colors_are_decoded_from_srgb_but_for_gltf(tmp_path: Path) -> None:
+    """By the definition of sRGB: 188/255 is half of linear light, about; 10/255 is on its straight part."""
+    header = "ply\nformat ascii 1.0\nelement vertex 3\n"
+    header += "".join(f"property float {name}\n" for name in "xyz")
+    header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    part = written(tmp_path, "c.ply", header + "0 0 0 188 10 0\n1 0 0 255 255 255\n0 1 0 0 0 0\n3 0 1 2\n")
+    half = ((188 / 255 + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(
+        colors_of(part), [[half, 10 / 255 / 12.92, 0], [1, 1, 1], [0, 0, 0]], rtol=1e-12
+    )
+    stored = [[188, 10, 0, 255], [255, 255, 255, 0], [0, 0, 0, 255]]
+    mesh = trimesh.Trimesh(vertices=np.eye(3), faces=[[0, 1, 2]], vertex_colors=stored, process=False)
+    mesh.export(str(tmp_path / "c.glb"))
+    linear = colors_of(load_mesh(tmp_path / "c.glb"))
+    np.testing.assert_allclose(linear, np.array(stored)[:, :3] / 255, rtol=1e-12)
+
+
+def test_a_gltf_base_color_is_a_vertex_color_and_multiplies_those_there_are(tmp_path: Path) -> None:
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[102, 255, 0, 255])
+    plain = trimesh.Trimesh(vertices=np.eye(3), faces=[[0, 1, 2]], process=False)
+    colored = plain.copy()
+    colored.visual = trimesh.visual.TextureVisuals(uv=np.zeros((3, 2)), material=material)
+    both: Any = colored.copy()
+    both.visual.vertex_attributes["color"] = np.full((3, 4), 51, dtype=np.uint8)
+    scene: Any = trimesh.Scene([colored, both, plain])
+    scene.export(str(tmp_path / "m.glb"))
+    colors = colors_of(load_mesh(tmp_path / "m.glb"))
+    expected = {(0.4, 1.0, 0.0), (0.08, 0.2, 0.0), (1.0, 1.0, 1.0)}
+    assert {tuple(np.round(color, 6).tolist()) for color in colors} == expected
+
+
+def test_meshes_without_normals_and_colors_have_none() -> None:
+    for name in ("beetle-alt.obj", "teapot.obj"):
+        if not (DATA / name).is_file():
+            pytest.skip("needs ../shared, the folder of test data beside the checkout, which is not here")
+        part = load_mesh(DATA / name)
+        assert part.vertex_normals is None
+        assert part.vertex_colors is None
+
+
+@settings(deadline=None, derandomize=True)
+@given(matrix=MATRICES, corners=VECTORS, shift=st.tuples(*[st.floats(-3, 3)] * 3))
+def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
+    matrix: NDArray[np.float64], corners: NDArray[np.float64], shift: tuple[float, float, float]
+) -> None:
+    """Whatever the matrix, mirrors included: the moved normal is that of the moved triangle."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    if np.linalg.norm(normal) < 0.05:
+        return
+    part = SceneObject(
+        name="t", vertices=corners, faces=np.array([[0, 1, 2]]), vertex_normals=np.tile(normal, (3, 1))
+    )
+    scene_from_mesh = np.eye(4)
+    scene_from_mesh[:3, :3], scene_from_mesh[:3, 3] = matrix, shift
+    moved = place(part, scene_from_mesh)
+    [upright] = winding_normals(moved)
+    for kept in normals_of(moved):
+        cosine = kept @ upright / np.linalg.norm(kept) / np.linalg.norm(upright)
+        assert cosine == pytest.approx(1, abs=1e-9)
+    lengths = [np.linalg.norm(matrix @ direction) for direction in np.eye(3)]
+    assert max(lengths) <= magnification(scene_from_mesh) * (1 + ROUNDING)
+
+
+@pytest.mark.parametrize("scale", [1e-25, 1.0, 1e25])
+def test_the_size_of_a_placement_does_not_reach_the_normals(scale: float) -> None:
+    ball = smoothed(build_shape("sphere"))
+    normals = normals_of(place(ball, placement(scale, (10.0, 20.0, 30.0))))
+    turned = normals_of(place(ball, placement(1.0, (10.0, 20.0, 30.0))))
+    np.testing.assert_allclose(normals, turned, atol=ROUNDING)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(
+    normals=VECTORS,
+    colors=VECTORS,
+    weights=st.tuples(st.floats(0, 1), st.floats(0, 1)),
+    levels=st.integers(1, 3),
+)
+def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
+    normals: NDArray[np.float64], colors: NDArray[np.float64], weights: tuple[float, float], levels: int
+) -> None:
+    one, two = sorted(weights)
+    shares = np.array([one, two - one, 1 - two])
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    part = SceneObject(
+        name="t", vertices=corners, faces=np.array([[0, 1, 2]]), vertex_normals=normals, vertex_colors=colors
+    )
+    fine = refine(alone(part), levels).objects[0]
+    point = shares @ corners
+    # The part of the triangle that the point lies in, and its place there.
+    local = [
+        np.linalg.solve(np.vstack([fine.vertices[face].T[:2], np.ones(3)]), [*point[:2], 1])
+        for face in fine.faces
+    ]
+    inside = int(np.argmax([min(place) for place in local]))
+    for coarse, values in ((normals, normals_of(fine)), (colors, colors_of(fine))):
+        np.testing.assert_allclose(local[inside] @ values[fine.faces[inside]], shares @ coarse, atol=ROUNDING)
+
+
+def test_a_corner_without_a_normal_leaves_all_of_its_triangle_flat_however_fine() -> None:
+    normals = np.array([[0.0, 0, 1], [0, 0, 1], [np.nan] * 3, [0, 0, 1]])
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, -1, 0]])
+    part = SceneObject(
+        name="t", vertices=corners, faces=np.array([[0, 1, 2], [1, 0, 3]]), vertex_normals=normals
+    )
+    fine = refine(alone(part), 2).objects[0]
+    smooth = np.isfinite(normals_of(fine)[fine.faces]).all(axis=(1, 2))
+    assert smooth.tolist() == [False] * 16 + [True] * 16
+
+
+def test_smoothing_does_not_depend_on_how_flat_faces_are_cut() -> None:
+    """Every face of a box in two triangles, or in eight: the corners have the same normals."""
+    box = build_shape("box")
+    fine = smoothed(refine(alone(box), 1).objects[0])
+    coarse = smoothed(box)
+    np.testing.assert_allclose(normals_of(fine)[: len(box.vertices)], normals_of(coarse), atol=1e-15)
+
+
+def test_smoothing_joins_vertices_in_one_place_and_keeps_normals_that_are_there() -> None:
+    box = build_shape("box")
+    loose = SceneObject(
+        name="soup", vertices=box.vertices[box.faces].reshape(-1, 3), faces=np.arange(36).reshape(-1, 3)
+    )
+    normals = normals_of(smoothed(loose))
+    np.testing.assert_allclose(normals, np.sign(loose.vertices) / np.sqrt(3), atol=1e-15)
+    own = np.full((8, 3), np.nan)
+    own[5] = (0, 1, 0)
+    kept = normals_of(smoothed(replace(box, vertex_normals=own)))
+    np.testing.assert_array_equal(kept[5], [0, 1, 0])
+    assert np.isfinite(kept).all()
+
+
+@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+def test_smoothing_a_sphere_of_any_size_gives_about_its_radii(size: float) -> None:
+    """24 bands of 7.5 degrees: a mean of the facets around a point is off by far less than one of them."""
+    ball = build_shape("sphere")
+    ball = smoothed(replace(ball, vertices=ball.vertices * size))
+    outward = ball.vertices / size / 0.5
+    assert np.einsum("vx,vx->v", outward, normals_of(ball)).min() > np.cos(np.radians(0.5))
+
+
+def test_opposite_faces_leave_no_normal() -> None:
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    part = SceneObject(name="t", vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 1]]))
+    normals = normals_of(smoothed(part))
+    assert np.isnan(normals).all()
+
+
+def test_normals_and_colors_cannot_be_written_to() -> None:
+    part = smoothed(build_shape("cone"))
+    with pytest.raises(ValueError, match="read-only"):
+        normals_of(part)[0] = 0

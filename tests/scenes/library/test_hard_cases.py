@@ -1,0 +1,234 @@
+"""The suite of hard cases: what must come out of the truth, and that no answer ever breaks down."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.exact_brute_force import exact_pixels
+from tests.support.hard_views import SMALL, Index, companions_of, scene_of, truth_of
+from tests.support.views import lines_by_definition
+from xfrustum.compare import compare_images
+from xfrustum.compare.attribution.explain import explain
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import (
+    NOTHING,
+    Certainty,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    HogelImage,
+    InputError,
+    open_scene,
+)
+from xfrustum.scenes.library import builtin
+from xfrustum.scenes.library.hard import cases as hard_cases
+
+VIEWS = [
+    pytest.param(name, aperture, id=f"{name}-{aperture[0]},{aperture[1]}")
+    for name in SMALL
+    for aperture in hard_cases.CASES[name].apertures
+]
+DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
+NEARS = (1e-3, 1e-6)
+"""As fractions of the reach."""
+
+LINE_ROUNDING = 4 * 2.0**-53
+"""Two roundings in a coordinate a + s d of a surface point, relative to its terms, doubled."""
+
+KIB, GIB = 1 << 10, 1 << 30
+CHECKED_EXACTLY = 600
+"""Pixels of each class that rational arithmetic decides again."""
+
+
+def test_every_case_is_documented_listed_and_opened_by_its_name() -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "hard-cases.md").read_text()
+    listed = {entry.name: entry for entry in hard_cases.listing()}
+    assert list(listed) == hard_cases.names()
+    assert not set(listed) & set(builtin.names())
+    for name, case in hard_cases.CASES.items():
+        assert f"`{name}`" in page
+        assert case.why and case.expected and "\n" not in case.why + case.expected
+        assert listed[name].purpose == case.why
+    for name in SMALL:
+        assert scene_of(name).source == scene_of(name).name == name
+        assert listed[name].triangles == len(scene_of(name).faces)
+        assert scene_of(name).content_hash == hard_cases.build(name).content_hash
+
+
+def test_an_unknown_hard_case_is_an_input_error_that_names_the_nearest() -> None:
+    with pytest.raises(InputError, match="did you mean hard/needles"):
+        open_scene("hard/needle")
+    with pytest.raises(InputError, match="no hard case is called 'hard/needle'"):
+        hard_cases.build("hard/needle")
+
+
+@pytest.mark.parametrize(("name", "aperture"), VIEWS)
+def test_the_truth_is_finite_consistent_and_the_same_again(name: str, aperture: Index) -> None:
+    scene, image = scene_of(name), truth_of(name, aperture)
+    assert image.normal is not None and image.color is not None
+    assert image.certainty is not None and image.companions is not None
+    shown = image.triangle != NOTHING
+    np.testing.assert_array_equal(image.covered, shown)
+    assert np.isfinite(image.position[shown]).all() and np.isnan(image.position[~shown]).all()
+    np.testing.assert_allclose(np.linalg.norm(image.normal[shown], axis=-1), 1.0, rtol=1e-12)
+    assert np.isnan(image.normal[~shown]).all()
+    assert np.isfinite(image.color).all() and not image.color[~shown].any()
+    np.testing.assert_array_equal(image.object[shown], scene.object_of_triangle[image.triangle[shown]])
+    assert (image.object[~shown] == NOTHING).all()
+    viewer, back = scene.frustum.reach
+    assert (image.height[shown] <= viewer).all() and (image.height[shown] >= -back).all()
+
+    assert not (image.certainty == Certainty.UNEXAMINED).any()
+    ties = companions_of(image)
+    assert sorted(ties) == [tuple(index) for index in np.argwhere(image.certainty == Certainty.TIE).tolist()]
+    for (row, column), triangles in ties.items():
+        assert len(set(triangles)) == len(triangles) >= 2
+        assert image.triangle[row, column] == min(triangles)
+
+    again = Reference(scene).trace(scene.plate.aperture(*aperture))
+    for field in ("triangle", "object", "position", "normal", "color", "certainty", "companions"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(image, field), err_msg=field)
+
+
+@pytest.mark.parametrize(("name", "aperture"), VIEWS)
+def test_every_surface_point_lies_on_the_line_of_its_pixel(name: str, aperture: Index) -> None:
+    scene, image = scene_of(name), truth_of(name, aperture)
+    where = scene.plate.aperture(*aperture)
+    center = np.array([where.x, where.y, 0.0])
+    along = -image.height[..., None] * lines_by_definition(scene, where)
+    shown = image.covered
+    off = np.abs(image.position - (center + along))[shown]
+    assert (off <= LINE_ROUNDING * (np.abs(center) + np.abs(along[shown]))).all()
+
+
+@pytest.mark.parametrize(("name", "aperture"), VIEWS)
+def test_rational_arithmetic_agrees(name: str, aperture: Index) -> None:
+    scene, image = scene_of(name), truth_of(name, aperture)
+    assert image.certainty is not None
+    random = np.random.default_rng(5)
+    classes = [np.flatnonzero(image.certainty.ravel() == kind) for kind in Certainty]
+    pixels = np.concatenate([random.permutation(members)[:CHECKED_EXACTLY] for members in classes])
+    ties = companions_of(image)
+    for pixel, exact in zip(
+        pixels.tolist(), exact_pixels(scene, scene.plate.aperture(*aperture), pixels), strict=True
+    ):
+        row, column = divmod(pixel, scene.frustum.resolution[0])
+        assert image.triangle[row, column] == min(exact.winners, default=NOTHING), (row, column)
+        assert -image.height[row, column] == pytest.approx(exact.s, rel=1e-12, abs=0, nan_ok=True)
+        expected = exact.winners if len(exact.winners) > 1 else []
+        assert ties.get((row, column), []) == expected, (row, column)
+
+
+def bits(image: HogelImage) -> list[bytes]:
+    assert image.normal is not None and image.color is not None
+    return [a.tobytes() for a in (image.triangle, image.object, image.position, image.normal, image.color)]
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_the_rasterizer_is_finite_explained_and_the_same_from_run_to_run(name: str) -> None:
+    scene = scene_of(name)
+    reference = Reference(scene)
+    with Rasterizer(scene) as one, Rasterizer(scene) as other:
+        for aperture in hard_cases.CASES[name].apertures:
+            where = scene.plate.aperture(*aperture)
+            for near in NEARS:
+                for depth, mapping in DEPTHS:
+                    settings = DoubleFrustum(
+                        near=near * scene.frustum.longest_reach, depth=depth, mapping=mapping
+                    )
+                    drawn = one.render(where, settings)
+                    shown = drawn.triangle != NOTHING
+                    assert np.isfinite(drawn.position[shown]).all()
+                    assert drawn.color is not None and np.isfinite(drawn.color).all()
+                    assert (
+                        bits(drawn)
+                        == bits(one.render(where, settings))
+                        == bits(other.render(where, settings))
+                    )
+
+                    judged = compare_images(truth_of(name, aperture), drawn, reference)
+                    json.dumps(judged.summary(), allow_nan=False)
+                    model = reference.trace_model(where, settings)
+                    explained = explain(scene, model, drawn, int(one.device["subpixel_bits"]))
+                    assert not explained.unexplained.any(), (aperture, settings)
+
+
+def test_two_open_rasterizers_do_not_draw_into_each_other() -> None:
+    scenes = [scene_of(name) for name in ("hard/tiny", "hard/needles", "hard/duplicates")]
+    settings = [DoubleFrustum(near=1e-3 * scene.frustum.longest_reach) for scene in scenes]
+    alone = []
+    for scene, setting in zip(scenes, settings, strict=True):
+        with Rasterizer(scene) as rasterizer:
+            alone.append(bits(rasterizer.render(scene.plate.middle, setting)))
+    rasterizers = [Rasterizer(scene) for scene in scenes]
+    while rasterizers:
+        for rasterizer, setting, expected in zip(rasterizers, settings, alone, strict=True):
+            assert bits(rasterizer.render(rasterizer.scene.plate.middle, setting)) == expected
+        rasterizers.pop(0).release()
+        settings, alone = settings[1:], alone[1:]
+
+
+def peak_memory(work: str) -> int:
+    """Return the most bytes that a process of its own needed for some work."""
+    measured = f"{work}\nimport resource\nprint(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    done = subprocess.run([sys.executable, "-c", measured], capture_output=True, text=True, check=True)
+    return int(done.stdout.splitlines()[-1]) * KIB
+
+
+BYTES_PER_TRIANGLE = 512
+"""Of a mesh with two triangles a vertex, 132 stay: vertices 12, faces 24, corners 72, normals 24.
+
+Making the normals takes about as much again three times over. An image takes nothing beside that.
+"""
+
+
+@pytest.mark.slow
+def test_ten_million_triangles_are_traced_in_memory_for_the_mesh_alone(
+    record_property: Callable[[str, object], None],
+) -> None:
+    case = hard_cases.CASES["hard/giant-mesh"]
+    assert case.triangles is not None
+    needed = peak_memory(
+        "import numpy as np\n"
+        "from xfrustum.reference import Reference\n"
+        "from xfrustum.scenes import Certainty, open_scene\n"
+        f"scene = open_scene({case.name!r})\n"
+        f"assert len(scene.faces) == {case.triangles}\n"
+        "image = Reference(scene).trace(scene.plate.middle)\n"
+        "assert image.covered.all() and -69 < image.height.min() and image.height.max() < -51\n"
+        "assert (image.certainty == Certainty.PROVEN).mean() > 0.999\n"
+    )
+    record_property("peak_gib", needed / GIB)
+    assert needed < BYTES_PER_TRIANGLE * case.triangles
+
+
+@pytest.mark.slow
+def test_a_giant_image_is_traced_in_bands_of_bounded_memory(
+    record_property: Callable[[str, object], None],
+) -> None:
+    case = hard_cases.CASES["hard/giant-image"]
+    width, height = case.frustum.resolution
+    needed = peak_memory(
+        "from xfrustum.reference import Reference\n"
+        "from xfrustum.scenes import Certainty, open_scene\n"
+        f"scene = open_scene({case.name!r})\n"
+        f"assert len(scene.faces) == {case.triangles}\n"
+        "rows, covered, unproven = 0, 0, 0\n"
+        "for band in Reference(scene).trace_bands(scene.plate.middle):\n"
+        "    rows += len(band.triangle)\n"
+        "    covered += int(band.covered.sum())\n"
+        "    unproven += int((band.certainty != Certainty.PROVEN).sum())\n"
+        f"assert rows == {height}\n"
+        f"assert 0.2 < covered / {width * height} < 0.9\n"
+        f"assert unproven < 1e-3 * {width * height}\n"
+    )
+    record_property("peak_gib", needed / GIB)
+    assert needed < 3 * GIB

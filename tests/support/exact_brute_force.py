@@ -1,0 +1,60 @@
+"""What rational arithmetic says about chosen pixels, with nothing left out but what cannot matter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.support.brute_force import Floats, exact_first
+from tests.support.views import lines_by_definition
+from xfrustum.scenes import Aperture, Scene
+
+SURELY = 1e-12
+"""Relative to the sum of absolute products: a thousand times the rounding of a dozen operations."""
+
+LINES_AT_ONCE = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExactPixel:
+    """What one line meets first.
+
+    Attributes
+    ----------
+    winners
+        All triangles met there, in ascending order; empty where it meets none.
+    s
+        Where, NaN where it meets none.
+    """
+
+    winners: list[int]
+    s: float
+
+
+def exact_pixels(scene: Scene, aperture: Aperture, pixels: NDArray[np.int64]) -> list[ExactPixel]:
+    """Decide pixels (N,), row * W + column, of a scene's true image from an aperture."""
+    center = np.array([aperture.x, aperture.y, 0.0])
+    lines = lines_by_definition(scene, aperture).reshape(-1, 3)[pixels]
+    s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
+    decided = []
+    for start in range(0, len(lines), LINES_AT_ONCE):
+        part = lines[start : start + LINES_AT_ONCE]
+        for line, possible in zip(part, _possible(scene.triangles - center, part), strict=True):
+            numbers = np.flatnonzero(possible)
+            s, chosen = exact_first(scene.triangles[numbers], center, line, s_range)
+            winners = numbers[chosen].tolist()
+            decided.append(ExactPixel(winners=winners, s=float("nan") if s is None else float(s)))
+    return decided
+
+
+def _possible(corners: Floats, d: Floats) -> NDArray[np.bool_]:
+    """Return which lines (N, 3) may meet which triangles about their common point, (N, F)."""
+    following = np.roll(corners, -1, axis=1)
+    cross = np.cross(corners, following)
+    a, b = np.abs(corners), np.abs(following)
+    magnitude = np.roll(a, -1, -1) * np.roll(b, -2, -1) + np.roll(a, -2, -1) * np.roll(b, -1, -1)
+    side = np.einsum("fki,ni->knf", cross, d)
+    doubt = SURELY * np.einsum("fki,ni->knf", magnitude, np.abs(d))
+    return np.asarray(~((side > doubt).any(axis=0) & (side < -doubt).any(axis=0)))

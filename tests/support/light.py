@@ -1,0 +1,196 @@
+"""The light model by its definition (CONVENTIONS.md, "Light"), in numpy and double precision, for tests.
+
+With the true eye vector and no flips, at the surface points that the cameras of the double frustum draw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.support.views import lines_by_definition, view
+from xfrustum.scenes import HogelImage, Scene, SceneObject
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.light import DirectionalLight, Environment
+from xfrustum.scenes.appearance.material import Material
+
+Array = NDArray[np.float64]
+
+SHINY = Material(
+    ambient=(0.05, 0.1, 0.15),
+    diffuse=(0.5, 0.4, 0.3),
+    specular=(0.3, 0.5, 0.9),
+    exponent=12.0,
+    reflectivity=(0.3, 0.6, 0.2),
+)
+PLAIN = Material(ambient=(0.2, 0.1, 0.0), diffuse=(0.3, 0.6, 0.5), specular=(0.4, 0.2, 0.1), exponent=75.0)
+LIGHTS = (
+    DirectionalLight(direction=(-2.0, 3.0, 1.0), color=(1.0, 0.9, 0.7)),
+    DirectionalLight(direction=(1.0, 0.3, 2.0), color=(0.3, 0.5, 0.9)),
+    DirectionalLight(direction=(0.5, -1.0, -0.2), color=(0.4, 0.1, 0.2)),
+)
+
+
+def unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def decoded(codes: NDArray[np.uint8]) -> Array:
+    """sRGB, as IEC 61966-2-1 has it."""
+    c = codes / 255.0
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
+def bilinear(picture: Array, x: Array, y: Array, *, wrap_rows: bool) -> Array:
+    """Between the centers of texels, x and y counted in texels; around in columns, and in rows or not."""
+    rows, columns = picture.shape[:2]
+    x, y = x - 0.5, y - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    share_x, share_y = (x - left)[..., None], (y - top)[..., None]
+    row = [r % rows if wrap_rows else np.clip(r, 0, rows - 1) for r in (top, top + 1)]
+    column = [c % columns for c in (left, left + 1)]
+    upper, lower = (picture[r, column[0]] * (1 - share_x) + picture[r, column[1]] * share_x for r in row)
+    return np.asarray(upper * (1 - share_y) + lower * share_y)
+
+
+def environment_along(environment: Environment, direction: Array) -> Array:
+    rows, columns = environment.radiance.shape[:2]
+    x, y, z = np.moveaxis(unit(direction), -1, 0)
+    right = 0.5 + np.arctan2(x, -z) / (2 * np.pi)
+    down = 0.5 - np.arcsin(np.clip(y, -1, 1)) / np.pi
+    picture = environment.radiance.astype(np.float64)
+    return environment.strength * bilinear(picture, right * columns, down * rows, wrap_rows=False)
+
+
+def weights_on_triangles(scene: Scene, image: HogelImage) -> tuple[Array, Array]:
+    """Return, for the pixels that show a surface, corner weights (N, 3) and unit eye vectors (N, 3).
+
+    Every pixel's line is that of its camera, stepped back by near: parallel to the true one.
+    """
+    settings = image.camera.settings
+    assert settings is not None and settings.slabs == ()
+    d = lines_by_definition(scene, image.camera.aperture)[image.covered]
+    corners = scene.triangles[image.triangle[image.covered]]
+    side = np.where(image.height[image.covered] > 0, -1.0, 1.0)
+    # C stands at z = +n on the shear through the aperture, C* at z = -n.
+    shear = np.array([*image.camera.shear, -1.0])
+    aperture = np.array([image.camera.aperture.x, image.camera.aperture.y, 0.0])
+    center = aperture - (side * settings.near)[:, None] * shear
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    from_corner = center - corners[:, 0]
+    across = np.cross(d, e2)
+    determinant = np.einsum("ni,ni->n", e1, across)
+    one = np.einsum("ni,ni->n", from_corner, across) / determinant
+    two = np.einsum("ni,ni->n", d, np.cross(from_corner, e1)) / determinant
+    return np.stack((1 - one - two, one, two), axis=1), -unit(d)
+
+
+def texture_colors(scene: Scene, triangle: NDArray[np.int32], weight: Array) -> Array:
+    surface = scene.surface
+    colors = np.ones((len(triangle), 3))
+    if surface.texture_of_triangle is None or surface.uv is None:
+        return colors
+    uv = np.einsum("nk,nki->ni", weight, surface.uv[scene.faces[triangle]])
+    number = surface.texture_of_triangle[triangle]
+    for index, texture in enumerate(surface.textures):
+        here = number == index
+        rows, columns = texture.shape[:2]
+        x, y = uv[here, 0] * columns, (1 - uv[here, 1]) * rows
+        colors[here] = bilinear(decoded(texture[..., :3]), x, y, wrap_rows=True)
+    return colors
+
+
+def normals_to_the_viewer(scene: Scene, triangle: NDArray[np.int32], weight: Array, eye: Array) -> Array:
+    flat = scene.normals[triangle]
+    normal = flat
+    if scene.surface.vertex_normals is not None:
+        smooth = np.einsum("nk,nki->ni", weight, scene.surface.vertex_normals[scene.faces[triangle]])
+        has = np.isfinite(smooth).all(axis=1)
+        normal = np.where(has[:, None], unit(np.where(has[:, None], smooth, 1.0)), flat)
+    back = np.einsum("ni,ni->n", flat, eye) < 0
+    return np.where(back[:, None], -normal, normal)
+
+
+def radiance_by_definition(scene: Scene, image: HogelImage, *, reflections: bool = True) -> Array:
+    """Return linear RGB (H, W, 3) of an image's surfaces, black where there are none."""
+    covered = image.covered
+    triangle = image.triangle[covered]
+    weight, eye = weights_on_triangles(scene, image)
+    normal = normals_to_the_viewer(scene, triangle, weight, eye)
+    mirrored = 2 * np.einsum("ni,ni->n", normal, eye)[:, None] * normal - eye
+    albedo = texture_colors(scene, triangle, weight)
+    if scene.surface.vertex_colors is not None:
+        albedo *= np.einsum("nk,nki->ni", weight, scene.surface.vertex_colors[scene.faces[triangle]])
+
+    def coefficient(name: str) -> Array:
+        return np.array([getattr(m, name) for m in scene.materials])[scene.object_of_triangle[triangle]]
+
+    radiance = coefficient("ambient") * albedo
+    for light in scene.appearance.lights:
+        facing, along = normal @ light.direction, np.maximum(mirrored @ light.direction, 0)
+        highlight = np.where(facing > 0, along ** coefficient("exponent"), 0)
+        diffuse = coefficient("diffuse") * albedo * np.maximum(facing, 0)[:, None]
+        radiance += np.array(light.color) * (diffuse + coefficient("specular") * highlight[:, None])
+    environment = scene.appearance.environment
+    if environment is not None and reflections:
+        radiance += coefficient("reflectivity") * environment_along(environment, mirrored)
+    picture = np.zeros((*image.triangle.shape, 3))
+    picture[covered] = radiance
+    return picture
+
+
+def patterned_environment(seed: int = 5, size: tuple[int, int] = (12, 7)) -> Environment:
+    """Return an environment without any symmetry, some of it brighter than one."""
+    generator = np.random.default_rng(seed)
+    return Environment(
+        radiance=generator.uniform(0, 2, (size[1], size[0], 3)).astype(np.float32), strength=0.8
+    )
+
+
+def with_smooth_normals(part: SceneObject) -> SceneObject:
+    """Return an object with normals at its vertices, those of adjoining faces averaged by area."""
+    corners = part.vertices[part.faces]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(part.vertices)
+    for corner in range(3):
+        np.add.at(total, part.faces[:, corner], area)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return replace(part, vertex_normals=total / np.where(length > 0, length, np.nan))
+
+
+def dressed(part: SceneObject, seed: int) -> SceneObject:
+    """Return an object with every attribute: smooth but at some vertices, colored, textured twice."""
+    generator = np.random.default_rng(seed)
+    smooth = with_smooth_normals(part)
+    assert smooth.vertex_normals is not None
+    normals = smooth.vertex_normals.copy()
+    normals[generator.random(len(normals)) < 0.05] = np.nan
+    colors = generator.uniform(0.2, 1.0, part.vertices.shape)
+    # Laid on from the side, so that a texel is of the size of a few triangles' pixels.
+    uv = part.vertices[:, :2] * 0.11 + part.vertices[:, 2:] * [0.05, -0.03]
+    textures = tuple(generator.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4)))
+    number = generator.integers(-1, 2, len(part.faces)).astype(np.int32)
+    return replace(
+        part,
+        vertex_normals=normals,
+        vertex_colors=colors,
+        uv=uv,
+        textures=textures,
+        texture_of_triangle=number,
+        material="shiny" if seed % 2 else "plain",
+    )
+
+
+def dressed_scene(name: str, resolution: tuple[int, int]) -> Scene:
+    """Return a built-in scene with every attribute on every second object, three lights, an environment."""
+    scene = view(name, resolution)
+    objects = tuple(
+        replace(part, material="shiny") if index % 3 == 2 else dressed(part, index)
+        for index, part in enumerate(scene.objects)
+    )
+    look = Appearance(
+        materials={"shiny": SHINY, "plain": PLAIN}, lights=LIGHTS, environment=patterned_environment()
+    )
+    return replace(scene, objects=objects, appearance=look)

@@ -1,0 +1,73 @@
+"""Commands under a limit on the size of files, as on a full disk, in a process of their own.
+
+Reads the limits and the command lines as JSON from standard input, runs each line under each limit in an
+empty folder, and prints what became of it as JSON. `run` starts it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from xfrustum.cli.main import main
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of one command under one limit: hashes of the files that it left, by name."""
+
+    limit: int
+    status: int
+    error: str
+    files: dict[str, str]
+
+
+def run(arguments: Sequence[str], limits: Sequence[int], folder: Path) -> list[Outcome]:
+    """Run a command that writes to the folder `out` below another one, once under each limit."""
+    asked = json.dumps({"arguments": list(arguments), "limits": list(limits)})
+    program = [sys.executable, "-m", "tests.support.limited_disk", str(folder)]
+    checkout = Path(__file__).resolve().parents[2]
+    told = subprocess.run(program, input=asked, capture_output=True, text=True, check=True, cwd=checkout)
+    return [Outcome(**outcome) for outcome in json.loads(told.stdout)]
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    """Return the hash of every file in a folder; folders count as they are left over too."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def _outcome(arguments: list[str], limit: int, folder: Path) -> Outcome:
+    hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    out = folder / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir()
+    error = io.StringIO()
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stderr(error),
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+        try:
+            status = main(arguments)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+    return Outcome(limit=limit, status=status, error=error.getvalue(), files=hashes(out))
+
+
+if __name__ == "__main__":
+    asked = json.load(sys.stdin)
+    found = [_outcome(asked["arguments"], limit, Path(sys.argv[1])) for limit in asked["limits"]]
+    json.dump([vars(outcome) for outcome in found], sys.stdout)
