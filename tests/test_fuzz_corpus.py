@@ -14,7 +14,7 @@ import pytest
 
 from tests.fuzz.child import Outcome
 from tests.fuzz.findings import findings
-from tests.fuzz.mutations import mutated
+from tests.fuzz.mutations import mutated, mutated_arguments
 from tests.fuzz.replay import entries
 
 
@@ -39,6 +39,11 @@ def test_mutations_depend_on_their_seed_alone_and_change_something() -> None:
     assert once == again
     assert sum(piece != data for piece in once) > 40
     assert len(set(once)) > 40
+
+
+def test_a_command_line_can_lose_all_its_arguments() -> None:
+    found = {mutated_arguments(("scenes",), random.Random(number)) for number in range(1000)}
+    assert () in found
 
 
 def test_every_finding_is_found() -> None:

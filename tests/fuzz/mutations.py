@@ -69,6 +69,8 @@ def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tupl
     """Return a command line of which one to three arguments are damaged."""
     damaged = list(arguments)
     for _ in range(chance.choice((1, 1, 2, 3))):
+        if not damaged:  # nothing is left to be damaged: the program without arguments is an input as well
+            break
         at = chance.randrange(1, len(damaged)) if len(damaged) > 1 else 0
         action = chance.randrange(5)
         if action == 0:
