@@ -65,7 +65,7 @@ def views(names: Sequence[str], *, quick: bool) -> list[View]:
 
 def default_names() -> list[str]:
     """Return the built-in scenes, the hard cases, and scene files where there are any beside the checkout."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "scenes"
+    beside = Path(__file__).resolve().parents[3] / "shared" / "scenes"
     return [
         *builtin.names(),
         *hard_cases.names(giants=False),

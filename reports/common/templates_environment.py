@@ -21,7 +21,7 @@ from xfrustum.reports.common.json_ready import json_ready
 
 Filters = Mapping[str, Callable[..., Any]]
 
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = Path(__file__).parents[1] / "templates"
 
 _POLICY_MARK = "@@content-security-policy@@"
 """Stands in a page for its policy until all scripts of the page are known. The first one is replaced: the
