@@ -306,11 +306,11 @@ def test_bad_input_is_one_line_status_2_and_nothing_written(
 @pytest.mark.parametrize(
     ("line", "work"),
     [
-        ("cost boxes.toml", "cost.measure_cost"),
-        ("verify boxes.toml {i}x{j}.png", "verification.verify"),
-        ("budget boxes.toml --near 1", "budgeting.budget_of"),
-        ("compare a.exr b.exr", "comparison.compare_files"),
-        ("figure7 boxes.toml", "figure7.draw_figure"),
+        ("cost boxes.toml", "cost.cost.measure_cost"),
+        ("verify boxes.toml {i}x{j}.png", "verification.verification.verify"),
+        ("budget boxes.toml --near 1", "commands.budgeting.budget_of"),
+        ("compare a.exr b.exr", "commands.comparison.compare_files"),
+        ("figure7 boxes.toml", "commands.figure7.draw_figure"),
     ],
 )
 @pytest.mark.usefixtures("scene")

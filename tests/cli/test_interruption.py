@@ -58,7 +58,7 @@ def program(body: str) -> list[str]:
     return [
         "-c",
         "import sys\n"
-        "from xfrustum import cli_termination\n"
+        "from xfrustum.cli import termination as cli_termination\n"
         "cli_termination.of_process()\n"
         "import click, xfrustum.cli.main\n"
         "def work():\n" + textwrap.indent(textwrap.dedent(body), "    ") + "\n"
@@ -74,7 +74,7 @@ def from_the_first_moment(arguments: Sequence[str]) -> list[str]:
     return [
         "-c",
         "import sys\n"
-        "from xfrustum import cli_termination\n"
+        "from xfrustum.cli import termination as cli_termination\n"
         "cli_termination.of_process()\n"
         "print('ready', flush=True)\n"
         f"sys.argv[1:] = {list(arguments)!r}\n"
