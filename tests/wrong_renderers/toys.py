@@ -253,7 +253,7 @@ add(
     scaled_up(Image.Resampling.BILINEAR),
     alike("resampled wrong-encoding", IDS),
 )
-add("jpeg", "JPEG", changed(jpeg), alike("resampled wrong-encoding", IDS))
+add("jpeg", "JPEG", changed(jpeg), alike("lossy resampled wrong-encoding", IDS))
 add("antialiased", "anti-aliased", antialiased, alike("resampled wrong-encoding", IDS))
 add("mirrored", "mirrored", changed(lambda p: p[:, ::-1]), alike("orientation"))
 add("upside-down", "upside down", changed(lambda p: p[::-1]), alike("orientation"))
