@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.passes import Pass
 from xfrustum.raster.device.targets import most_samples
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
 
 POINTS_AT_ONCE = 1 << 21
@@ -88,7 +88,7 @@ class Mean:
     def __init__(self, film: tuple[int, int]) -> None:
         self._sum = np.zeros((film[1], film[0], 3))
 
-    def add(self, tile: Tile, color: NDArray[np.float32]) -> None:
+    def add(self, tile: Tile, color: Singles) -> None:
         """Add the points of one tile, (rows, columns, 3), row 0 at the top."""
         (columns, rows), (column, row), n = tile.extent, tile.corner, tile.supersample
         boxes = color.reshape(rows, n, columns, n, 3)
@@ -96,7 +96,7 @@ class Mean:
         there = self._sum[row : row + rows, column : column + columns]
         there += mean[: there.shape[0], : there.shape[1]]
 
-    def over(self, count: int) -> NDArray[np.float32]:
+    def over(self, count: int) -> Singles:
         """Return the mean of a number of whole images, (H, W, 3)."""
         return (self._sum / count).astype(np.float32)
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from types import TracebackType
 
 import numpy as np
-from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
@@ -20,6 +19,7 @@ from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.drawing import Drawing
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect, checked, needed
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
@@ -153,7 +153,7 @@ class Rasterizer:
 
     def _color(
         self, target: Target, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling
-    ) -> NDArray[np.float32]:
+    ) -> Singles:
         """Return what the target shows or, where more samples are asked for, the mean over them."""
         if sampling == ONCE:
             return target.read_color()
@@ -174,7 +174,7 @@ class Rasterizer:
         else:
             target.begin()
 
-    def _read_position(self, target: Target, passes: Sequence[Pass]) -> NDArray[np.float32]:
+    def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
         if not passes:
             return np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
         drawn = [DrawnBy(clip_from_scene=p.clip_from_scene, heights=p.heights) for p in passes]
@@ -185,7 +185,7 @@ class Rasterizer:
             self._targets[size, depth, samples] = Target(size, depth, samples)
         return self._targets[size, depth, samples]
 
-    def _normals_of(self, triangle: NDArray[np.int32]) -> NDArray[np.float32]:
+    def _normals_of(self, triangle: Numbers) -> Singles:
         normals = np.full((*triangle.shape, 3), np.nan, dtype=np.float32)
         covered = triangle != NOTHING
         normals[covered] = self.scene.normals[triangle[covered]]

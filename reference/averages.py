@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.devices.bands import in_parallel
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -43,9 +43,7 @@ def points_per_side(sampling: Sampling) -> int:
     return sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
 
 
-def mean_color(
-    scene: Scene, shader: Shader, apertures: Sequence[Aperture], side: int, rows: range
-) -> NDArray[np.float64]:
+def mean_color(scene: Scene, shader: Shader, apertures: Sequence[Aperture], side: int, rows: range) -> Floats:
     """Return linear RGB (rows, W, 3): the mean over some apertures and over side x side points per pixel.
 
     The points are the pixel centers of an image of `side` times the resolution.
@@ -56,7 +54,7 @@ def mean_color(
         fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width * side, height * side))
         certifier = Certifier(scene.triangles, fine)
 
-        def band(some: range, fine: Pencil = fine, certifier: Certifier = certifier) -> NDArray[np.float64]:
+        def band(some: range, fine: Pencil = fine, certifier: Certifier = certifier) -> Floats:
             color = _color(scene, shader, certifier.decide(some), fine, some)
             return np.asarray(color.reshape(len(some), width, side, -1).sum(axis=2))
 
@@ -70,9 +68,7 @@ def mean_color(
     return total / (len(apertures) * side * side)
 
 
-def _color(
-    scene: Scene, shader: Shader, decided: FirstSurfaces, pencil: Pencil, rows: range
-) -> NDArray[np.float64]:
+def _color(scene: Scene, shader: Shader, decided: FirstSurfaces, pencil: Pencil, rows: range) -> Floats:
     """Return linear RGB, or gray, of what the lines of some rows meet first, black where that is nothing."""
     directions = pencil.directions(slice(rows.start, rows.stop)).reshape(-1, 3)
     covered = np.flatnonzero(decided.triangle != NOTHING)

@@ -12,13 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.plate import Aperture, Plate
-
-Floats = NDArray[np.float64]
 
 SCRAMBLINGS = 8
 """Independent estimates. A pixel's standard error is itself known to one part in sqrt(2 (8 - 1)) or so,

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
@@ -21,6 +20,7 @@ from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.reference.truth import Reference
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -79,7 +79,7 @@ def versions() -> dict[str, str]:
     return {**backend().versions, **libraries}
 
 
-def _bare_mitsuba(scene: Scene, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> Answer:
+def _bare_mitsuba(scene: Scene, origins: Floats, directions: Floats) -> Answer:
     mi, dr = backend().mitsuba, backend().drjit
     scale = unit_scale(scene.vertices)
     mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)

@@ -8,7 +8,6 @@ from functools import cached_property, partial
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, points_per_side
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
@@ -26,6 +25,7 @@ from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.reference.tracers.visibility import SurfacePoints, hidden
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect, checked
 from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage, stacked
@@ -130,12 +130,12 @@ class Reference:
                 yield replace(image, rendering=self.rendering())
 
     def _streamed(
-        self, aperture: Aperture, certifier: Certifier, opinion: NDArray[np.int32], rows: range
+        self, aperture: Aperture, certifier: Certifier, opinion: Numbers, rows: range
     ) -> HogelImage:
         return self._band(aperture, certifier, rows, opinion[rows.start : rows.stop])
 
     def _band(
-        self, aperture: Aperture, certifier: Certifier, rows: range, second_opinion: NDArray[np.int32]
+        self, aperture: Aperture, certifier: Certifier, rows: range, second_opinion: Numbers
     ) -> HogelImage:
         """Decide some rows of a true image, and note where the tracer thinks otherwise."""
         decided = certifier.decide(rows)
@@ -189,7 +189,7 @@ class Reference:
         side = points_per_side(self.scene.sampling if sampling is None else sampling)
         rows = range(self.scene.frustum.resolution[1])
 
-        def mean(apertures: Sequence[Aperture]) -> NDArray[np.float64]:
+        def mean(apertures: Sequence[Aperture]) -> Floats:
             return mean_color(self.scene, self._shader, apertures, side, rows)
 
         return converged(mean, self.scene.plate, aperture, tolerance, seed)
@@ -213,7 +213,7 @@ class Reference:
 
         return stacked(list(in_parallel(band, pencil.resolution)))
 
-    def gaps(self, aperture: Aperture) -> NDArray[np.float64]:
+    def gaps(self, aperture: Aperture) -> Floats:
         """Return how far behind each pixel's first surface the same camera sees the next one, (H, W).
 
         In |z|, scene units: for C, which keeps the nearest surface behind the plate, to the second
@@ -230,7 +230,7 @@ class Reference:
         gaps = RunnersUp(self.scene.triangles, pencil).gaps
         return np.concatenate(list(in_parallel(gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)))
 
-    def hidden(self, aperture: Aperture, points: SurfacePoints) -> NDArray[np.bool_]:
+    def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
         """Return which points the true frustum of an aperture does not see; see `visibility.hidden`."""
         return hidden(self.tracer, self.scene, crossed_frustum(self.scene.frustum, aperture), points)
 

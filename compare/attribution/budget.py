@@ -18,6 +18,7 @@ from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, RASTERIZATION, Chain
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.scene import Scene
 
 RIGHT = -1
@@ -38,14 +39,14 @@ class VectorBudget:
         Pixels left out, because some image shows no surface or one in the plate.
     """
 
-    steps: NDArray[np.float64]
-    total: NDArray[np.float64]
+    steps: Floats
+    total: Floats
     elsewhere: int
 
     @classmethod
-    def of(cls, values: NDArray[np.float64]) -> VectorBudget:
+    def of(cls, values: Floats) -> VectorBudget:
         """Take the differences of a quantity (images, H, W, components), NaN where it is undefined."""
-        defined: NDArray[np.bool_] = np.all(np.isfinite(values), axis=(0, -1))
+        defined: Mask = np.all(np.isfinite(values), axis=(0, -1))
         values = np.where(defined[..., None], values, np.nan)
         return cls(
             steps=np.diff(values, axis=0), total=values[-1] - values[0], elsewhere=int((~defined).sum())
@@ -151,12 +152,12 @@ def _predicted(reference: Reference, chain: Chain) -> tuple[LinkPrediction, ...]
     return predictor.links(chain.settings)
 
 
-def _last(changed: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _last(changed: Mask) -> Indices:
     """Return the last link that changed each pixel (links, H, W); any where none did."""
     return np.asarray(len(changed) - 1 - np.argmax(changed[::-1], axis=0))
 
 
-def _surface_charge(reference: Reference, chain: Chain, judged: NDArray[np.bool_]) -> NDArray[np.int8]:
+def _surface_charge(reference: Reference, chain: Chain, judged: Mask) -> NDArray[np.int8]:
     truth = chain.images[0]
     wrong = np.stack([wrong_surface(truth, image, reference) & judged for image in chain.images])
     return np.where(wrong[-1], _last(~wrong[:-1]), RIGHT).astype(np.int8)

@@ -17,11 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.depth import Depths, depths
 from xfrustum.compare.rounding.edges import covers, placement
 from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
@@ -36,16 +36,16 @@ class Explanation:
         (H, W) masks that exclude each other.
     """
 
-    edge: NDArray[np.bool_]
-    order: NDArray[np.bool_]
-    lost: NDArray[np.bool_]
-    unexplained: NDArray[np.bool_]
+    edge: Mask
+    order: Mask
+    lost: Mask
+    unexplained: Mask
 
     def counts(self) -> dict[str, int]:
         """Return the number of pixels under each heading."""
         return {name: int(getattr(self, name).sum()) for name in ("edge", "order", "lost", "unexplained")}
 
-    def within(self, pixels: NDArray[np.bool_]) -> Explanation:
+    def within(self, pixels: Mask) -> Explanation:
         """Return the explanation of some pixels."""
         return Explanation(**{name: mask & pixels for name, mask in vars(self).items()})
 
@@ -79,7 +79,7 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     edge = np.zeros(len(rows), dtype=np.bool_)
     # A depth test chooses only among triangles that cover the pixel: on the model's side they do.
     at_choice = raster.triangle[rows, columns] == NOTHING
-    shown_by: list[tuple[NDArray[np.int64], Depths]] = []
+    shown_by: list[tuple[Indices, Depths]] = []
     for image in (model, raster):
         triangle = image.triangle[rows, columns]
         height = image.height[rows, columns]
@@ -109,7 +109,7 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
     )
 
 
-def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> NDArray[np.bool_]:
+def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:
     """Return the pixels whose centers the triangles drawn there do not reach, (H, W).
 
     Surface points of the raster are computed on the drawn triangle, for the pixel's center
@@ -139,7 +139,7 @@ def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> NDArray[n
     return mask
 
 
-def _scatter(where: NDArray[np.bool_], values: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _scatter(where: Mask, values: Mask) -> Mask:
     mask = np.zeros_like(where)
     mask[where] = values
     return mask

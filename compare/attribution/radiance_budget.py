@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.budget import VectorBudget
 from xfrustum.compare.metrics.display import through_8_bits
@@ -34,6 +33,7 @@ from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -52,8 +52,6 @@ model."""
 
 MOST_PIXELS = 1 << 22
 """Of a chain's six images: bounds the memory, some 500 bytes a pixel."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,8 +76,8 @@ class RadianceBudget:
 
     links: tuple[str, ...]
     change: VectorBudget
-    judged: NDArray[np.bool_]
-    same: NDArray[np.bool_]
+    judged: Mask
+    same: Mask
     errors: dict[str, float]
 
     def summary(self) -> dict[str, Any]:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.orientations import Orientation
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 POINT_SIZE = 2.0**-24
 """Size of the triangle that stands for a claimed point, relative to the point's largest coordinate:
@@ -41,8 +40,8 @@ class Claims:
         Whether the triangles stand for claimed points, which say themselves where the scene is.
     """
 
-    hogel: NDArray[np.int64]
-    pixel: NDArray[np.int64]
+    hogel: Indices
+    pixel: Indices
     corners: Floats
     size: tuple[int, int]
     hogels: tuple[int, int]
@@ -52,7 +51,7 @@ class Claims:
         """Return the number of claims."""
         return len(self.hogel)
 
-    def chosen(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Claims:
+    def chosen(self, index: Indices | Mask) -> Claims:
         """Return some of the claims."""
         return Claims(
             hogel=self.hogel[index],
@@ -121,14 +120,14 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
     )
 
 
-def _some(count: int) -> NDArray[np.int64]:
+def _some(count: int) -> Indices:
     """Return which of a hogel's claims are taken: no hogel outvotes the others."""
     if count <= MOST:
         return np.arange(count)
     return np.sort(np.random.default_rng(count).choice(count, MOST, replace=False))
 
 
-def outlines(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
+def outlines(labels: NDArray[np.integer]) -> Mask:
     """Return the pixels beside one of another label, or of nothing, (H, W)."""
     padded = np.pad(labels, 1, constant_values=NOTHING - 1)
     inner = padded[1:-1, 1:-1]

@@ -15,6 +15,7 @@ from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Fron
 from xfrustum.compare.renderer_model.drawn_trace import as_image, drawn_layers, overlaid, trace_drawn
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 TELLING = 20
@@ -113,7 +114,7 @@ def _compared(
     return upright(image.color), [np.asarray(picture) for picture in pictures]
 
 
-def _differ(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
+def _differ(one: NDArray[Any], other: NDArray[Any]) -> Mask:
     if one.ndim == 2:
         return np.asarray(one != other)
     return np.asarray((np.abs(one - other) > COLOR_TOLERANCE).any(axis=-1))
@@ -165,7 +166,7 @@ def exchanged_light(reference: Reference, model: DrawnModel, images: Sequence[Ho
     return [_correlation(np.concatenate(parts, axis=1)) if parts else float("nan") for parts in samples]
 
 
-def _eroded(labels: NDArray[np.int32]) -> NDArray[np.int32]:
+def _eroded(labels: Numbers) -> Numbers:
     """Return labels, 0 where one of the eight neighbors has another."""
     padded = np.pad(labels, 1)
     height, width = labels.shape

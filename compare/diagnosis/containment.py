@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.diagnosis.claims import Claims
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
-
-Floats = NDArray[np.float64]
 
 CROSSING = 0.5
 """Surfaces closer to a camera than this part of near are not seen by it: halfway between the near

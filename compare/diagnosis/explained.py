@@ -6,16 +6,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.judging.judged import Judging, covered_by, wrong_pixels
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import shows_something
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-
-Mask = NDArray[np.bool_]
 
 LEAST_EXPLAINED = 0.9
 """Share of the wrong pixels that a diagnosis must explain to be a finding.

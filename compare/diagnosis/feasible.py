@@ -11,16 +11,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from xfrustum.compare.diagnosis.claims import Claims
 from xfrustum.compare.diagnosis.containment import inside_px
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
 """By how much rasterizers move edges, in pixels: half the diagonal of a step of 8 subpixel bits, which
@@ -80,7 +78,7 @@ def feasible_interval(
 
 def _bounding(
     claims: Claims, scene: Scene, model: DrawnModel, allowed: float
-) -> tuple[Floats, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
+) -> tuple[Floats, tuple[Indices, Indices, Indices]]:
     """Return the distances that can bound the fit, and their places: camera, claim, edge."""
     distance, outside = inside_px(claims, scene, model)
     camera = np.argmin(outside, axis=0)
@@ -95,7 +93,7 @@ def _distances(
     claims: Claims,
     scene: Scene,
     model: DrawnModel,
-    rows: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    rows: tuple[Indices, Indices, Indices],
 ) -> Floats:
     distance, _ = inside_px(claims, scene, model)
     return np.asarray(distance[rows])

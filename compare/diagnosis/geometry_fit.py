@@ -14,7 +14,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from xfrustum.compare.diagnosis.claims import Claims
@@ -23,10 +22,9 @@ from xfrustum.compare.diagnosis.feasible import SNAP_PX, feasible_interval
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
-
-Floats = NDArray[np.float64]
 
 SEARCHED, FITTED, BOUNDED = 1200, 2500, 16000
 """Claims that the search, the fit and the intervals look at: enough for either, and quick."""

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.optimize import least_squares, minimize
 from scipy.stats import t as student
@@ -22,9 +21,8 @@ from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.pictures import as_gray, picture_of
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
-
-Floats = NDArray[np.float64]
 
 FINER = 8
 """Reference pixels for each pixel of an image, along each side: between them it is interpolated."""

@@ -7,18 +7,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation, orientations
 from xfrustum.compare.renderer_model.pictures import as_gray
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.files.foreign_images import Encoding, ForeignImage, Reading, read_again, stored_rgb
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-
-Numbers = NDArray[np.int32]
-Bytes = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
 FIRST = "first"
@@ -76,7 +72,7 @@ class _Beside:
     rgb: Bytes
     triangle: Numbers
     object: Numbers
-    gray: NDArray[np.float64]
+    gray: Floats
 
     def shown(self) -> Mask:
         """Pixels where either shows something."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from xfrustum.compare.extent.layers import areas, share_between, triangles_in_chunks
-from xfrustum.compare.extent.sight import Flags, apertures_in_sight
+from xfrustum.compare.extent.sight import apertures_in_sight
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Plate
@@ -39,7 +40,7 @@ class Sight:
     corners: tuple[bool, bool, bool, bool]
 
     @classmethod
-    def of_flags(cls, flags: Flags, plate: Plate) -> Sight:
+    def of_flags(cls, flags: Mask, plate: Plate) -> Sight:
         """Count the (rows, columns) flags of a plate's apertures."""
         seeing = np.argwhere(flags)
         some = len(seeing) > 0

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +28,7 @@ class Layer:
     """
 
     corners: Floats
-    valid: NDArray[np.bool_]
+    valid: Mask
     behind: bool
 
 

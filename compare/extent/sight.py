@@ -8,15 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.extent.layers import Layer, layers, triangles_in_chunks
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.scene import SceneObject
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FILM_MARGIN_PX = 1e-6
 """Added around what a triangle covers on the film. Film coordinates are a dozen roundings of doubles, good
@@ -43,9 +40,9 @@ def in_sight(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
     )
 
 
-def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: Aperture) -> Flags:
+def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: Aperture) -> Mask:
     """Return (F,) whether a pixel's center may lie in the image of each triangle's part in a layer."""
-    shown: Flags = np.asarray(layer.valid.any(axis=1))
+    shown: Mask = np.asarray(layer.valid.any(axis=1))
     for axis, pixels in enumerate(frustum.resolution):
         low, high = _film_range(layer, frustum, aperture, axis)
         # The centers of pixels 0 to n - 1 lie at film coordinates (2 k + 1)/n - 1, whichever way k counts.
@@ -87,7 +84,7 @@ def _slopes(frustum: Frustum, aperture: Aperture, axis: int) -> tuple[float, flo
     return (frustum.screen.center[axis] - center) / depth, frustum.screen.size[axis] / 2 / abs(depth)
 
 
-def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aperture: Aperture) -> Flags:
+def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aperture: Aperture) -> Mask:
     """Return (F,) whether all corners of the film lie beyond one and the same edge of a triangle.
 
     A line of direction d through the aperture meets a triangle P0 P1 P2 in P = a + s d only if the three
@@ -111,7 +108,7 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
     return np.asarray(certain & beyond.all(axis=2).any(axis=1))
 
 
-def apertures_in_sight(part: SceneObject, frustum: Frustum, plate: Plate) -> Flags:
+def apertures_in_sight(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask:
     """Return (rows, columns) which apertures' crossed frusta hold any of an object.
 
     None that holds some is left out; at the border of those that do, one too many may be counted by the
@@ -148,9 +145,7 @@ def _split_coarse(triangles: Floats, total: int) -> Floats:
     return triangles
 
 
-def _aperture_range(
-    layer: Layer, frustum: Frustum, plate: Plate, axis: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> tuple[Indices, Indices]:
     """Return the (F,) first and last column, or row counted upward, whose lines may meet each part.
 
     A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s), with the screen

@@ -10,13 +10,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.rounding.clip_seams import distance_to_segments, seams
 from xfrustum.compare.rounding.depth import depths
 from xfrustum.compare.rounding.edges import covers, placement
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
@@ -37,8 +37,8 @@ NO_NEAR = 1e-6
 
 
 def cause_masks(
-    scene: Scene, model: DrawnModel, traced: HogelImage, image: HogelImage, wrong: NDArray[np.bool_]
-) -> dict[str, NDArray[np.bool_]]:
+    scene: Scene, model: DrawnModel, traced: HogelImage, image: HogelImage, wrong: Mask
+) -> dict[str, Mask]:
     """Return which wrong pixels have which cause, (H, W) each.
 
     Parameters
@@ -92,16 +92,14 @@ def cause_masks(
 
 
 def causes(
-    scene: Scene, model: DrawnModel, traced: HogelImage, image: HogelImage, wrong: NDArray[np.bool_]
+    scene: Scene, model: DrawnModel, traced: HogelImage, image: HogelImage, wrong: Mask
 ) -> dict[str, int]:
     """Return how many wrong pixels have which cause; see `cause_masks`."""
     masks = cause_masks(scene, model, traced, image, wrong)
     return {name: int(mask.sum()) for name, mask in masks.items()}
 
 
-def _on_border(
-    model: DrawnModel, traced: HogelImage, columns: NDArray[np.int64], rows: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def _on_border(model: DrawnModel, traced: HogelImage, columns: Indices, rows: Indices) -> Mask:
     """Return which pixels are sampled on the film's own border, where clipping cuts every triangle.
 
     Only shifted samples lie there: those of the outermost pixels, half a pixel from their centers.
@@ -117,9 +115,9 @@ def _on_seams(
     scene: Scene,
     model: DrawnModel,
     images: tuple[HogelImage, HogelImage],
-    columns: NDArray[np.int64],
-    rows: NDArray[np.int64],
-) -> NDArray[np.bool_]:
+    columns: Indices,
+    rows: Indices,
+) -> Mask:
     """Return which pixels are sampled where clipping may have split a triangle that either image shows."""
     points = np.stack((columns + 0.5 + model.shift[0], rows + 0.5 + model.shift[1]), axis=1)
     pencils = [_seen_by(scene, model, images[0].camera.aperture, side) for side in (1, -1)]

@@ -7,7 +7,6 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.judging.causes import cause_masks
 from xfrustum.compare.judging.outline_shift import (
@@ -31,11 +30,9 @@ from xfrustum.compare.renderer_model.pictures import (
 from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.tracers.visibility import hidden
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.plate.plate import Aperture
-
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 
 class Compared(StrEnum):

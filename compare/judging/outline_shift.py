@@ -15,10 +15,8 @@ from scipy.ndimage import maximum_filter
 
 from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.compare.prediction.contours import Kind, contours
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FARTHEST_PX = 8
 """Largest displacement that is searched, along each axis; what has moved farther has no peak here."""
@@ -148,7 +146,7 @@ def outline_displacement(expected: Steps, shown: Steps) -> Spread | None:
     return Spread.of(np.hypot(*np.array(found).T))
 
 
-def _strongest(expected: Steps) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+def _strongest(expected: Steps) -> tuple[Indices, Indices, Floats]:
     """Return row and column (N, 2), axis and weight of the `MOST_STEPS` strongest steps."""
     rows, weights = [], []
     for axis, some in enumerate((expected.across, expected.down)):
@@ -163,9 +161,7 @@ def _strongest(expected: Steps) -> tuple[NDArray[np.int64], NDArray[np.int64], F
     return places[::every, :2], places[::every, 2], weight[::every]
 
 
-def _peak(
-    places: NDArray[np.int64], axis: NDArray[np.int64], weights: Floats, shown: Steps
-) -> tuple[float, float] | None:
+def _peak(places: Indices, axis: Indices, weights: Floats, shown: Steps) -> tuple[float, float] | None:
     """Return the displacement (rows, columns) with the most contrast at steps; None if none stands out."""
     reach = FARTHEST_PX
     scores = np.zeros((2 * reach + 1, 2 * reach + 1))

@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.compare.metrics.error_maps import ErrorMaps, error_maps
 from xfrustum.compare.metrics.radiance import RadianceError, compare_radiance
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 
@@ -160,7 +160,7 @@ def _check_numbers(raster: HogelImage, reference: Reference | None) -> None:
         )
 
 
-def _height_error(error: NDArray[np.float64]) -> HeightError | None:
+def _height_error(error: Floats) -> HeightError | None:
     if error.size == 0:
         return None
     return HeightError(rms=float(np.sqrt(np.mean(error**2))), max=float(np.abs(error).max()))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.film import pixel_centers, true_pixel
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
 
@@ -22,7 +22,7 @@ class Spread:
     max: float
 
     @classmethod
-    def of(cls, values: NDArray[np.float64]) -> Spread | None:
+    def of(cls, values: Floats) -> Spread | None:
         """Return the spread of some values of any shape, None where there is none."""
         if values.size == 0:
             return None
@@ -33,7 +33,7 @@ class Spread:
         return cls(rms=rms, p50=float(p50), p95=float(p95), p99=float(p99), max=largest)
 
 
-def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(None)) -> NDArray[np.float64]:
+def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(None)) -> Floats:
     """Return where each pixel's surface point belongs, minus where it was drawn.
 
     No optical flow is needed: the image says which surface point it shows, and the true frustum
@@ -60,6 +60,6 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     return shift
 
 
-def lengths(shift: NDArray[np.float64]) -> NDArray[np.float64]:
+def lengths(shift: Floats) -> Floats:
     """Return the lengths (...) of vectors (..., 2), without over- or underflow."""
     return np.abs(np.ascontiguousarray(shift).view(np.complex128)[..., 0])

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
+
 LEVELS = 255
 """Steps of an 8-bit channel."""
 
@@ -16,7 +18,7 @@ _KNEE, _ENCODED_KNEE = 0.0031308, 0.04045
 """Where the curve's straight part ends (IEC 61966-2-1), in linear radiance and encoded."""
 
 
-def encoded(radiance: NDArray[np.floating]) -> NDArray[np.float64]:
+def encoded(radiance: NDArray[np.floating]) -> Floats:
     """Return linear radiance as a screen shows it: clipped to 0..1, through the sRGB curve.
 
     Black where radiance is NaN.
@@ -25,12 +27,12 @@ def encoded(radiance: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.where(linear <= _KNEE, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def decoded(shown: NDArray[np.floating]) -> NDArray[np.float64]:
+def decoded(shown: NDArray[np.floating]) -> Floats:
     """Return the linear radiance of sRGB values from 0 to 1."""
     shown = np.asarray(shown, dtype=np.float64)
     return np.where(shown <= _ENCODED_KNEE, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
 
 
-def through_8_bits(radiance: NDArray[np.floating]) -> NDArray[np.float64]:
+def through_8_bits(radiance: NDArray[np.floating]) -> Floats:
     """Return the linear radiance that is left of a picture after 8-bit output."""
     return decoded(np.rint(LEVELS * encoded(radiance)) / LEVELS)

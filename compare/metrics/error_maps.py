@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.displacement import displacement, lengths
 from xfrustum.compare.metrics.pixel_bands import in_bands
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
 
 
@@ -35,17 +35,17 @@ class ErrorMaps:
         (H, W, 3) raster minus truth, NaN where it is not judged; None where it was not compared.
     """
 
-    judged: NDArray[np.bool_]
-    surface: NDArray[np.bool_] | None
-    triangle: NDArray[np.bool_]
-    displacement: NDArray[np.float64]
-    height: NDArray[np.float64]
-    radiance: NDArray[np.float64] | None
+    judged: Mask
+    surface: Mask | None
+    triangle: Mask
+    displacement: Floats
+    height: Floats
+    radiance: Floats | None
 
 
 def error_maps(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, *, numbered: bool
-) -> tuple[ErrorMaps, NDArray[np.float64]]:
+) -> tuple[ErrorMaps, Floats]:
     """Return the error maps but that of radiance, and the lengths of all displacements, (N,) px.
 
     Parameters
@@ -71,7 +71,7 @@ def error_maps(
     return joined, np.concatenate([band.lengths for band in bands])
 
 
-def judged_pixels(truth: HogelImage) -> NDArray[np.bool_]:
+def judged_pixels(truth: HogelImage) -> Mask:
     """Return the pixels whose truth is no tie, (H, W)."""
     if truth.certainty is None:
         return np.ones(truth.triangle.shape, dtype=np.bool_)
@@ -83,7 +83,7 @@ class _Band:
     """Some rows of the error maps, and how long their displacements are."""
 
     maps: ErrorMaps
-    lengths: NDArray[np.float64]
+    lengths: Floats
 
 
 def _judge(
@@ -107,7 +107,7 @@ def _judge(
     return _Band(maps=maps, lengths=lengths(shift)[raster.off_plate])
 
 
-def _height_map(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _height_map(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:
     same = truth.covered & (truth.triangle == raster.triangle) & judged
     same &= np.isfinite(raster.height)
     # What is not the same may be anything.

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera
 
 
-def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> NDArray[np.float64]:
+def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
     """Project surface points through the true frustum of an aperture.
 
     Parameters
@@ -34,7 +35,7 @@ def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> NDArray[np.
     return place
 
 
-def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> NDArray[np.float64]:
+def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> Floats:
     """Return column and row of every pixel, (H, W, 2), or of some rows."""
     width, height = camera.resolution
     down = np.arange(height, dtype=np.float64)[rows]

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.noise import NoiseTest, compare_with_noise
 from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
 from xfrustum.scenes.appearance.sampling import Transport, sub_apertures
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -38,7 +38,7 @@ class LeftOut:
     transport: Transport
     difference: RadianceEstimate
     noise: NoiseTest
-    without: NDArray[np.float64]
+    without: Floats
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as reports have them; radiance is positive where the raster lacks light."""

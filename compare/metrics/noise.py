@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from xfrustum.scenes.arrays import Floats, Mask
+
 if TYPE_CHECKING:
     from xfrustum.reference.transport.transport import RadianceEstimate
 
@@ -60,8 +62,8 @@ class NoiseTest:
     without_noise: int
     bias: float
     bias_error: float
-    differs: NDArray[np.bool_]
-    deviation: NDArray[np.float64]
+    differs: Mask
+    deviation: Floats
 
     @property
     def agrees(self) -> bool:
@@ -78,8 +80,8 @@ class NoiseTest:
 def compare_with_noise(
     picture: NDArray[np.floating],
     estimate: RadianceEstimate,
-    judged: NDArray[np.bool_],
-    rounding: NDArray[np.float64] | float = 0.0,
+    judged: Mask,
+    rounding: Floats | float = 0.0,
 ) -> NoiseTest:
     """Test whether a picture is what a noisy reference converges to.
 

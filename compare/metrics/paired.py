@@ -6,8 +6,9 @@ import zlib
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import binom
+
+from xfrustum.scenes.arrays import Mask
 
 CONFIDENCE = 0.95
 """Probability that no picture of a family is called worse than another by chance."""
@@ -29,7 +30,7 @@ class PixelSet:
     packed: bytes = field(repr=False)
 
     @classmethod
-    def of(cls, mask: NDArray[np.bool_]) -> PixelSet:
+    def of(cls, mask: Mask) -> PixelSet:
         """Return the pixels where a mask is set."""
         return cls(count=int(mask.sum()), packed=zlib.compress(np.packbits(mask).tobytes(), level=1))
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from xfrustum.compare.metrics.display import encoded
+from xfrustum.scenes.arrays import Singles
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
 """FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, from 0.7 m. It stands for a
@@ -41,7 +42,7 @@ class PerceptualDifference:
 
     flip: float
     ssim: float | None
-    flip_map: NDArray[np.float32]
+    flip_map: Singles
 
 
 def perceptual_difference(truth: NDArray[np.floating], raster: NDArray[np.floating]) -> PerceptualDifference:

@@ -15,6 +15,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from xfrustum.compare.metrics.noise import NoiseTest, compare_with_noise
 from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE, PerceptualDifference, perceptual_difference
 from xfrustum.reference.transport.transport import RadianceEstimate
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 
 STEP = 1 / 255
@@ -54,7 +55,7 @@ class RadianceSpread:
             return None
         error = np.asarray(error, dtype=np.float64)
         size = np.abs(error)
-        worst: NDArray[np.float64] = size.max(axis=1)
+        worst: Floats = size.max(axis=1)
         squares = np.mean(error**2, axis=0)
         channels = {
             "rms": np.sqrt(squares),
@@ -95,7 +96,7 @@ class RadianceError:
     away_from_edges: RadianceSpread | None
     perceptual: PerceptualDifference | None
     noise: NoiseTest | None
-    error: NDArray[np.float64]
+    error: Floats
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `compare --json` prints them."""
@@ -142,7 +143,7 @@ def compare_radiance(
     )
 
 
-def _noise(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> NoiseTest | None:
+def _noise(truth: HogelImage, raster: HogelImage, judged: Mask) -> NoiseTest | None:
     """Test a raster image against a truth that knows its own variance."""
     paths = truth.camera.light_paths
     if truth.variance is None or paths is None or truth.color is None or raster.color is None:
@@ -155,7 +156,7 @@ def _noise(truth: HogelImage, raster: HogelImage, judged: NDArray[np.bool_]) -> 
     return compare_with_noise(raster.color, estimate, judged, STEP)
 
 
-def away_from_edges(truth: HogelImage, raster: HogelImage, margin: int = 0) -> NDArray[np.bool_]:
+def away_from_edges(truth: HogelImage, raster: HogelImage, margin: int = 0) -> Mask:
     """Return the pixels that show the same triangle in both images, (H, W).
 
     What such a pixel's center shows is shaded continuously from one image to the other, however

@@ -7,15 +7,15 @@ is not a wrong surface.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
+from xfrustum.scenes.arrays import Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 
-def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> NDArray[np.int32]:
+def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> Numbers:
     """Return the object that each raster pixel shows; where that is not said, the truth's."""
     objects = np.where(raster.object != NOTHING, raster.object, truth.object)
     unnamed = np.flatnonzero((raster.object == NOTHING) & (raster.triangle != NOTHING))
@@ -23,7 +23,7 @@ def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> NDArra
     return objects
 
 
-def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> NDArray[np.bool_]:
+def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
     """Return the pixels that show the wrong surface, (H, W).
 
     Wrong is hit against miss, another object, or a surface point that the true frustum does not
@@ -31,7 +31,7 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     the true frustum only through the aperture, where every line meets it.
     """
     objects = shown_objects(truth, raster, reference.scene)
-    wrong: NDArray[np.bool_] = truth.covered != raster.covered
+    wrong: Mask = truth.covered != raster.covered
     wrong |= (truth.object != objects) & truth.covered
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
@@ -47,9 +47,7 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     return wrong
 
 
-def _surely_seen(
-    truth: HogelImage, raster: HogelImage, asked: NDArray[np.bool_], scene: Scene
-) -> NDArray[np.int64]:
+def _surely_seen(truth: HogelImage, raster: HogelImage, asked: Mask, scene: Scene) -> Indices:
     """Return which of the pixels asked for show, as exactly as that is known, the point that the truth shows.
 
     What the truth has proven to be seen need not be asked again: most of a picture with a small near.

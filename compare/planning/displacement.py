@@ -14,12 +14,12 @@ comes into the picture. That is left to the reference, which traces the offset c
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from xfrustum.compare.metrics.displacement import displacement, lengths
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab
 from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
@@ -73,7 +73,7 @@ def traced_displacement(reference: Reference, truth: HogelImage, settings: Doubl
     return displacement_percentile(displacement(model, truth.camera))
 
 
-def displacement_percentile(vectors: NDArray[np.float64]) -> float:
+def displacement_percentile(vectors: Floats) -> float:
     """Return the 99th percentile of the lengths of vectors (.., 2) where they are known; 0 where none is."""
     moved = lengths(vectors)
     moved = moved[np.isfinite(moved)]

@@ -11,15 +11,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.planning.views import View
 from xfrustum.raster import Rasterizer
 from xfrustum.reference.lines.lines import ModelCamera, model_cameras
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
-
-Floats = NDArray[np.float64]
 
 CELLS, CELL_PIXELS = 32, 8
 """Cells along each side of the film, and pixels along each side of a cell."""
@@ -118,9 +116,7 @@ def _wrong_shares(
     return [float(wrong[pixel_owner == number].mean()) for number in range(len(pairs))]
 
 
-def _sheet(
-    camera: ModelCamera, rows: NDArray[np.int64], columns: NDArray[np.int64], heights: Floats
-) -> SceneObject:
+def _sheet(camera: ModelCamera, rows: Indices, columns: Indices, heights: Floats) -> SceneObject:
     """Return cells of a camera's film as squares parallel to the plate, each at a height |z| of its own."""
     pencil = camera.pencil
     at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])

@@ -9,7 +9,6 @@ from functools import cached_property
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.planning.displacement import displacement_bound, traced_displacement
 from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
@@ -17,14 +16,14 @@ from xfrustum.compare.prediction.share import Slab, depth_wrong_share, slabs
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import real, settle
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-
-Floats = NDArray[np.float64]
+from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 SEPARATION_PER_REACH = 1e-3
 """Of the larger reach: the separation that is asked for where none is given."""
@@ -54,9 +53,9 @@ class Requirement:
         One of them is not positive, or the share is not below one.
     """
 
-    tolerance_px: float = 0.5
+    tolerance_px: float = TOLERANCE_PX
     separation: float | None = None
-    max_wrong: float = 1e-3
+    max_wrong: float = MAX_DEPTH_WRONG
 
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)

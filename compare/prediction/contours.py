@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SIGMA_PX = 1.5
 """Over which a staircase of pixels becomes a contour with a normal. A line that leans by one pixel in m
@@ -90,7 +88,7 @@ class _Steps:
     oriented: Floats
 
 
-def contours(truth: HogelImage, slab: NDArray[np.bool_] | None = None) -> Contours:
+def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     """Find the contours of a true image.
 
     Parameters
@@ -123,7 +121,7 @@ def contours(truth: HogelImage, slab: NDArray[np.bool_] | None = None) -> Contou
     )
 
 
-def _steps(truth: HogelImage, slab: NDArray[np.bool_], before: Indices, after: Indices) -> _Steps:
+def _steps(truth: HogelImage, slab: Mask, before: Indices, after: Indices) -> _Steps:
     """Find the pairs of pixels that a contour runs between."""
     objects, apart = truth.object.ravel(), slab.ravel()
     kind = np.full(len(before), -1, dtype=np.int8)
@@ -141,7 +139,7 @@ def _steps(truth: HogelImage, slab: NDArray[np.bool_], before: Indices, after: I
     return _Steps(before=before, after=after, kind=kind, oriented=np.where(forward, 1.0, -1.0))
 
 
-def _occludes(truth: HogelImage, before: Indices, after: Indices) -> NDArray[np.bool_]:
+def _occludes(truth: HogelImage, before: Indices, after: Indices) -> Mask:
     """Return the pairs whose points lie in neither tangent plane of the other."""
     found = np.zeros(len(before), dtype=np.bool_)
     if truth.normal is None:

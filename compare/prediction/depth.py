@@ -14,12 +14,10 @@ from __future__ import annotations
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
-
-Floats = NDArray[np.float64]
 
 MISORDERED = 0.01
 """Share of pixels in which the wrong surface may show, for a separation to count as ordered."""

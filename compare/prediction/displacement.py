@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.metrics.film import pixel_centers
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
-
-Floats = NDArray[np.float64]
 
 
 def displacement_field(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Floats:
@@ -141,17 +140,15 @@ def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floa
     return np.asarray(bent)
 
 
-def in_first_slab(
-    height: NDArray[np.floating], frustum: Frustum, settings: DoubleFrustum
-) -> NDArray[np.bool_]:
+def in_first_slab(height: NDArray[np.floating], frustum: Frustum, settings: DoubleFrustum) -> Mask:
     """Return which surfaces at some heights the slab that touches the plate draws."""
     toward, behind = (settings.sections(reach)[0][1] for reach in frustum.reach)
     return np.asarray((height <= toward) & (height >= -behind))
 
 
-def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> NDArray[np.bool_]:
+def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> Mask:
     """Return which surfaces at some heights off the plate some camera draws."""
-    drawn: NDArray[np.bool_] = np.isfinite(height)
+    drawn: Mask = np.isfinite(height)
     if settings.camera is not Camera.BOTH:
         drawn &= (height < 0) == (settings.camera is Camera.C)
     if settings.offset is Offset.NONE:

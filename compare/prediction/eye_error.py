@@ -6,15 +6,13 @@ See docs/method.md, "Light".
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.prediction.eye_vector import bend, radiance_along, shading_normals, true_lines
 from xfrustum.compare.prediction.shading import bent_eye, mirror_change, specular_change
 from xfrustum.reference.shading.shading import Shader
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 
 def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.reference.shading.interpolation import places, smooth_normals
 from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import HogelCamera
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-
-Floats = NDArray[np.float64]
 
 
 def true_lines(position: NDArray[np.floating], aperture: Aperture) -> Floats:
@@ -61,7 +60,7 @@ def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Fl
 
 
 def radiance_along(
-    scene: Scene, shader: Shader, triangle: NDArray[np.int32], position: Floats, lines: Floats
+    scene: Scene, shader: Shader, triangle: Numbers, position: Floats, lines: Floats
 ) -> Floats:
     """Return linear RGB (N, 3), by the reference's shading, of surface points seen along any lines.
 
@@ -78,7 +77,7 @@ def radiance_along(
     return np.broadcast_to(shader.radiance(hits), position.shape)
 
 
-def shading_normals(scene: Scene, triangle: NDArray[np.int32], position: Floats, lines: Floats) -> Floats:
+def shading_normals(scene: Scene, triangle: Numbers, position: Floats, lines: Floats) -> Floats:
     """Return the unit normals that surface points are shaded with, turned to the viewer, (N, 3).
 
     Parameters as in `radiance_along`.

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.prediction.chain import traced_settings
@@ -15,11 +14,10 @@ from xfrustum.compare.prediction.displacement import TruePoints, displacement_le
 from xfrustum.compare.prediction.share import depth_wrong_share, slabs
 from xfrustum.compare.prediction.silhouettes import Silhouettes
 from xfrustum.compare.prediction.stacks import Stacks
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

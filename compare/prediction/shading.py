@@ -15,12 +15,10 @@ and a mirror shows what lies at R + dR. Diffuse and ambient light do not know th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.shading.environment import radiance_toward
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 
 def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
@@ -36,9 +34,7 @@ def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
     return eye, -(bend - _dot(bend, eye) * eye) / length
 
 
-def specular_change(
-    scene: Scene, triangle: NDArray[np.int32], normal: Floats, eye: tuple[Floats, Floats]
-) -> Floats:
+def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
     """Return how much brighter highlights are drawn than they are, (N, 3) linear RGB.
 
     Parameters
@@ -65,9 +61,7 @@ def specular_change(
     return change
 
 
-def mirror_change(
-    scene: Scene, triangle: NDArray[np.int32], normal: Floats, eye: tuple[Floats, Floats]
-) -> Floats:
+def mirror_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
     """Return how much brighter reflections are drawn than they are, (N, 3) linear RGB; see above."""
     environment = scene.appearance.environment
     if environment is None:

@@ -13,16 +13,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from xfrustum.compare.prediction.depth import depth_variance, float32_spacing, stored_depth
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.compare.rounding.depth import STEP
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
-
-Floats = NDArray[np.float64]
 
 DRAW_ORDER = 2.0
 """How much larger the share may be than is expected of an unknown draw order, by which surfaces that are
@@ -155,7 +153,7 @@ def chances(
     for slab in own:
         found = (distance <= slab.high) & (distance >= slab.low)
         # Without other slabs that is nearly always all there is.
-        inside: NDArray[np.int64] | slice = slice(None) if found.all() else np.flatnonzero(found)
+        inside: Indices | slice = slice(None) if found.all() else np.flatnonzero(found)
         chance = _chance(slab, distance[inside], gap[inside], settings, order)
         least[inside] = np.minimum(least[inside], chance)
     return np.where(np.isfinite(least), least, 0.0)
@@ -233,10 +231,10 @@ class _Table:
         step = np.maximum(STEP[settings.depth] or float32_spacing(stored), SMALLEST_STEP * error)
         return cls(first=first, step=step, error=error, doubtful=step + CERTAIN * error)
 
-    def rows(self, w: Floats) -> NDArray[np.int64]:
+    def rows(self, w: Floats) -> Indices:
         """Return the bin of each w."""
         return np.clip(_bins(w) - self.first, 0, len(self.step) - 1)
 
 
-def _bins(w: Floats) -> NDArray[np.int64]:
+def _bins(w: Floats) -> Indices:
     return (w.astype(np.float32).view(np.uint32) >> _SHIFT).astype(np.int64)

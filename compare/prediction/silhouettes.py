@@ -24,17 +24,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.contours import SIGMA_PX, Contours, Kind, contours
 from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
-
-Floats = NDArray[np.float64]
 
 SNAPPED_BY = 0.39
 """Of half a subpixel: how far a point of an edge moves along the edge's normal, on average over points and
@@ -129,7 +127,7 @@ class Silhouettes:
             self._contours[first] = contours(self._truth, slab)
         return self._contours[first]
 
-    def _not_shown(self, settings: DoubleFrustum) -> NDArray[np.bool_]:
+    def _not_shown(self, settings: DoubleFrustum) -> Mask:
         """Return the pixels whose surface the cameras do not show at all, (H, W)."""
         if settings.camera is Camera.BOTH and settings.offset is Offset.PLATE:
             return self._in_aperture
@@ -137,7 +135,7 @@ class Silhouettes:
         return np.asarray(self._in_aperture | (np.isfinite(height) & ~is_drawn(height, settings)))
 
 
-def expected_wrong(swept: Floats, missing: NDArray[np.bool_], judged: NDArray[np.bool_]) -> float:
+def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
     """Return the expected number of wrong pixels.
 
     Parameters
@@ -155,7 +153,7 @@ def expected_wrong(swept: Floats, missing: NDArray[np.bool_], judged: NDArray[np
     return float(wrong.sum(where=judged))
 
 
-def _in_aperture(truth: HogelImage) -> NDArray[np.bool_]:
+def _in_aperture(truth: HogelImage) -> Mask:
     """Return the pixels that show a surface through the aperture itself, (H, W).
 
     Every true line meets it there, and it hides all that is behind. But in the plate, the near

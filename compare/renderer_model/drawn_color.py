@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
@@ -33,7 +33,7 @@ def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     return replace(answer, color=np.where(front[..., None], wrong, right))
 
 
-def _radiance(shader: Shader, scene: Scene, model: DrawnModel, answer: HogelImage) -> NDArray[np.float32]:
+def _radiance(shader: Shader, scene: Scene, model: DrawnModel, answer: HogelImage) -> Singles:
     color = np.zeros((*answer.triangle.shape, 3), dtype=np.float32)
     covered = answer.triangle != NOTHING
     number = answer.triangle[covered]

@@ -10,16 +10,14 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
 from xfrustum.reference.lines.lines import Pencil, film_window
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.plate import Aperture
-
-Floats = NDArray[np.float64]
 
 
 class Front(StrEnum):

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,9 +31,9 @@ class Layer:
         (H, W) uint8 `Certainty`.
     """
 
-    triangle: NDArray[np.int32]
+    triangle: Numbers
     position: Floats
-    certainty: NDArray[np.uint8]
+    certainty: Bytes
 
 
 def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 SMALLEST_SHIFT_PX = 0.05
 """Smallest shift that has a name: half of the tenth of a pixel to which a sampling point is asked for."""

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_color import colored
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reference import Reference
 from xfrustum.reference.averages import averages
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Aperture
-
-Floats = NDArray[np.float64]
 
 COLOR_TOLERANCE = 2.3 / 255
 """Differences of linear radiance that two 8-bit pictures of one surface may have.
@@ -80,15 +78,13 @@ def picture_of(
     return Reference(replace(scene, frustum=frustum, objects=objects)).trace(there)
 
 
-def shows_something(image: HogelImage) -> NDArray[np.bool_]:
+def shows_something(image: HogelImage) -> Mask:
     """Return the pixels of a picture that are not black, where backgrounds are."""
     assert image.color is not None
     return np.asarray((image.color > 0).any(axis=-1))
 
 
-def colors_differ(
-    answer: HogelImage, image: HogelImage, tolerance: float = COLOR_TOLERANCE
-) -> NDArray[np.bool_]:
+def colors_differ(answer: HogelImage, image: HogelImage, tolerance: float = COLOR_TOLERANCE) -> Mask:
     """Return the pixels whose colors differ by more than a tolerance, or are not numbers."""
     assert answer.color is not None
     assert image.color is not None

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.tracers.visibility import distance_to_triangles
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 FROM_CAMERA = 1e-6
 """How near to a camera's own plane points of triangles are looked for, as a part of the reach: at it they

@@ -9,11 +9,9 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.lines.lines import Pencil
-
-Floats = NDArray[np.float64]
+from xfrustum.scenes.arrays import Floats
 
 
 def seams(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.edges import PixelIndex, film_points, film_vertices
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
-
-Floats = NDArray[np.float64]
 
 DEPTH_ROUNDINGS = 8
 """Roundings of 2^-24 in a float32 depth, relative to its largest term.
@@ -51,16 +49,16 @@ class Depths:
         """Return no depths at all."""
         return cls(depth=np.full(count, np.nan), tolerance=np.zeros(count), clear=np.full(count, np.nan))
 
-    def put(self, where: NDArray[np.int64], other: Depths) -> None:
+    def put(self, where: Indices, other: Depths) -> None:
         """Fill in some pixels."""
         self.depth[where], self.tolerance[where] = other.depth, other.tolerance
         self.clear[where] = other.clear
 
-    def indistinguishable_from(self, other: Depths) -> NDArray[np.bool_]:
+    def indistinguishable_from(self, other: Depths) -> Mask:
         """Return where a buffer may order two triangles either way."""
         return np.asarray(np.abs(self.depth - other.depth) <= self.tolerance + other.tolerance)
 
-    def lost(self) -> NDArray[np.bool_]:
+    def lost(self) -> Mask:
         """Return where a surface may not beat the clear value."""
         return np.asarray(np.abs(self.depth - self.clear) <= self.tolerance)
 

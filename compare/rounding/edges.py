@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
-Floats = NDArray[np.float64]
-PixelIndex = tuple[NDArray[np.int64], NDArray[np.int64]]
+PixelIndex = tuple[Indices, Indices]
 """Columns and rows."""
 
 CLIP_ROUNDINGS = 16
@@ -82,8 +81,8 @@ class Placement:
         a cut by the near plane or the reach.
     """
 
-    possible: NDArray[np.bool_]
-    near_edge: NDArray[np.bool_]
+    possible: Mask
+    near_edge: Mask
 
 
 def placement(
@@ -137,7 +136,7 @@ def placement(
     return Placement(possible=np.asarray(possible), near_edge=np.asarray(possible & near))
 
 
-def covers(corners: Floats, pencil: Pencil, pixels: PixelIndex) -> NDArray[np.bool_]:
+def covers(corners: Floats, pencil: Pencil, pixels: PixelIndex) -> Mask:
     """Return which pixel centers a camera's triangles (N, 3, 3), one for each pixel, cover."""
     vertices, _ = film_vertices(corners, pencil)
     points = film_points(pencil, pixels)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
@@ -24,9 +24,7 @@ two for each step along x and y, in numerator and denominator alike, and one for
 FLOAT32_ROUNDING = 2.0**-24
 
 
-def position_tolerance(
-    scene: Scene, triangle: NDArray[np.int32], position: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Floats:
     """Return the distance within which drawn surface points are known, (N,), scene units.
 
     Parameters
@@ -42,7 +40,7 @@ def position_tolerance(
     known = triangle != NOTHING
     if known.all():
         return POSITION_ROUNDINGS * FLOAT32_ROUNDING * scene.largest_coordinates[triangle]
-    largest: NDArray[np.float64] = np.abs(position).max(axis=1, initial=0.0)
+    largest: Floats = np.abs(position).max(axis=1, initial=0.0)
     largest[known] = scene.largest_coordinates[triangle[known]]
     return POSITION_ROUNDINGS * FLOAT32_ROUNDING * largest
 

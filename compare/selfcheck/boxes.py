@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.lines.lines import Pencil
-
-Floats = NDArray[np.float64]
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 MARGIN = 2.0**-40
 """Relative to the largest coordinate, times 1 + the steepest slope. What is computed here of a box is
@@ -33,8 +31,8 @@ class BoxesMet:
         (N,) no point of the triangle's box has a smaller s.
     """
 
-    pixel: NDArray[np.int64]
-    triangle: NDArray[np.int64]
+    pixel: Indices
+    triangle: Indices
     nearest: Floats
 
 
@@ -58,8 +56,8 @@ def boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> BoxesMet:
     width = pencil.resolution[0]
     dx, dy = pencil.dx, pencil.dy[rows.start : rows.stop]
     steepest = max(np.abs(dx).max(), np.abs(dy).max())
-    pixels: list[NDArray[np.int64]] = []
-    numbers: list[NDArray[np.int64]] = []
+    pixels: list[Indices] = []
+    numbers: list[Indices] = []
     bounds: list[Floats] = []
     for start in range(0, len(triangles), TRIANGLES_AT_ONCE):
         low, high = _boxes(triangles[start : start + TRIANGLES_AT_ONCE], pencil, steepest)
@@ -89,7 +87,7 @@ def _boxes(triangles: Floats, pencil: Pencil, steepest: float) -> tuple[Floats, 
     return relative.min(axis=1) - margin, relative.max(axis=1) + margin
 
 
-def _reached(near: Floats, far: Floats, low: Floats, high: Floats, slopes: Floats) -> NDArray[np.bool_]:
+def _reached(near: Floats, far: Floats, low: Floats, high: Floats, slopes: Floats) -> Mask:
     """Return for which slopes (T, N) s times the slope, near <= s <= far, reaches into low to high."""
     one, other = near[:, None] * slopes, far[:, None] * slopes
     return np.asarray((np.minimum(one, other) <= high[:, None]) & (np.maximum(one, other) >= low[:, None]))

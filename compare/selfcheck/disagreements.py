@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.selfcheck.rational import ExactRows
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LISTED = 5
 """Disagreements of one image that are described one by one."""
@@ -63,9 +60,7 @@ class Disagreements:
     listed: tuple[Disagreement, ...]
 
 
-def disagreements(
-    image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: NDArray[np.float64]
-) -> Disagreements:
+def disagreements(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Disagreements:
     """Compare every pixel of a traced image with the exact answer for all its rows.
 
     Wrong is: another triangle, or one where there is none; a tie that is not called one, or the
@@ -104,7 +99,7 @@ def _other_companions(image: HogelImage, exact: ExactRows) -> Mask:
 def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Mask:
     """Return pixels whose position is not where the exact triangle is met."""
     assert image.certainty is not None
-    mask: NDArray[np.bool_] = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
+    mask: Mask = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
     same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
     d, s = pencil.directions()[same], exact.s[same]
     center = np.asarray(pencil.center)

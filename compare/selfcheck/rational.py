@@ -14,10 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.selfcheck.boxes import boxes_met
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Indices, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 Integers = tuple[int, int, int]
@@ -39,9 +39,9 @@ class ExactRows:
         (N, 3) row of the image, column and triangle number of all that are first together, sorted.
     """
 
-    triangle: NDArray[np.int32]
-    s: NDArray[np.float64]
-    ties: NDArray[np.int64]
+    triangle: Numbers
+    s: Floats
+    ties: Indices
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ class Integral:
         All doubles that will be asked for; finite.
     """
 
-    def __init__(self, values: NDArray[np.float64]) -> None:
+    def __init__(self, values: Floats) -> None:
         denominators = {value.as_integer_ratio()[1] for value in np.unique(values).tolist()}
         self.bits = max(denominators, default=1).bit_length() - 1
 
@@ -127,7 +127,7 @@ class ExactLines:
         The lines.
     """
 
-    def __init__(self, triangles: NDArray[np.float64], numbers: NDArray[np.int64], pencil: Pencil) -> None:
+    def __init__(self, triangles: Floats, numbers: Indices, pencil: Pencil) -> None:
         corners = triangles[numbers]
         self._length = Integral(np.concatenate((corners.ravel(), pencil.center, pencil.s_range)))
         slope = Integral(np.concatenate((pencil.dx, pencil.dy)))
@@ -185,7 +185,7 @@ class ExactLines:
         return (met[0] << self._slope_bits) / (met[1] << self._length.bits)
 
 
-def first_by_brute_force(triangles: NDArray[np.float64], pencil: Pencil, rows: range) -> ExactRows:
+def first_by_brute_force(triangles: Floats, pencil: Pencil, rows: range) -> ExactRows:
     """Decide the first surface of every pixel in some rows, all in integers.
 
     Parameters

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.arbitrary_lines import FirstAlong, first_surfaces_along
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
+from xfrustum.scenes.arrays import Floats, Indices
 
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
 """Of an icosahedron: 81,920 and 5,120 triangles."""
@@ -92,7 +92,7 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
     )
 
 
-def _wrong_at_vertices(found: FirstAlong, faces: NDArray[np.int64]) -> int:
+def _wrong_at_vertices(found: FirstAlong, faces: Indices) -> int:
     """Count the vertices at which not exactly their own triangles are met, or not at s = 1."""
     around: list[list[int]] = [[] for _ in found.triangle]
     for number, corners in enumerate(faces.tolist()):
@@ -104,7 +104,7 @@ def _wrong_at_vertices(found: FirstAlong, faces: NDArray[np.int64]) -> int:
     )
 
 
-def _wrong_at_edges(found: FirstAlong, faces: NDArray[np.int64], edges: NDArray[np.int64]) -> int:
+def _wrong_at_edges(found: FirstAlong, faces: Indices, edges: Indices) -> int:
     """Count the edges at whose rounded middles a triangle is met that is not one of the edge's own."""
     wrong = 0
     for line, ends in enumerate(edges.tolist()):
@@ -113,7 +113,7 @@ def _wrong_at_edges(found: FirstAlong, faces: NDArray[np.int64], edges: NDArray[
     return wrong
 
 
-def _as_scene(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Scene:
+def _as_scene(vertices: Floats, faces: Indices) -> Scene:
     """Return the sphere as the tracer takes it; plate and frustum play no part."""
     sphere = SceneObject(name="sphere", vertices=vertices, faces=faces)
     return Scene(

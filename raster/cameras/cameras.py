@@ -10,14 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.raster.cameras.depth_formats import ClipEnds
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +100,7 @@ def slab_cameras(frustum: Frustum, settings: DoubleFrustum, *, orthoscopic: bool
 
 def clip_from_scene(
     frustum: Frustum, aperture: Aperture, camera: SlabCamera, pivot: Pivot, ends: ClipEnds
-) -> Matrix:
+) -> Floats:
     """Return the matrix of one camera."""
     window = FilmWindow.of(frustum, aperture)
     projection = clip_from_eye(window, camera, ends)
@@ -115,7 +113,7 @@ def clip_from_scene(
     )
 
 
-def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: float) -> Matrix:
+def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: float) -> Floats:
     """Return the shear about a plane z = fixed_height that straightens the frustum's axis (figure 6)."""
     matrix = np.eye(4)
     for row, (slope, origin) in enumerate(zip(window.axis, (aperture.x, aperture.y), strict=True)):
@@ -124,7 +122,7 @@ def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: flo
     return matrix
 
 
-def eye_from_sheared(camera: SlabCamera) -> Matrix:
+def eye_from_sheared(camera: SlabCamera) -> Floats:
     """Return eye coordinates, in which the camera stands at the origin and looks to -z.
 
     Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3): lines
@@ -137,7 +135,7 @@ def eye_from_sheared(camera: SlabCamera) -> Matrix:
     return matrix
 
 
-def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: ClipEnds) -> Matrix:
+def clip_from_eye(window: FilmWindow, camera: SlabCamera, ends: ClipEnds) -> Floats:
     """Return the perspective projection of a camera that looks to -z.
 
     w is the distance from the camera; clip depth over w is `ends.near` at its near plane and

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xfrustum.raster.cameras.cameras import Matrix, SlabCamera, clip_from_scene, slab_cameras
+from xfrustum.raster.cameras.cameras import SlabCamera, clip_from_scene, slab_cameras
 from xfrustum.raster.cameras.depth_formats import MAPPINGS, DepthTest, farthest_wins, nearest_wins
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
@@ -35,7 +35,7 @@ class Pass:
         C, else C*: for it lights are pseudoscopic (paper, section 3, figure 3).
     """
 
-    clip_from_scene: Matrix
+    clip_from_scene: Floats
     planes: tuple[float, float]
     heights: tuple[float, float]
     test: DepthTest
@@ -43,12 +43,12 @@ class Pass:
     orthoscopic: bool
 
     @property
-    def line_of_pixel(self) -> Matrix:
+    def line_of_pixel(self) -> Floats:
         """(3, 3) direction away from the camera, scene axes, of film coordinates (u, v, 1) upward."""
         return lines_of_pixels(self.clip_from_scene)
 
 
-def lines_of_pixels(clip_from_scene: NDArray[np.float64]) -> NDArray[np.float64]:
+def lines_of_pixels(clip_from_scene: Floats) -> Floats:
     """Return (.., 3, 3) directions away from cameras, scene axes, of film coordinates (u, v, 1) upward.
 
     A camera's position is the point without x, y and w in clip coordinates, and what lies at

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.scene import Scene
 
 NORMALS = 0
@@ -52,7 +52,7 @@ class Mesh:
         return self._attributes[name]
 
 
-def attribute_of(scene: Scene, name: str) -> NDArray[np.float32]:
+def attribute_of(scene: Scene, name: str) -> Singles:
     """Return an attribute of all vertices; zero where they have none, which no triangle then reads.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Indices
 from xfrustum.scenes.model.scene import read_only
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
@@ -30,7 +31,7 @@ class NumberedMesh:
         (F, 3) uint32 into `source`.
     """
 
-    source: NDArray[np.int64]
+    source: Indices
     faces: NDArray[np.uint32]
 
     def ends(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
@@ -39,7 +40,7 @@ class NumberedMesh:
         return np.concatenate((values, others))
 
 
-def number_triangles(faces: NDArray[np.int64]) -> NumberedMesh:
+def number_triangles(faces: Indices) -> NumberedMesh:
     """Return the mesh of some faces (F, 3) in which triangle t ends with vertex t.
 
     The other corners take the copy of their vertex that was made last, so that neighbors go on

@@ -8,11 +8,10 @@ from importlib.resources import files
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 from OpenGL import GL
 
-from xfrustum.raster.cameras.cameras import Matrix
 from xfrustum.raster.device.targets import Target
+from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.scene import Scene
 
 GROUP = 16
@@ -26,7 +25,7 @@ BYTES_PER_POINT = 12
 class DrawnBy:
     """What the pass must know of a camera: its matrix, and the lowest and highest z that it keeps."""
 
-    clip_from_scene: Matrix
+    clip_from_scene: Floats
     heights: tuple[float, float]
 
 
@@ -51,7 +50,7 @@ class Positions:
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._points: dict[tuple[int, int], moderngl.Buffer] = {}
 
-    def read(self, target: Target, drawn: Sequence[DrawnBy]) -> NDArray[np.float32]:
+    def read(self, target: Target, drawn: Sequence[DrawnBy]) -> Singles:
         """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
 
         Parameters

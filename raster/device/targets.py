@@ -15,6 +15,7 @@ from OpenGL import GL
 from OpenGL.error import GLError
 
 from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
+from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
@@ -122,20 +123,20 @@ class Target:
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(self._kind, self._textures[IDENTITY])
 
-    def read_triangle(self) -> NDArray[np.int32]:
+    def read_triangle(self) -> Numbers:
         """Return triangle numbers, (H, W), row 0 at the top, -1 where nothing was drawn."""
         identity = self._read(
             IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32)
         )
         return identity.view(np.int32) - 1
 
-    def read_color(self) -> NDArray[np.float32]:
+    def read_color(self) -> Singles:
         """Return linear RGB, (H, W, 3), row 0 at the top."""
         if self._resolved is not None:
             return self._resolved.resolved_from(self)
         return self._read(COLOR, GL.GL_RGB, GL.GL_FLOAT, np.empty(self._shape(3), np.float32))
 
-    def resolved_from(self, other: Target) -> NDArray[np.float32]:
+    def resolved_from(self, other: Target) -> Singles:
         """Return the mean of another target's samples, taken by the driver."""
         width, height = self.size
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, other._reflection)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 from OpenGL import GL
 
+from xfrustum.scenes.arrays import Bytes, Floats
 from xfrustum.scenes.errors import InputError
 
 TEXELS, PLACES, DECODED = 9, 10, 11
@@ -17,7 +17,7 @@ TEXELS, PLACES, DECODED = 9, 10, 11
 BYTES_PER_TEXEL = 4
 
 
-def linear_of_srgb() -> NDArray[np.float64]:
+def linear_of_srgb() -> Floats:
     """Return the linear light of each code of 8-bit sRGB (IEC 61966-2-1), (256,)."""
     code = np.arange(256) / 255
     return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
@@ -39,7 +39,7 @@ class Textures:
         They are larger than the device's largest block.
     """
 
-    def __init__(self, context: moderngl.Context, textures: Sequence[NDArray[np.uint8]]) -> None:
+    def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
         largest = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
         counts = [texture.shape[0] * texture.shape[1] for texture in textures]
         needed = BYTES_PER_TEXEL * sum(counts)

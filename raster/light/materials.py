@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from xfrustum.raster.device.programs import assign
 from xfrustum.raster.device.textures import Textures
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
@@ -113,7 +114,7 @@ def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
     return found
 
 
-def single(values: list[list[float]]) -> NDArray[np.float32]:
+def single(values: list[list[float]]) -> Singles:
     """Return values as float32, the largest finite one in place of what is larger: zero times it is zero."""
     largest = float(np.finfo(np.float32).max)
     return np.clip(values, -largest, largest).astype(np.float32)

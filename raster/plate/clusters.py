@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from OpenGL import GL
 
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
 from xfrustum.scenes.model.scene import TRIANGLES_AT_ONCE, read_only
-
-Array = NDArray[np.float64]
 
 TRIANGLES_PER_CLUSTER = 16
 """Consecutive triangles that are drawn or left out together. Fewer cull more, and cost more draws."""
@@ -47,10 +45,10 @@ class Boxes:
         (11, N): center and 1, half extent, largest absolute coordinates and 1.
     """
 
-    columns: Array
+    columns: Floats
 
     @classmethod
-    def of(cls, lowest: Array, highest: Array) -> Boxes:
+    def of(cls, lowest: Floats, highest: Floats) -> Boxes:
         """Return the boxes with given corners, (N, 3) each, scene units."""
         # Halves first: the sum of two huge coordinates may overflow.
         center, extent = lowest / 2 + highest / 2, highest / 2 - lowest / 2
@@ -59,7 +57,7 @@ class Boxes:
         return cls(columns=read_only(np.ascontiguousarray(columns)))
 
 
-def clip_planes(matrices: NDArray[np.float32], clip_control: int) -> tuple[Array, Array]:
+def clip_planes(matrices: Singles, clip_control: int) -> tuple[Floats, Floats]:
     """Return the clip planes of some matrices, and what roundings at them are relative to.
 
     Parameters
@@ -82,7 +80,7 @@ def clip_planes(matrices: NDArray[np.float32], clip_control: int) -> tuple[Array
     return combined @ exact, np.abs(combined) @ np.abs(exact)
 
 
-def reached(planes: Array, magnitudes: Array, boxes: Boxes) -> NDArray[np.bool_]:
+def reached(planes: Floats, magnitudes: Floats, boxes: Boxes) -> Mask:
     """Return which boxes the device may find something of inside every plane.
 
     Parameters
@@ -102,9 +100,7 @@ def reached(planes: Array, magnitudes: Array, boxes: Boxes) -> NDArray[np.bool_]
     return np.asarray((rows @ boxes.columns >= 0).all(axis=-2))
 
 
-def triangles_in_depth(
-    vertices: NDArray[np.float32], faces: NDArray[np.int64], planes: Array, magnitudes: Array
-) -> NDArray[np.int64]:
+def triangles_in_depth(vertices: Singles, faces: Indices, planes: Floats, magnitudes: Floats) -> Indices:
     """Return the ascending numbers of the triangles between a camera's near and far plane.
 
     These depend on heights alone: they belong to the plate, and are found once for all its apertures.
@@ -116,7 +112,7 @@ def triangles_in_depth(
     return np.concatenate(found)
 
 
-def boxes_of(vertices: NDArray[np.float32], faces: NDArray[np.int64], size: int) -> Boxes:
+def boxes_of(vertices: Singles, faces: Indices, size: int) -> Boxes:
     """Return the boxes of every `size` consecutive faces."""
     lowest, highest = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for start in range(0, len(faces), TRIANGLES_AT_ONCE // size * size):
@@ -128,7 +124,7 @@ def boxes_of(vertices: NDArray[np.float32], faces: NDArray[np.int64], size: int)
     return Boxes.of(np.concatenate(lowest), np.concatenate(highest))
 
 
-def runs(visible: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def runs(visible: Mask) -> tuple[Indices, Indices, Indices]:
     """Return row, first column and end column of every run of visible clusters, row by row.
 
     A single cluster between two visible ones joins them: to draw it costs less than to draw twice.

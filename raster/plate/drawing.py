@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.raster.plate.geometry import FORMATS, PassGeometry, PlateGeometry
 from xfrustum.raster.plate.program import HOGELS_BINDING
+from xfrustum.scenes.arrays import Singles
 
 
 class PlateDrawing:
@@ -47,11 +47,11 @@ class PlateDrawing:
         content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
         self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
 
-    def triangles(self, number: int, matrices: NDArray[np.float32]) -> int:
+    def triangles(self, number: int, matrices: Singles) -> int:
         """Return how many triangles a camera draws for some hogels."""
         return int(self._geometry.commands(self._cameras[number], matrices)["count"].sum()) // 3
 
-    def upload(self, number: int, matrices: NDArray[np.float32], commands: moderngl.Buffer) -> int:
+    def upload(self, number: int, matrices: Singles, commands: moderngl.Buffer) -> int:
         """Write the draws of a camera for some hogels, and return how many they are.
 
         Parameters

@@ -21,6 +21,7 @@ from xfrustum.raster.plate.clusters import (
     runs,
     triangles_in_depth,
 )
+from xfrustum.scenes.arrays import Indices, Mask, Singles
 from xfrustum.scenes.model.scene import Scene
 
 SIDES, DEPTHS = slice(0, 4), slice(4, 6)
@@ -84,7 +85,7 @@ class PlateGeometry:
         scene: Scene,
         passes: Sequence[Pass],
         clip_control: int,
-        reflective: NDArray[np.bool_] | None = None,
+        reflective: Mask | None = None,
     ) -> None:
         self._context, self._scene, self._clip_control = context, scene, clip_control
         self._scene_vertices = attribute_of(scene, "in_position")
@@ -111,7 +112,7 @@ class PlateGeometry:
             self._attributes[name] = self._context.buffer(values.tobytes())
 
     def _seen_by(
-        self, passes: Sequence[Pass], scene: Scene, mesh: NumberedMesh, triangles: NDArray[np.int64]
+        self, passes: Sequence[Pass], scene: Scene, mesh: NumberedMesh, triangles: Indices
     ) -> list[PassGeometry]:
         """Sort triangles by the cameras that may see them, from wherever on the plate."""
         found = []
@@ -127,7 +128,7 @@ class PlateGeometry:
             self._indices.append(mesh.faces[seen])
         return found
 
-    def commands(self, geometry: PassGeometry, matrices: NDArray[np.float32]) -> NDArray[np.void]:
+    def commands(self, geometry: PassGeometry, matrices: Singles) -> NDArray[np.void]:
         """Return the draws of one pass for some hogels: runs of clusters that their frusta may reach.
 
         Parameters
@@ -149,7 +150,7 @@ class PlateGeometry:
 
 def flat_attributes(
     scene: Scene, mesh: NumberedMesh, surfaces: NDArray[np.uint32]
-) -> dict[str, NDArray[np.float32] | NDArray[np.uint32]]:
+) -> dict[str, Singles | NDArray[np.uint32]]:
     """Return what vertices carry of the triangles that they end, see surface.glsl."""
     normals = scene.normals.astype(np.float32)
     return {"in_flat_normal": mesh.ends(normals), "in_flat_surface": mesh.ends(surfaces)}

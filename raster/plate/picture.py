@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import Mapping
@@ -20,6 +19,7 @@ from xfrustum.raster.plate.geometry import PlateGeometry
 from xfrustum.raster.plate.program import hogel_block, picture_program, reflection_program
 from xfrustum.raster.plate.reflection import Reflections
 from xfrustum.raster.plate.submissions import Slot
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
@@ -157,7 +157,7 @@ class PlatePicture:
             self._reflections.draw(slot, cameras, draws, REFLECTION, self._shading)
 
 
-def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> NDArray[np.bool_]:
+def reflective_triangles(scene: Scene, effects: frozenset[Effect]) -> Mask:
     """Return (F,) which triangles are drawn once more for their reflections."""
     found = np.zeros(len(scene.faces), dtype=np.bool_)
     if Effect.REFLECTION in effects:

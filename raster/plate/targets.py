@@ -14,6 +14,7 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
 from xfrustum.raster.device.targets import COLOR, IDENTITY
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
@@ -165,7 +166,7 @@ class LayeredTarget:
         """Return linear RGB that was asked for, (layers, H, W, 3), row 0 at the top; waits for it."""
         return self._finish(COLOR, 4, self._content.color.dtype)[..., :3]
 
-    def finish_triangle(self) -> NDArray[np.int32] | None:
+    def finish_triangle(self) -> Numbers | None:
         """Return triangle numbers, (layers, H, W), -1 where nothing was drawn; None if not wanted."""
         if not self._content.ids:
             return None

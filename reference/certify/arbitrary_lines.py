@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from xfrustum.reference.certify.exact import ExactPencil, Integers
 from xfrustum.reference.lines.lines import Pencil, Vector
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
-
-Floats = NDArray[np.float64]
 
 CHORD_MARGIN = 1e-9
 """Unit vectors and their distances are computed to some 1e-15; this is a million times as much."""
@@ -42,7 +40,7 @@ class FirstAlong:
         The triangles that are first together, in ascending order, by the number of the line.
     """
 
-    triangle: NDArray[np.int32]
+    triangle: Numbers
     s: Floats
     ties: dict[int, tuple[int, ...]]
 

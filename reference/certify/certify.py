@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.footprints import footprints
@@ -20,6 +19,7 @@ from xfrustum.reference.certify.rows import boxed_rows
 from xfrustum.reference.certify.sides import Sides, sorted_by_side
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import Certainty
 
 
@@ -39,10 +39,10 @@ class FirstSurfaces:
         (N, 3) row of the image, column and triangle number of all that share a tie.
     """
 
-    triangle: NDArray[np.int32]
-    s: NDArray[np.float64]
-    certainty: NDArray[np.uint8]
-    companions: NDArray[np.int64]
+    triangle: Numbers
+    s: Floats
+    certainty: Bytes
+    companions: Indices
 
 
 class Certifier:
@@ -63,9 +63,7 @@ class Certifier:
         The lines.
     """
 
-    def __init__(
-        self, triangles: NDArray[np.float64], pencil: Pencil, sides: Iterable[Sides] | None = None
-    ) -> None:
+    def __init__(self, triangles: Floats, pencil: Pencil, sides: Iterable[Sides] | None = None) -> None:
         self._triangles = triangles
         self.pencil = pencil
         self._exact = ExactPencil(triangles, pencil)
@@ -88,7 +86,7 @@ class Certifier:
             return found
         return replace(found, companions=self._settle(found, sifted.contested, rows.start * shape[1]))
 
-    def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> NDArray[np.int64]:
+    def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
         """Fill in the pixels that `narrow` left open; return the companions of ties."""
         triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
         width = self.pencil.resolution[0]
@@ -117,7 +115,7 @@ class Certifier:
         return np.concatenate(companions)
 
 
-def first_surfaces(triangles: NDArray[np.float64], pencil: Pencil) -> FirstSurfaces:
+def first_surfaces(triangles: Floats, pencil: Pencil) -> FirstSurfaces:
     """Decide the first surface of every pixel of an image at once."""
     return Certifier(triangles, pencil).decide(range(pencil.resolution[1]))
 
@@ -134,8 +132,8 @@ class _Groups:
     """Contested pairs by pixel, within one by triangle number, each triangle once."""
 
     pairs: Pairs
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
+    starts: Indices
+    sizes: Indices
 
     @classmethod
     def of(cls, contested: Pairs) -> _Groups:
@@ -146,7 +144,7 @@ class _Groups:
         _, starts, sizes = np.unique(pairs.pixel, return_index=True, return_counts=True)
         return cls(pairs=pairs, starts=starts, sizes=sizes)
 
-    def tied(self, exact: ExactPencil) -> NDArray[np.bool_]:
+    def tied(self, exact: ExactPencil) -> Mask:
         """Return the groups of which every line meets all at one s: no need to ask this line.
 
         That is triangles through the center, met at s = 0 without any error, and triangles in
@@ -165,7 +163,7 @@ class _Groups:
         alone = self.sizes == 1
         return np.asarray(np.logical_and.reduceat(sure & known, self.starts) & ~alone)
 
-    def items(self, chosen: NDArray[np.bool_]) -> Iterator[tuple[int, list[int]]]:
+    def items(self, chosen: Mask) -> Iterator[tuple[int, list[int]]]:
         """Yield pixel and triangle numbers of some groups."""
         for start, size in zip(self.starts[chosen].tolist(), self.sizes[chosen].tolist(), strict=True):
             yield int(self.pairs.pixel[start]), self.pairs.triangle[start : start + size].tolist()

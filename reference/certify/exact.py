@@ -12,14 +12,14 @@ from fractions import Fraction
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats
 
 Integers = tuple[int, int, int]
 
 
-def _fraction_bits(values: NDArray[np.float64]) -> int:
+def _fraction_bits(values: Floats) -> int:
     """Return the smallest b >= 0 with values * 2**b all integers."""
     values = values[values != 0]
     if not len(values):
@@ -55,7 +55,7 @@ class ExactPencil:
         The lines.
     """
 
-    def __init__(self, triangles: NDArray[np.float64], pencil: Pencil) -> None:
+    def __init__(self, triangles: Floats, pencil: Pencil) -> None:
         self._triangles = triangles
         self._pencil = pencil
         self._range = (Fraction(pencil.s_range[0]), Fraction(pencil.s_range[1]))

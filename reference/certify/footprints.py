@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.sides import Sides, some
-from xfrustum.reference.lines.cone import EDGES, ROUNDING, UNIT_ROUNDOFF, Floats
+from xfrustum.reference.lines.cone import EDGES, ROUNDING, UNIT_ROUNDOFF
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,10 +33,10 @@ class Footprints:
         (4, N) first and last column, first and last row, inclusive.
     """
 
-    number: NDArray[np.int64]
+    number: Indices
     side: NDArray[np.int8]
-    holds_center: NDArray[np.bool_]
-    box: NDArray[np.int32]
+    holds_center: Mask
+    box: Numbers
 
 
 def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPencil) -> Footprints:
@@ -75,9 +76,7 @@ def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPe
     )
 
 
-def _footprints(
-    number: NDArray[np.int64], side: int, box: NDArray[Any], holds: NDArray[np.bool_] | None = None
-) -> Footprints:
+def _footprints(number: Indices, side: int, box: NDArray[Any], holds: Mask | None = None) -> Footprints:
     return Footprints(
         number=number,
         side=np.full(len(number), side, dtype=np.int8),

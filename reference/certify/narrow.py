@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.rows import Rows
-from xfrustum.reference.lines.cone import ROUNDING, Cones, Floats
+from xfrustum.reference.lines.cone import ROUNDING, Cones
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
+from xfrustum.scenes.arrays import Floats, Indices, Numbers
 
 UNDERFLOW = 2.0**-1022
 """Smallest double that is held to full precision. Three quotients and products below it, of s and of its
@@ -32,7 +32,7 @@ class Sifted:
         All pairs of the pixels for which several triangles may be first, or one in doubt.
     """
 
-    triangle: NDArray[np.int32]
+    triangle: Numbers
     s: Floats
     contested: Pairs
 
@@ -122,7 +122,7 @@ def surely_counts(s: Any, error: Any, first: Any, last: Any) -> Any:
     return (s - error >= first) & (s + error <= last) & (error <= abs(s))
 
 
-def settled(cones: Cones, cone: NDArray[np.int64], found: Pairs, pencil: Pencil) -> Pairs:
+def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
     """Decide coverage of the pairs that are not sure yet by their edge functions, with bounds.
 
     Parameters

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.narrow import (
     RowPlanes,
@@ -19,9 +18,10 @@ from xfrustum.reference.certify.narrow import (
 )
 from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.certify.spans import NUMPY, FilmRow, columns_between, slopes_inside
-from xfrustum.reference.lines.cone import Cones, Floats
+from xfrustum.reference.lines.cone import Cones
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 PAIRS_PER_CHUNK = 1 << 20
@@ -48,10 +48,10 @@ class Spans:
     """
 
     cones: Cones
-    cone: NDArray[np.int64]
-    row: NDArray[np.int64]
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
+    cone: Indices
+    row: Indices
+    first: Indices
+    last: Indices
     surely_from: Floats
     surely_to: Floats
 
@@ -149,7 +149,7 @@ class NumpyNarrowPhase:
     def _not_behind(self, found: Pairs) -> Pairs:
         return found[found.nearest <= self._limit[found.pixel - self._base]]
 
-    def _evaluated(self, spans: Spans, planes: RowPlanes, span: NDArray[np.int64]) -> Pairs:
+    def _evaluated(self, spans: Spans, planes: RowPlanes, span: Indices) -> Pairs:
         """Evaluate all pixels of consecutive spans, each named once for each of its pixels."""
         run = np.flatnonzero(np.diff(span, prepend=-1))
         column = spans.first[span] + np.arange(len(span)) - np.repeat(run, np.diff(run, append=len(span)))

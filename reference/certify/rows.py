@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.certify.footprints import Footprints
 from xfrustum.reference.certify.sides import TRIANGLES_PER_CHUNK
-from xfrustum.reference.lines.cone import Cones, Floats, cones
+from xfrustum.reference.lines.cone import Cones, cones
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Indices, Numbers
 
 ROWS_PER_CHUNK = 1 << 20
 """Bounds the memory of cutting rows by edges, some 200 bytes per row of a triangle."""
@@ -37,9 +38,9 @@ class Rows:
     """
 
     cones: Cones
-    columns: NDArray[np.int32]
-    cone: NDArray[np.int64]
-    row: NDArray[np.int64]
+    columns: Numbers
+    cone: Indices
+    row: Indices
     orientation: NDArray[np.int8]
 
 
@@ -60,10 +61,10 @@ def boxed_rows(triangles: Floats, pencil: Pencil, found: Footprints, rows: range
 
 def _rows_of_sides(
     c: Cones,
-    columns: NDArray[np.int32],
+    columns: Numbers,
     side: NDArray[np.int8],
-    top: NDArray[np.int32],
-    bottom: NDArray[np.int32],
+    top: Numbers,
+    bottom: Numbers,
 ) -> Rows:
     # Both orientations where the plane passes so near the center that its side is in doubt.
     in_doubt = (np.abs(c.plane) <= c.plane_bound) & (side != 0)

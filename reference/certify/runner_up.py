@@ -12,7 +12,6 @@ from importlib import import_module
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.footprints import Footprints, footprints
@@ -20,9 +19,9 @@ from xfrustum.reference.certify.narrow_numpy import PAIRS_PER_CHUNK, NumpyNarrow
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.certify.rows import Rows, boxed_rows
 from xfrustum.reference.certify.sides import sorted_by_side
-from xfrustum.reference.lines.cone import Floats
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
+from xfrustum.scenes.arrays import Floats, Mask
 
 
 class RunnerUpPhase(Protocol):
@@ -54,7 +53,7 @@ class RunnersUp:
         The lines.
     """
 
-    def __init__(self, triangles: NDArray[np.float64], pencil: Pencil) -> None:
+    def __init__(self, triangles: Floats, pencil: Pencil) -> None:
         self._triangles = triangles
         self._pencil = pencil
         self._footprints = footprints(
@@ -93,7 +92,7 @@ class RunnersUp:
             yield NumpyRunnersUp, _some(self._footprints, around)
 
 
-def _some(found: Footprints, chosen: NDArray[np.bool_]) -> Footprints:
+def _some(found: Footprints, chosen: Mask) -> Footprints:
     return Footprints(
         number=found.number[chosen],
         side=found.side[chosen],

@@ -10,7 +10,7 @@ from drjit.llvm import Float64
 
 from xfrustum.reference.certify.narrow_jit import JitNarrowPhase, Lanes, walk
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
-from xfrustum.reference.lines.cone import Floats
+from xfrustum.scenes.arrays import Floats
 
 
 class JitRunnersUp(JitNarrowPhase):

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xfrustum.reference.lines.cone import Floats, s_bounds
+from xfrustum.reference.lines.cone import s_bounds
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 TRIANGLES_PER_CHUNK = 1 << 14
 """So few that intermediate results, about 1 kB per triangle, stay in the processor's caches."""
@@ -35,12 +35,12 @@ class Side:
     """
 
     sign: int
-    number: NDArray[np.int64]
+    number: Indices
     x: Floats
     y: Floats
     s: Floats
 
-    def without(self, numbers: NDArray[np.int64]) -> Side:
+    def without(self, numbers: Indices) -> Side:
         """Return all but some."""
         if not len(numbers):
             return self
@@ -64,11 +64,11 @@ class Sides:
     """
 
     sides: tuple[Side, ...]
-    across: NDArray[np.int64]
+    across: Indices
     x: Floats
     y: Floats
 
-    def touching(self, x: float, y: float) -> NDArray[np.int64]:
+    def touching(self, x: float, y: float) -> Indices:
         """Return the numbers of those whose boxes in space contain a point of the height."""
         if not len(self.across):
             return self.across
@@ -93,11 +93,11 @@ def sorted_by_side(triangles: Floats, pencil: Pencil) -> Iterator[Sides]:
         yield Sides(sides=tuple(sides), across=start + across, x=some(x, across), y=some(y, across))
 
 
-def some(x: Floats, chosen: NDArray[np.int64]) -> Floats:
+def some(x: Floats, chosen: Indices) -> Floats:
     """Return some columns of an array (3, T)."""
     # Not x[:, chosen], which would put the corners next to each other in memory.
     return np.take(x, chosen, axis=1)
 
 
-def _spans_zero(x: Floats) -> NDArray[np.bool_]:
+def _spans_zero(x: Floats) -> Mask:
     return np.asarray((x.min(axis=0) <= 0) & (x.max(axis=0) >= 0))

@@ -18,11 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.lines.lines import Pencil
-
-Floats = NDArray[np.float64]
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 UNIT_ROUNDOFF = 2.0**-53
 ROUNDING = 12 * UNIT_ROUNDOFF
@@ -78,22 +76,22 @@ class Cones:
         (T,) all corners surely lie in the pencil's range, hence all of the triangle.
     """
 
-    number: NDArray[np.int64]
+    number: Indices
     edge: Floats
     edge_magnitude: Floats
     normal: Floats
     normal_magnitude: Floats
     plane: Floats
     plane_bound: Floats
-    holds_center: NDArray[np.bool_]
-    within: NDArray[np.bool_]
+    holds_center: Mask
+    within: Mask
 
 
 def cones(
     triangles: Floats,
-    number: NDArray[np.int64],
+    number: Indices,
     pencil: Pencil,
-    holds_center: NDArray[np.bool_] | None = None,
+    holds_center: Mask | None = None,
 ) -> Cones:
     """Set up the triangles with the given numbers.
 

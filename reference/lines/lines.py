@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
@@ -43,18 +43,18 @@ class Pencil:
     s_range: tuple[float, float]
 
     @cached_property
-    def dx(self) -> NDArray[np.float64]:
+    def dx(self) -> Floats:
         """(W,) x slopes of the columns, ascending."""
         u = (2.0 * np.arange(self.resolution[0]) + 1.0) / self.resolution[0] - 1.0
         return read_only(self.shear[0] + u * self.half_extent[0])
 
     @cached_property
-    def dy(self) -> NDArray[np.float64]:
+    def dy(self) -> Floats:
         """(H,) y slopes of the rows, descending: row 0 is at the top."""
         v = 1.0 - (2.0 * np.arange(self.resolution[1]) + 1.0) / self.resolution[1]
         return read_only(self.shear[1] + v * self.half_extent[1])
 
-    def directions(self, rows: slice = slice(None)) -> NDArray[np.float64]:
+    def directions(self, rows: slice = slice(None)) -> Floats:
         """Return d of every pixel in some rows, (rows, W, 3)."""
         dy = self.dy[rows]
         d = np.empty((len(dy), len(self.dx), 3))

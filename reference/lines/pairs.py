@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xfrustum.reference.lines.cone import Floats
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,13 +25,13 @@ class Pairs:
         (N,) the line surely meets the triangle, inside the pencil's range.
     """
 
-    pixel: NDArray[np.int64]
-    triangle: NDArray[np.int64]
+    pixel: Indices
+    triangle: Indices
     s: Floats
     error: Floats
-    sure: NDArray[np.bool_]
+    sure: Mask
 
-    def __getitem__(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Pairs:
+    def __getitem__(self, chosen: Mask | Indices) -> Pairs:
         """Return some of the pairs."""
         return Pairs(
             pixel=self.pixel[chosen],

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xfrustum.reference.shading.textures import Indices, bilinear
+from xfrustum.reference.shading.textures import bilinear
 from xfrustum.scenes.appearance.light import Environment
-
-Floats = NDArray[np.float64]
+from xfrustum.scenes.arrays import Floats, Indices
 
 
 def radiance_toward(environment: Environment, directions: Floats) -> Floats:

@@ -6,13 +6,11 @@ from collections.abc import Collection
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.shading.textures import texture_color
+from xfrustum.scenes.arrays import Floats, Indices, Numbers
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,12 +27,12 @@ class Places:
         (N,) barycentric coordinates: how much a point has of its second corner and of its third.
     """
 
-    triangle: NDArray[np.int32]
-    corners: NDArray[np.int64]
+    triangle: Numbers
+    corners: Indices
     of_second: Floats
     of_third: Floats
 
-    def __getitem__(self, some: NDArray[np.int64]) -> Places:
+    def __getitem__(self, some: Indices) -> Places:
         return Places(**{item.name: getattr(self, item.name)[some] for item in fields(self)})
 
     def interpolated(self, values: Floats) -> Floats:
@@ -44,7 +42,7 @@ class Places:
         return np.asarray(first + step)
 
 
-def places(scene: Scene, triangle: NDArray[np.int32], position: Floats) -> Places:
+def places(scene: Scene, triangle: Numbers, position: Floats) -> Places:
     """Say where on its triangle each point lies: by the areas that it cuts off, seen along the normal."""
     corners = scene.triangles[triangle]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.shading.environment import radiance_toward
 from xfrustum.reference.shading.interpolation import Places, albedo, places, smooth_normals
 from xfrustum.scenes.appearance.light import DirectionalLight
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.scene import Scene
-
-Floats = NDArray[np.float64]
 
 COLORFUL = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
 TERMS = ("ambient", "diffuse", "specular", "reflectivity")
@@ -39,7 +37,7 @@ class Hits:
         (N, 3) d of each one's line, of any length, from the viewer to the back.
     """
 
-    triangle: NDArray[np.int32]
+    triangle: Numbers
     normal: Floats
     position: Floats
     direction: Floats
@@ -68,7 +66,7 @@ class _Surface:
     direction: Floats
     shrink: Floats
     albedo: Floats | float
-    material: NDArray[np.int32] | None
+    material: Numbers | None
 
 
 class Shader:
@@ -166,7 +164,7 @@ class Shader:
             np.power(along, exponent, out=highlight, where=(cosine > 0) & (along > 0))
             color += self._of_material("specular", surface) * intensity * highlight[:, None]
 
-    def _materials(self, triangle: NDArray[np.int32]) -> NDArray[np.int32] | None:
+    def _materials(self, triangle: Numbers) -> Numbers | None:
         if len(self._exponents) == 1:
             return None
         return self._material_of_object[self._scene.object_of_triangle[triangle]]

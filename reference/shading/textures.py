@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from xfrustum.scenes.arrays import Bytes, Floats, Indices
 
 _SRGB = np.arange(256) / 255.0
 LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4)
 """Linear light of each 8-bit sRGB value (IEC 61966-2-1)."""
 
 
-def texture_color(texture: NDArray[np.uint8], uv: Floats) -> Floats:
+def texture_color(texture: Bytes, uv: Floats) -> Floats:
     """Return linear RGB (N, 3) at texture coordinates.
 
     Parameters

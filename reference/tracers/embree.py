@@ -12,10 +12,10 @@ from importlib.metadata import version
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from numpy.typing import NDArray
 
 from xfrustum.reference.devices.threads import worker_count
 from xfrustum.reference.tracers.tracer import unit_scale
+from xfrustum.scenes.arrays import Floats, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
@@ -51,10 +51,10 @@ class EmbreeTracer:
 
     def first_hits(
         self,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        until: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.int32]:
+        origins: Floats,
+        directions: Floats,
+        until: Floats | None = None,
+    ) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._empty or len(origins) == 0:
@@ -74,6 +74,6 @@ class EmbreeTracer:
             list(pool.map(trace, range(0, len(origins), RAYS_PER_CALL)))
         return hits
 
-    def _scaled(self, lengths: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _scaled(self, lengths: Floats) -> Singles:
         scaled = np.empty(lengths.shape, dtype=np.float32)
         return np.multiply(lengths, self._scale, out=scaled, casting="same_kind")

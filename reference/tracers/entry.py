@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from xfrustum.reference.lines.cone import Floats
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 
 CLEARANCE = 2.0**-6

@@ -9,14 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.tracers.tracer import unit_scale
+from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
-
-Singles = NDArray[np.float32]
 
 RAYS_PER_CALL = 1 << 20
 """Bounds the memory: some 100 bytes per ray."""
@@ -54,10 +52,10 @@ class MitsubaTracer:
 
     def first_hits(
         self,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        until: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.int32]:
+        origins: Floats,
+        directions: Floats,
+        until: Floats | None = None,
+    ) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._scene is None:
@@ -71,7 +69,7 @@ class MitsubaTracer:
             )
         return hits
 
-    def _together(self, origins: Singles, directions: Singles, ends: Singles | None) -> NDArray[np.int32]:
+    def _together(self, origins: Singles, directions: Singles, ends: Singles | None) -> Numbers:
         dr = self._backend.drjit
         assert self._scene is not None
         # Dr.Jit's arrays of vectors hold each coordinate in one piece.
@@ -79,10 +77,10 @@ class MitsubaTracer:
         if ends is not None:
             ray.maxt = self._float(ends)
         met = self._scene.ray_intersect_preliminary(ray, coherent=True)
-        hits: NDArray[np.int32] = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
+        hits: Numbers = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
         return hits
 
-    def _one_by_one(self, origins: Singles, directions: Singles, ends: Singles | None) -> NDArray[np.int32]:
+    def _one_by_one(self, origins: Singles, directions: Singles, ends: Singles | None) -> Numbers:
         assert self._scene is not None
         trace = self._scene.ray_intersect_preliminary
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
@@ -97,9 +95,7 @@ class MitsubaTracer:
         return hits
 
 
-def triangle_mesh(
-    name: str, vertices: NDArray[np.float64], faces: NDArray[np.int64], bsdf: Any | None = None
-) -> Any:
+def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None = None) -> Any:
     """Return a `mi.Mesh` whose primitive numbers are the rows of `faces`.
 
     Parameters
@@ -121,5 +117,5 @@ def triangle_mesh(
     return mesh
 
 
-def _coordinates(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+def _coordinates(vectors: Singles) -> Singles:
     return np.ascontiguousarray(vectors.T)

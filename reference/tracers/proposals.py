@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 
 
-def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: range) -> NDArray[np.int32]:
+def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: range) -> Numbers:
     """Trace each pixel's line once, from the viewer's end through the aperture to the back, in one call.
 
     Parameters

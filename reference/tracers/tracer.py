@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from xfrustum.scenes.arrays import Floats, Numbers
 
 
 class Tracer(Protocol):
@@ -22,10 +23,10 @@ class Tracer(Protocol):
 
     def first_hits(
         self,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        until: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.int32]:
+        origins: Floats,
+        directions: Floats,
+        until: Floats | None = None,
+    ) -> Numbers:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 
         Parameters
@@ -37,7 +38,7 @@ class Tracer(Protocol):
         """
 
 
-def unit_scale(vertices: NDArray[np.float64]) -> float:
+def unit_scale(vertices: Floats) -> float:
     """Return the power of two that brings a scene to about unit size.
 
     Embree has absolute constants near the limits of float32; a power of two moves no bit of

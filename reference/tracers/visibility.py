@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xfrustum.reference.lines.cone import Floats
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
@@ -31,11 +30,11 @@ class SurfacePoints:
     """
 
     position: Floats
-    triangle: NDArray[np.int32]
+    triangle: Numbers
     tolerance: Floats
 
 
-def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) -> NDArray[np.bool_]:
+def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) -> Mask:
     """Return which points lie behind another surface on their own true line.
 
     Parameters
@@ -79,11 +78,11 @@ FAR_FROM_PLANE = 2.0
 float32: what both distances are rounded by in double precision cannot make up for a factor of two."""
 
 
-def _apart(points: Floats, corners: Floats, normals: Floats, tolerance: Floats) -> NDArray[np.bool_]:
+def _apart(points: Floats, corners: Floats, normals: Floats, tolerance: Floats) -> Mask:
     """Return which points are farther than their tolerance from their own triangle."""
     length = np.linalg.norm(normals, axis=1)
     along = np.abs(np.einsum("ij,ij->i", points - corners[:, 0], normals))
-    apart: NDArray[np.bool_] = along > FAR_FROM_PLANE * tolerance * length
+    apart: Mask = along > FAR_FROM_PLANE * tolerance * length
     # Triangles without area have no plane.
     apart &= length > 0
     near = np.flatnonzero(~apart)

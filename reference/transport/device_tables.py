@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.shading.textures import LINEAR
 from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.arrays import Bytes, Numbers
 
 
 class Table:
@@ -53,9 +54,7 @@ class Textures:
         (F,) index of a picture, negative for none.
     """
 
-    def __init__(
-        self, textures: tuple[NDArray[np.uint8], ...], texture_of_triangle: NDArray[np.int32]
-    ) -> None:
+    def __init__(self, textures: tuple[Bytes, ...], texture_of_triangle: Numbers) -> None:
         packed = [np.ascontiguousarray(texture).view("<u4").ravel() for texture in textures]
         self._texels = Table(np.concatenate(packed).astype(np.uint32, copy=False))
         self._starts = Table(np.cumsum([0, *(len(part) for part in packed[:-1])]).astype(np.int32))

@@ -13,16 +13,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.transport.light_paths import LightPaths
 from xfrustum.reference.transport.path_starts import PathStarts
 from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
-
-Floats = NDArray[np.float64]
 
 PATHS_AT_ONCE = 1 << 20
 """Bounds the memory, some 200 bytes a path."""

@@ -23,6 +23,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -115,7 +116,7 @@ def _pictures(report: BudgetReport) -> dict[str, bytes]:
     return found | dict(radiance_budgeting.pictures(report.radiance))
 
 
-def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: NDArray[np.bool_]) -> bytes:
+def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: Mask) -> bytes:
     """Encode which link each wrong pixel is charged to, over the truth's outline, as PNG.
 
     Parameters

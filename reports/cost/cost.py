@@ -23,6 +23,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.tolerances import TOLERANCE_PX
 
 REPEAT = 5
 
@@ -74,7 +75,7 @@ class CostReport:
 def measure_cost(
     scene: Scene,
     aperture: Aperture | None = None,
-    tolerance_px: float = 0.5,
+    tolerance_px: float = TOLERANCE_PX,
     *,
     repeat: int = REPEAT,
     progress: bool = False,

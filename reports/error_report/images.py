@@ -17,6 +17,7 @@ from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.metrics.display import LEVELS, encoded
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
 from xfrustum.reports.measurements.measurement import SettingPictures
+from xfrustum.scenes.arrays import Bytes, Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def picture(image: HogelImage, reduction: int = 1) -> bytes:
     return buffer.getvalue()
 
 
-def displacement_map(displacement: NDArray[np.float64], reduction: int = 1) -> bytes:
+def displacement_map(displacement: Floats, reduction: int = 1) -> bytes:
     """Encode the length of (H, W, 2) displacement vectors as PNG, transparent where undefined.
 
     The scale is logarithmic over `DISPLACEMENT_RANGE_PX`; beyond its ends the end colors hold.
@@ -169,7 +170,7 @@ def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
     return _palette_png(_worst(index, reduction), _RADIANCE_COLORS)
 
 
-def mask(wrong: NDArray[np.bool_], color: str, reduction: int = 1) -> bytes:
+def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
     """Encode an (H, W) mask as PNG: the color where it is set, transparent elsewhere."""
     return _palette_png(_worst(wrong.astype(np.uint8), reduction), [color])
 
@@ -207,7 +208,7 @@ def _level_of_bin() -> NDArray[np.int16]:
     return np.where(low == high, low, -1).astype(np.int16)
 
 
-def _levels(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
+def _levels(linear: NDArray[np.floating]) -> Bytes:
     """Return the 8-bit levels of colors between 0 and 1, to the last one those of the curve itself.
 
     The curve rises (but at its knee, by 1e-8, far from where two levels meet): where both ends of a bin

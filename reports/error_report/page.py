@@ -16,11 +16,12 @@ from xfrustum.reports.error_report.shading import ShadingReport
 from xfrustum.reports.error_report.sweep_bench import REPEAT_BUDGET_S
 from xfrustum.reports.error_report.tables import recommended_command, report_object
 from xfrustum.reports.measurements import best
-from xfrustum.reports.measurements.measurement import TOLERANCE_PX, Measurement, SettingPictures, Sweep
+from xfrustum.reports.measurements.measurement import Measurement, SettingPictures, Sweep
 from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.tolerances import TOLERANCE_PX
 
 _CERTAINTY_WORDS = {
     Certainty.PROVEN: "proven in floating point",

@@ -20,6 +20,7 @@ from xfrustum.reports.effects.costs import Stopwatches
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.shading import EyeError, MissedLight, ShadingReport, is_shaded
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
@@ -86,7 +87,7 @@ def _same_bits(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> boo
     )
 
 
-def _bits(array: NDArray[np.generic]) -> NDArray[np.uint8]:
+def _bits(array: NDArray[np.generic]) -> Bytes:
     return np.ascontiguousarray(array).view(np.uint8)
 
 

@@ -14,12 +14,13 @@ from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.reports.error_report.sweep_bench import REPEAT_BUDGET_S, SweepBench
-from xfrustum.reports.measurements.measurement import MAX_WRONG, TOLERANCE_PX, Measurement, Sweep
+from xfrustum.reports.measurements.measurement import Measurement, Sweep
 from xfrustum.scenes.model.effects import chosen
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare import Comparison, ErrorMaps, compare_images
 from xfrustum.compare.metrics.paired import PixelSet
@@ -23,6 +22,7 @@ from xfrustum.reports.common.turns import open_races, take_turn, take_turns_unti
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.shading import is_shaded
 from xfrustum.reports.measurements.measurement import Measurement, SettingPictures
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -72,7 +72,7 @@ class SweepBench:
     """
 
     _truth: HogelImage
-    _gaps: NDArray[np.float64]
+    _gaps: Floats
     _predictor: Future[Predictor] | None
 
     def __init__(self, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:

@@ -16,14 +16,6 @@ if TYPE_CHECKING:
     from xfrustum.compare.prediction.predict import Prediction
 
 
-MAX_WRONG = 1e-2
-"""Share of pixels with a wrong surface beyond which a picture is not within any tolerance. Displacement is
-judged by its 99th percentile, which leaves one pixel in a hundred out; as many may show another surface."""
-
-TOLERANCE_PX = 0.5
-"""Displacement, 99th percentile, that is asked for unless another is."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
     """One raster image judged against the truth.

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.extent import aside_of_frusta
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -71,7 +71,7 @@ class PictureFrame:
         """Return where an x or y lies on the picture, pixels from its top."""
         return TOP + (self.box[3] - across) * self.scale
 
-    def place(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def place(self, points: Floats) -> Floats:
         """Return where points (N, 2) of z and x or y lie within the frame, pixels from its top left."""
         z, across = points.T
         return np.stack(((z - self.box[0]) * self.scale, (self.box[3] - across) * self.scale), axis=1)
@@ -93,7 +93,7 @@ def _shown(scene: Scene, view: View) -> Box:
     return float(left), float(bottom), float(right), float(top)
 
 
-def _near(values: NDArray[np.float64], low: float, high: float) -> bool:
+def _near(values: Floats, low: float, high: float) -> bool:
     return bool(values.max() >= low and values.min() <= high)
 
 

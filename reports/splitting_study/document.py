@@ -21,13 +21,12 @@ from xfrustum.reports.splitting_study.grid import CONTROL
 from xfrustum.reports.splitting_study.measure import NEAREST_PERCENTILE
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow
 from xfrustum.reports.splitting_study.verdict import (
-    MAX_DEPTH_WRONG,
-    TOLERANCE_PX,
     Verdict,
     answers,
     verdict,
 )
 from xfrustum.scenes.library.depth_family import CAR_RATIO, CARS, FARTHEST, REACH
+from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[StudyRow]
 

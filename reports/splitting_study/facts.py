@@ -13,8 +13,6 @@ from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reports.splitting_study.grid import SIDES, DepthBuffer
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
 from xfrustum.reports.splitting_study.verdict import (
-    MAX_DEPTH_WRONG,
-    TOLERANCE_PX,
     Case,
     Verdict,
     answers,
@@ -23,6 +21,7 @@ from xfrustum.reports.splitting_study.verdict import (
     unbroken,
     verdict,
 )
+from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[StudyRow]
 

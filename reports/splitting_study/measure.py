@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.displacement import Spread
@@ -17,6 +16,7 @@ from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.splitting_study.grid import CONTROL, Cell, SheetCell
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.geometry.refine import refine
 from xfrustum.scenes.library.depth_family import FARTHEST, REACH, SHOWN_SHEET, cars, sheet_pair
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -103,8 +103,8 @@ class Control:
     """
 
     settings: DoubleFrustum
-    right: NDArray[np.bool_]
-    shown: NDArray[np.bool_]
+    right: Mask
+    shown: Mask
     predicted: Spread | None
 
 

@@ -11,12 +11,7 @@ from xfrustum.compare.prediction.depth import MISORDERED
 from xfrustum.reports.splitting_study.grid import DepthBuffer
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
 from xfrustum.scenes.plate.double_frustum import Camera
-
-TOLERANCE_PX = 0.5
-"""Largest 99th percentile of displacement: a picture moved by less stays within its pixels."""
-
-MAX_DEPTH_WRONG = 1e-3
-"""Largest share of pixels whose wrong surface is charged to depth."""
+from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 
 class Verdict(StrEnum):

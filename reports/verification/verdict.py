@@ -15,6 +15,7 @@ from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS, INVALID = "displacement", "wrong colors", "claims of what does not exist"
 """Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`
@@ -85,8 +86,8 @@ class Limits:
         What pictures are compared by, and by how much colors may differ.
     """
 
-    wrong: float = 0.01
-    displacement_px: float | None = 0.5
+    wrong: float = MAX_WRONG
+    displacement_px: float | None = TOLERANCE_PX
     judging: Judging = field(default_factory=Judging)
 
     def __post_init__(self) -> None:

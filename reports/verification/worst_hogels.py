@@ -7,10 +7,10 @@ import io
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from xfrustum.compare.judging.judged import Figures
+from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -63,7 +63,7 @@ class WorstHogels:
         self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[:SHOWN]
 
 
-def _shown(image: HogelImage) -> NDArray[np.uint8]:
+def _shown(image: HogelImage) -> Bytes:
     """Return what people can see of an image: its colors, else a color for each surface."""
     if image.color is not None:
         linear = np.clip(np.nan_to_num(image.color), 0, 1)
@@ -81,14 +81,14 @@ def _shown(image: HogelImage) -> NDArray[np.uint8]:
     return np.asarray(pixels, dtype=np.uint8)
 
 
-def _errors(figures: Figures) -> NDArray[np.uint8]:
+def _errors(figures: Figures) -> Bytes:
     beneath = BACKGROUND - DIMMED * (BACKGROUND - _shown(figures.answer).astype(np.float64))
     beneath[~figures.answer.covered] = BACKGROUND
     beneath[figures.error] = WRONG_RGB
     return np.asarray(beneath, dtype=np.uint8)
 
 
-def _encoded(pixels: NDArray[np.uint8]) -> str:
+def _encoded(pixels: Bytes) -> str:
     step = -(-max(pixels.shape[:2]) // LARGEST_PX)
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels[::step, ::step])).save(buffer, "PNG")

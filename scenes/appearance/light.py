@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Color
 from xfrustum.scenes.arguments import real, reals, settle
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
 
 BRIGHTEST = 1e30
@@ -75,7 +75,7 @@ class Environment:
         Another shape, or radiance that is negative, not finite, or beyond `BRIGHTEST`.
     """
 
-    radiance: NDArray[np.float32]
+    radiance: Singles
     strength: float = 1.0
     name: str = "environment"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.scenes.arguments import settle, switch, whole
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
@@ -110,7 +110,7 @@ def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Apertur
     )
 
 
-def additive_recurrence(count: int) -> NDArray[np.float64]:
+def additive_recurrence(count: int) -> Floats:
     """Return (count, 2) points in [0, 1), centered: their mean tends to one half."""
     steps = np.arange(count, dtype=np.float64)[:, None]
     return np.asarray((0.5 + (steps + 0.5) * [1 / PLASTIC, 1 / PLASTIC**2]) % 1.0)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
-from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.header import MAGIC, check_header
@@ -44,7 +44,7 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
         raise InputError(f"{path}: the environment map is damaged ({error}); write it again") from error
 
 
-def _read_rgb(path: Path) -> NDArray[np.float32]:
+def _read_rgb(path: Path) -> Singles:
     """Return the (H, W, 3) pixels of a file."""
     picture = oiio.ImageInput.open(str(path))
     if picture is None or picture.format_name() not in _FORMATS:

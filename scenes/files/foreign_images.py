@@ -7,9 +7,9 @@ from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.header import MAGIC
@@ -44,7 +44,7 @@ class StoredPixels:
         Whether the file's format changes pixels when it stores them, as JPEG does.
     """
 
-    rgb: NDArray[np.uint8]
+    rgb: Bytes
     lossy: bool = False
 
 
@@ -88,18 +88,18 @@ class Reading:
         """Whether number 0 is stored as nothing is."""
         return self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID) and self.offset == self.background
 
-    def packed(self, rgb: NDArray[np.uint8]) -> NDArray[np.int32]:
+    def packed(self, rgb: Bytes) -> Numbers:
         """Return the stored integers (H, W) of pixels (H, W, 3), the offset still in them."""
         return np.asarray(
             rgb[..., list(self.channels)].astype(np.int32) @ np.array([65536, 256, 1], dtype=np.int32)
         )
 
-    def numbers(self, packed: NDArray[np.int32]) -> NDArray[np.int32]:
+    def numbers(self, packed: Numbers) -> Numbers:
         """Return the numbers (H, W) that stored integers stand for, `NOTHING` for nothing."""
         numbers = np.maximum(packed - self.offset, NOTHING)
         return np.where(packed == self.background, NOTHING, numbers).astype(np.int32)
 
-    def stored(self, numbers: NDArray[np.int32]) -> NDArray[np.int32]:
+    def stored(self, numbers: Numbers) -> Numbers:
         """Return the integers that numbers are stored as: the inverse of `numbers`."""
         return np.where(numbers == NOTHING, self.background, numbers + self.offset).astype(np.int32)
 
@@ -183,7 +183,7 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     return type(image)(**mine)
 
 
-def stored_integers(image: HogelImage, reading: Reading) -> NDArray[np.int32]:
+def stored_integers(image: HogelImage, reading: Reading) -> Numbers:
     """Return the integers (H, W) that an image stores; of one that is no picture, its numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return reading.packed(image.stored.rgb)
@@ -191,7 +191,7 @@ def stored_integers(image: HogelImage, reading: Reading) -> NDArray[np.int32]:
     return np.asarray(told + np.int32(1))
 
 
-def stored_rgb(image: HogelImage) -> NDArray[np.uint8]:
+def stored_rgb(image: HogelImage) -> Bytes:
     """Return the bytes (H, W, 3) that an image stores; if it is no picture, those of its numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return image.stored.rgb
@@ -199,7 +199,7 @@ def stored_rgb(image: HogelImage) -> NDArray[np.uint8]:
     return np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
 
 
-def _colors(rgb: NDArray[np.uint8], encoding: Encoding) -> NDArray[np.float32]:
+def _colors(rgb: Bytes, encoding: Encoding) -> Singles:
     """Return the linear radiance (H, W, 3) of stored pixels."""
     color = (rgb / 255).astype(np.float32)
     if encoding is Encoding.SRGB:

@@ -8,13 +8,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DEFAULT_LIGHT, DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import SCENE_FILE_SIZE, check_hogels, read_small
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.environment_file import read_environment
@@ -91,7 +91,7 @@ def _build_object(path: Path, file: SceneTables, index: int) -> SceneObject:
         raise InputError(f"{path}: {key}.{source}: {error}") from error
 
 
-def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: NDArray[np.float64]) -> SceneObject:
+def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: Floats) -> SceneObject:
     """Return an object in its mesh's own coordinates."""
     if entry.mesh is None:
         return build_shape(str(entry.shape), material=entry.material)
@@ -104,7 +104,7 @@ def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: NDArray[np.float6
     return load_patches(file, chord_tolerance=own, material=entry.material)
 
 
-def _no_placement(matrix: NDArray[np.float64]) -> str | None:
+def _no_placement(matrix: Floats) -> str | None:
     """Say why a matrix places nothing; None where it does."""
     if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         return f"its last row is {matrix[3].tolist()}"

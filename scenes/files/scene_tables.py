@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from xfrustum.scenes.appearance.light import DirectionalLight
 from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Material
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.placement import placement
 from xfrustum.scenes.geometry.shapes import SHAPES
 
@@ -135,7 +135,7 @@ class ObjectTable(Table):
         """Whether the mesh file holds Bezier patches."""
         return self.mesh is not None and self.mesh.lower().endswith(".bpt")
 
-    def scene_from_mesh(self) -> NDArray[np.float64]:
+    def scene_from_mesh(self) -> Floats:
         """Return the (4, 4) matrix that places the mesh."""
         if self.transform is not None:
             return np.array(self.transform, dtype=np.float64)

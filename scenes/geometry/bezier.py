@@ -9,21 +9,21 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from xfrustum.scenes.arrays import Floats
+
 EPSILON = float(np.finfo(np.float64).eps)
 
 MAX_STEPS = 1e18
 """Steps along a patch that are counted at most: a quotient may be infinite, which is no number of steps."""
 
 
-def evenly(count: int) -> Array:
+def evenly(count: int) -> Floats:
     """Return the count + 1 parameters that divide 0..1 into equal steps."""
     return np.asarray(np.arange(count + 1) / count)
 
 
-def casteljau(controls: Array, at: Array) -> Array:
+def casteljau(controls: Floats, at: Floats) -> Floats:
     """Return the points (T, ..., 3) of a Bezier curve, or curves, at parameters (T,).
 
     By de Casteljau's repeated interpolation, element by element: the same doubles on every machine, the
@@ -36,12 +36,12 @@ def casteljau(controls: Array, at: Array) -> Array:
     return points[:, 0]
 
 
-def surface(net: Array, u: Array, v: Array) -> Array:
+def surface(net: Floats, u: Floats, v: Floats) -> Floats:
     """Return the points (U, V, 3) of a patch on a grid of parameters (U,) and (V,)."""
     return np.ascontiguousarray(casteljau(casteljau(net, u).swapaxes(0, 1), v).swapaxes(0, 1))
 
 
-def derivative(net: Array, axis: int) -> Array:
+def derivative(net: Floats, axis: int) -> Floats:
     """Return the control net of the derivative along u (axis 0) or v (axis 1), one degree lower."""
     degree = net.shape[axis] - 1
     if degree == 0:
@@ -49,7 +49,7 @@ def derivative(net: Array, axis: int) -> Array:
     return np.asarray(degree * np.diff(net, axis=axis))
 
 
-def second_derivative_bounds(net: Array) -> tuple[float, float, float]:
+def second_derivative_bounds(net: Floats) -> tuple[float, float, float]:
     """Return upper bounds of |f_uu|, |f_uv| and |f_vv| over a patch.
 
     A Bezier surface, hence also a derivative of one, lies in the convex hull of its control points.
@@ -60,7 +60,7 @@ def second_derivative_bounds(net: Array) -> tuple[float, float, float]:
     return f_uu, f_uv, f_vv
 
 
-def normals(net: Array, u: Array, v: Array) -> Array:
+def normals(net: Floats, u: Floats, v: Floats) -> Floats:
     """Return the unit normals (U, V, 3) along f_u x f_v; NaN where there is none.
 
     Where f_u x f_v is zero on a border, as all along one that is collapsed to a point, the normal is
@@ -84,7 +84,7 @@ def normals(net: Array, u: Array, v: Array) -> Array:
     return np.asarray(np.divide(cross, length, out=np.full(cross.shape, np.nan), where=length > 0))
 
 
-def _cross_rounding(net: Array, f_u: Array, f_v: Array) -> Array:
+def _cross_rounding(net: Floats, f_u: Floats, f_v: Floats) -> Floats:
     """Return how long f_u x f_v may come out where it is zero.
 
     De Casteljau's interpolation of degree n rounds by at most 2 n epsilon of the largest control point,
@@ -97,7 +97,7 @@ def _cross_rounding(net: Array, f_u: Array, f_v: Array) -> Array:
     return np.asarray(length_u * off_v + length_v * off_u + 4 * EPSILON * length_u * length_v)
 
 
-def steps_for(net: Array, chord_tolerance: float) -> tuple[int, int]:
+def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
     """Return into how many steps along u and v a patch must be cut to keep a chord tolerance.
 
     Flat right triangles with legs 1/a and 1/b in the parameters lie within

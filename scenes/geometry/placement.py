@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import SceneObject
 
 
@@ -15,7 +15,7 @@ def placement(
     scale: float = 1.0,
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
     translate: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the (4, 4) scene-from-mesh matrix: scale, then rotate, then translate.
 
     Parameters
@@ -40,12 +40,12 @@ def placement(
     return matrix
 
 
-def magnification(scene_from_mesh: NDArray[np.float64]) -> float:
+def magnification(scene_from_mesh: Floats) -> float:
     """Return the largest factor by which a (4, 4) affine matrix stretches any length."""
     return float(np.linalg.norm(scene_from_mesh[:3, :3], ord=2))
 
 
-def place(part: SceneObject, scene_from_mesh: NDArray[np.float64]) -> SceneObject:
+def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     """Return the object with its vertices and their normals moved by a (4, 4) affine matrix.
 
     Faces keep their order and their winding, also where the matrix mirrors: the side that the winding
@@ -62,7 +62,7 @@ def place(part: SceneObject, scene_from_mesh: NDArray[np.float64]) -> SceneObjec
     return replace(part, vertices=np.stack(moved, axis=1), vertex_normals=normals)
 
 
-def _cofactors(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cofactors(linear: Floats) -> Floats:
     """Return the (3, 3) matrix that takes normals along, up to one positive factor.
 
     It takes the cross product of two edges to that of the moved edges: the inverse transpose times the

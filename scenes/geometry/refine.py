@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.scene import Scene, SceneObject
 
 
@@ -49,6 +49,6 @@ def _split(part: SceneObject) -> SceneObject:
     )
 
 
-def _with_middles(values: NDArray[np.float64] | None, edges: NDArray[np.int64]) -> NDArray[np.float64] | None:
+def _with_middles(values: Floats | None, edges: Indices) -> Floats | None:
     """Append the mean over each edge's ends to values at vertices, (V, N); NaN where an end has none."""
     return None if values is None else np.concatenate([values, values[edges].mean(axis=1)])

@@ -9,10 +9,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import SceneObject
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+Mesh = tuple[Floats, Indices]
 """Vertices (V, 3) and faces (F, 3)."""
 
 
@@ -52,7 +53,7 @@ def torus() -> Mesh:
     return lathe(0.35 + 0.15 * np.cos(turn), 0.15 * np.sin(turn), sectors=48)
 
 
-def lathe(radii: NDArray[np.float64], heights: NDArray[np.float64], *, sectors: int) -> Mesh:
+def lathe(radii: Floats, heights: Floats, *, sectors: int) -> Mesh:
     """Turn a profile about the y axis.
 
     Parameters
@@ -74,7 +75,7 @@ def lathe(radii: NDArray[np.float64], heights: NDArray[np.float64], *, sectors: 
     return wrapped_grid(rings)
 
 
-def wrapped_grid(rings: NDArray[np.float64]) -> Mesh:
+def wrapped_grid(rings: Floats) -> Mesh:
     """Join rings of points (N, M, 3) into a tube; rings that shrink to a point close it.
 
     Triangles without area, which such a point leaves, are dropped. Coordinates are rounded to
@@ -89,7 +90,7 @@ def wrapped_grid(rings: NDArray[np.float64]) -> Mesh:
     return drop_flat(vertices, triangulate(quads))
 
 
-def open_grid(points: NDArray[np.float64]) -> Mesh:
+def open_grid(points: Floats) -> Mesh:
     """Join a grid of points (N, M, 3) into a sheet; it faces where rows x columns point."""
     rows, columns = points.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
@@ -97,12 +98,12 @@ def open_grid(points: NDArray[np.float64]) -> Mesh:
     return np.round(points.reshape(-1, 3), 6) + 0.0, triangulate(quads.reshape(-1, 4))
 
 
-def triangulate(quads: NDArray[np.integer]) -> NDArray[np.int64]:
+def triangulate(quads: NDArray[np.integer]) -> Indices:
     """Split quads (N, 4) into triangles (2 N, 3) along the first diagonal."""
     return np.asarray(quads, dtype=np.int64)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
 
 
-def drop_flat(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Mesh:
+def drop_flat(vertices: Floats, faces: Indices) -> Mesh:
     """Leave out triangles two of whose corners are the same point."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     flat = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.scene import NormalsMade, SceneObject
 
 
@@ -29,7 +29,7 @@ def smoothed(part: SceneObject) -> SceneObject:
     )
 
 
-def _mean_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def _mean_normals(vertices: Floats, faces: Indices) -> Floats:
     """Return (V, 3) unit normals, NaN where there are none."""
     points, point_of_vertex = np.unique(vertices, axis=0, return_inverse=True)
     point_of_vertex = point_of_vertex.reshape(-1)
@@ -41,7 +41,7 @@ def _mean_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ND
     return np.asarray(unit[point_of_vertex])
 
 
-def _angle_weighted(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _angle_weighted(triangles: Floats) -> Floats:
     """Return (F, 3, 3) normals of triangles, once for each corner, as long as the angle there."""
     # Sides of size one: products of those of tiny or huge triangles leave the doubles.
     sides = np.roll(triangles, -1, axis=1) - triangles

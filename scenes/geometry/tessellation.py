@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.bezier import casteljau, evenly, normals, steps_for, surface
 from xfrustum.scenes.geometry.shapes import drop_flat, triangulate
 from xfrustum.scenes.model.scene import SceneObject
 
-Array = NDArray[np.float64]
 Steps = Sequence[tuple[int, int]]
 """Into how many steps each patch is cut along u and v."""
 
@@ -23,7 +22,7 @@ MAX_TRIANGLES = 20_000_000
 
 
 def tessellate(
-    nets: Sequence[Array], chord_tolerance: float, *, name: str, material: str | None = None
+    nets: Sequence[Floats], chord_tolerance: float, *, name: str, material: str | None = None
 ) -> SceneObject:
     """Return patches as triangles, no point of which is farther from the surface than a tolerance.
 
@@ -66,7 +65,7 @@ def _triangles(steps: Steps) -> int:
     return sum(2 * along_u * along_v for along_u, along_v in steps)
 
 
-def cut(nets: Sequence[Array], steps: Steps, *, name: str, material: str | None = None) -> SceneObject:
+def cut(nets: Sequence[Floats], steps: Steps, *, name: str, material: str | None = None) -> SceneObject:
     """Return patches cut into given steps, with the exact normals of the surface at the vertices.
 
     The winding faces where f_u x f_v points. Triangles without area, at edges that are collapsed to a
@@ -92,7 +91,7 @@ def cut(nets: Sequence[Array], steps: Steps, *, name: str, material: str | None 
     )
 
 
-def matched_steps(nets: Sequence[Array], least: Steps) -> list[tuple[int, int]]:
+def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]:
     """Return the least steps with which patches that share an edge agree on it.
 
     Opposite edges of a patch have the same steps, so agreement spreads over strips of patches.
@@ -115,7 +114,7 @@ def matched_steps(nets: Sequence[Array], least: Steps) -> list[tuple[int, int]]:
     return [(int(u), int(v)) for u, v in of_strip[strip].reshape(-1, 2)]
 
 
-def _grid(net: Array, along_u: int, along_v: int) -> Array:
+def _grid(net: Floats, along_u: int, along_v: int) -> Floats:
     """Return a patch's points (along_u + 1, along_v + 1, 3), its borders as curves of their own."""
     points = surface(net, evenly(along_u), evenly(along_v))
     points[:, 0], points[:, -1] = _edge(net[:, 0], along_u), _edge(net[:, -1], along_u)
@@ -123,7 +122,7 @@ def _grid(net: Array, along_u: int, along_v: int) -> Array:
     return points
 
 
-def _edge(controls: Array, steps: int) -> Array:
+def _edge(controls: Floats, steps: int) -> Floats:
     """Return the points of a border: the same bits for both patches that share it."""
     if _is_point(controls):
         return np.repeat(controls[:1], steps + 1, axis=0)
@@ -132,12 +131,12 @@ def _edge(controls: Array, steps: int) -> Array:
     return points[::-1] if turned else points
 
 
-def _oriented(controls: Array) -> tuple[Array, bool]:
+def _oriented(controls: Floats) -> tuple[Floats, bool]:
     """Return control points in the one of both orders that comes first, and whether it is the other one."""
     controls = controls + 0.0  # no negative zero: equal points must have equal bytes
     turned = controls[::-1].tolist() < controls.tolist()
     return np.ascontiguousarray(controls[::-1] if turned else controls), turned
 
 
-def _is_point(controls: Array) -> bool:
+def _is_point(controls: Floats) -> bool:
     return bool((controls == controls[0]).all())

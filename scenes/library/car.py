@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry.placement import place, placement
 from xfrustum.scenes.geometry.shapes import Mesh, join, lathe, wrapped_grid
 from xfrustum.scenes.model.scene import SceneObject
 
-Array = NDArray[np.float64]
 Knots = Sequence[tuple[float, float]]
 
 _WHEEL_RADIUS = 7.2
@@ -73,19 +72,19 @@ def car() -> tuple[SceneObject, ...]:
     )
 
 
-def rim_faces(wheels: SceneObject) -> NDArray[np.bool_]:
+def rim_faces(wheels: SceneObject) -> Mask:
     """Return (F,) which faces of the car's wheels belong to the rims; the others are tires."""
     row = wheels.faces % (_WHEEL_SECTORS * len(_WHEEL)) // _WHEEL_SECTORS
     return np.asarray((row >= _RIM).all(axis=1))
 
 
-def _curve(knots: Knots, at: Array) -> Array:
+def _curve(knots: Knots, at: Floats) -> Floats:
     """Interpolate without overshoot between knots."""
     where, value = np.array(knots, dtype=np.float64).T
     return np.asarray(PchipInterpolator(where, value)(at), dtype=np.float64)
 
 
-def _superellipse(exponent: float, points: int) -> Array:
+def _superellipse(exponent: float, points: int) -> Floats:
     """Return (points, 2) on the unit superellipse, evenly along its length, from (1, 0) to the left."""
     turn = np.linspace(0, 2 * np.pi, 4001)
     cosine, sine = np.cos(turn), np.sin(turn)
@@ -121,12 +120,12 @@ def _lower_body() -> Mesh:
     return wrapped_grid(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1))
 
 
-def _stations() -> tuple[Array, Array]:
+def _stations() -> tuple[Floats, Floats]:
     """Return z of the sections, back to front, and the height up to which an arch cuts each."""
     around = np.linspace(0, np.pi, 23)
     bend = np.sin(np.linspace(0, np.pi / 2, 11))
-    z: list[Array] = [-_END - _CAP * bend[:0:-1]]
-    arch: list[Array] = [np.full(10, -np.inf)]
+    z: list[Floats] = [-_END - _CAP * bend[:0:-1]]
+    arch: list[Floats] = [np.full(10, -np.inf)]
     start = -_END
     for axle in _AXLES:
         # The section at either end of an arch comes twice, uncut and cut: an upright wall.
@@ -165,14 +164,14 @@ def _cabin() -> tuple[Mesh, Mesh]:
     return _used(vertices, faces[~is_glass]), _used(vertices, faces[is_glass])
 
 
-def _panes(across: Array, along: Array) -> NDArray[np.bool_]:
+def _panes(across: Floats, along: Floats) -> Mask:
     """Return which points of the outline belong to a window: front, rear, two on each side."""
     screens = (np.abs(along) > 0.9) & (np.abs(across) < 0.84)
     sides = (np.abs(across) > 0.9) & (np.abs(along) < 0.82) & (np.abs(along + 0.08) > 0.035)
     return np.asarray(screens | sides)
 
 
-def _used(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
+def _used(vertices: Floats, faces: Indices) -> Mesh:
     """Leave out vertices that no face uses."""
     used, compact = np.unique(faces, return_inverse=True)
     return vertices[used], compact.reshape(faces.shape).astype(np.int64)

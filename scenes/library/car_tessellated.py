@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.refine import refine
 from xfrustum.scenes.geometry.smoothing import smoothed
@@ -29,7 +29,7 @@ class TessellatedCar:
     """
 
     scene: Scene
-    reflective: NDArray[np.bool_]
+    reflective: Mask
 
 
 def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
@@ -118,9 +118,9 @@ def _split_longest(part: SceneObject, more: int) -> SceneObject:
 
 def _split(
     part: SceneObject,
-    corner_of_face: NDArray[np.int64],
-    edges: NDArray[np.int64],
-    edge_of_face: NDArray[np.int64],
+    corner_of_face: Indices,
+    edges: Indices,
+    edge_of_face: Indices,
 ) -> SceneObject:
     """Split each face in two at the middle of its edge from a corner to the next; -1 leaves it whole."""
     (split,) = np.nonzero(corner_of_face >= 0)

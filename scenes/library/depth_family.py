@@ -10,8 +10,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.placement import place, placement
 from xfrustum.scenes.library.car import car
@@ -19,8 +19,6 @@ from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Plate
-
-Floats = NDArray[np.float64]
 
 REACH = 1000.0
 """On both sides, scene units."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.shapes import lathe
 from xfrustum.scenes.model.scene import Scene, SceneObject
@@ -72,8 +72,8 @@ def _factors(triangles: int) -> tuple[int, int]:
 
 
 def _globe(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
+    vertices: Floats,
+    faces: Indices,
     center: tuple[float, float, float],
     semi_axes: tuple[float, float, float],
 ) -> SceneObject:

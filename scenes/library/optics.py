@@ -8,10 +8,10 @@ from __future__ import annotations
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import lathe, open_grid
 from xfrustum.scenes.library.studio import surroundings
 from xfrustum.scenes.model.scene import SceneObject
@@ -78,16 +78,14 @@ def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
     )
 
 
-def _periods(pitch: float, extent: float) -> NDArray[np.float64]:
+def _periods(pitch: float, extent: float) -> Floats:
     """Return where brightness turns: coarse on the negative side, fine on the positive, 0 among them."""
     coarse = np.arange(-int(extent / (COARSE * pitch / 2)), 0) * COARSE / 2
     fine = np.arange(int(extent / (FINE * pitch / 2)) + 1) * FINE / 2
     return np.concatenate([coarse, fine]) * pitch
 
 
-def _bars(
-    name: str, turns: NDArray[np.float64], z: float, span: tuple[float, float], *, upright: bool
-) -> SceneObject:
+def _bars(name: str, turns: Floats, z: float, span: tuple[float, float], *, upright: bool) -> SceneObject:
     """Return a sheet parallel to the plate, black where `turns` has 0 and white at the next."""
     straight, across = np.meshgrid(turns, np.array(span), indexing="ij")
     along = straight + GRATING_LEAN * across

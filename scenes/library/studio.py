@@ -10,11 +10,11 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.smoothing import smoothed
 from xfrustum.scenes.library.car import car, rim_faces
 from xfrustum.scenes.model.scene import SceneObject
@@ -99,11 +99,11 @@ def surroundings(height: int = 256) -> Environment:
     return Environment(radiance=radiance.astype(np.float32), name="studio")
 
 
-def _between(angle: NDArray[np.float64], limits: tuple[float, float]) -> NDArray[np.float64]:
+def _between(angle: Floats, limits: tuple[float, float]) -> Floats:
     return _smooth_step(angle, limits[0], width=4.0) * (1 - _smooth_step(angle, limits[1], width=4.0))
 
 
-def _smooth_step(angle: NDArray[np.float64], edge: float, *, width: float) -> NDArray[np.float64]:
+def _smooth_step(angle: Floats, edge: float, *, width: float) -> Floats:
     """Return 0 before an edge and 1 after it, a cubic between; degrees."""
     share = np.clip((angle - edge) / width + 0.5, 0, 1)
     return np.asarray(share**2 * (3 - 2 * share))

@@ -6,8 +6,8 @@ Lengths are millimeters; the plate is 80 x 60, the reach 150 on both sides.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.placement import place, placement
 from xfrustum.scenes.geometry.shapes import Mesh, box, build_shape, join, open_grid, triangulate
 from xfrustum.scenes.model.scene import SceneObject
@@ -159,5 +159,5 @@ def large_triangles() -> tuple[SceneObject, ...]:
 
 
 def _triangle(name: str, *corners: Vector) -> SceneObject:
-    vertices: NDArray[np.float64] = np.array(corners)
+    vertices: Floats = np.array(corners)
     return SceneObject(name=name, vertices=vertices, faces=np.array([[0, 1, 2]]))

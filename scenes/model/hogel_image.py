@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Bytes, Indices, Mask, Numbers, Singles
 from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -98,30 +99,30 @@ class HogelImage:
     """
 
     camera: HogelCamera
-    triangle: NDArray[np.int32]
-    object: NDArray[np.int32]
+    triangle: Numbers
+    object: Numbers
     position: NDArray[np.floating]
     normal: NDArray[np.floating] | None = None
-    color: NDArray[np.float32] | None = None
-    variance: NDArray[np.float32] | None = None
-    certainty: NDArray[np.uint8] | None = None
-    companions: NDArray[np.int64] | None = None
-    overruled: NDArray[np.bool_] | None = None
+    color: Singles | None = None
+    variance: Singles | None = None
+    certainty: Bytes | None = None
+    companions: Indices | None = None
+    overruled: Mask | None = None
     rendering: Rendering | None = None
 
     @cached_property
-    def covered(self) -> NDArray[np.bool_]:
+    def covered(self) -> Mask:
         """Pixels that show a surface, by number or, where a foreign image has none, by position."""
-        covered: NDArray[np.bool_] = (self.triangle != NOTHING) | np.isfinite(self.height)
+        covered: Mask = (self.triangle != NOTHING) | np.isfinite(self.height)
         covered.flags.writeable = False
         return covered
 
     @cached_property
-    def off_plate(self) -> NDArray[np.bool_]:
+    def off_plate(self) -> Mask:
         """Pixels that show a surface off the plate, and say where it is."""
         # Coordinate by coordinate: numpy reduces over so short an axis ten times slower.
         x, y, z = (self.position[..., axis] for axis in range(3))
-        found: NDArray[np.bool_] = self.covered & np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0)
+        found: Mask = self.covered & np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0)
         found.flags.writeable = False
         return found
 

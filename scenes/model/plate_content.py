@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from xfrustum.scenes.arguments import choice, settle, switch
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.effects import Effect, checked
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -79,4 +80,4 @@ class PlateHogel:
 
     aperture: Aperture
     color: NDArray[Any]
-    triangle: NDArray[np.int32] | None
+    triangle: Numbers | None

@@ -17,6 +17,7 @@ from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import one_of, settle
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.surface_attributes import SurfaceAttributes
 from xfrustum.scenes.plate.frustum import Frustum
@@ -54,7 +55,7 @@ class NormalsMade(StrEnum):
     ALL = "all"
 
 
-def _points(name: str, vertices: object) -> NDArray[np.float64]:
+def _points(name: str, vertices: object) -> Floats:
     """Return vertices as (V, 3) float64."""
     try:
         points = np.ascontiguousarray(vertices, dtype=np.float64)
@@ -65,7 +66,7 @@ def _points(name: str, vertices: object) -> NDArray[np.float64]:
     return points
 
 
-def _indices(name: str, faces: object) -> NDArray[np.int64]:
+def _indices(name: str, faces: object) -> Indices:
     """Return faces as (F, 3) int64, none of them cut down to a whole number."""
     given = np.asarray(faces)
     if given.dtype.kind not in "iu" and given.size:
@@ -111,14 +112,14 @@ class SceneObject:
     """
 
     name: str
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices: Floats
+    faces: Indices
     material: str | None = None
-    uv: NDArray[np.float64] | None = None
-    textures: tuple[NDArray[np.uint8], ...] = ()
-    texture_of_triangle: NDArray[np.int32] | None = None
-    vertex_normals: NDArray[np.float64] | None = None
-    vertex_colors: NDArray[np.float64] | None = None
+    uv: Floats | None = None
+    textures: tuple[Bytes, ...] = ()
+    texture_of_triangle: Numbers | None = None
+    vertex_normals: Floats | None = None
+    vertex_colors: Floats | None = None
     normals_made: NormalsMade = NormalsMade.NONE
     warnings: tuple[str, ...] = ()
 
@@ -242,50 +243,50 @@ class Scene:
         return tuple(dict.fromkeys(line for part in self.objects for line in part.warnings))
 
     @cached_property
-    def vertices(self) -> NDArray[np.float64]:
+    def vertices(self) -> Floats:
         """(V, 3) vertices of all objects, scene units."""
         parts = [o.vertices for o in self.objects]
         return read_only(np.concatenate(parts) if parts else np.zeros((0, 3)))
 
     @cached_property
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> Indices:
         """(F, 3) faces of all objects; the row is the triangle number."""
         offsets = np.cumsum([0, *(len(o.vertices) for o in self.objects)])
         parts = [o.faces + offset for o, offset in zip(self.objects, offsets, strict=False)]
         return read_only(np.concatenate(parts) if parts else np.zeros((0, 3), dtype=np.int64))
 
     @cached_property
-    def object_of_triangle(self) -> NDArray[np.int32]:
+    def object_of_triangle(self) -> Numbers:
         """(F,) object number of each triangle."""
         counts = [len(o.faces) for o in self.objects]
         return read_only(np.repeat(np.arange(len(counts), dtype=np.int32), counts))
 
     @cached_property
-    def triangles(self) -> NDArray[np.float64]:
+    def triangles(self) -> Floats:
         """(F, 3, 3) corner positions: triangle, corner, coordinate."""
         return read_only(self.vertices[self.faces])
 
     @cached_property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Floats:
         """(2, 3) lowest and highest coordinates of all vertices; NaN where there are none."""
         if not len(self.vertices):
             return read_only(np.full((2, 3), np.nan))
         return read_only(np.stack((self.vertices.min(axis=0), self.vertices.max(axis=0))))
 
     @cached_property
-    def height_ranges(self) -> NDArray[np.float64]:
+    def height_ranges(self) -> Floats:
         """(2, F) lowest and highest z of each triangle."""
         z = self.vertices[:, 2][self.faces]
         return read_only(np.stack((z.min(axis=1, initial=np.inf), z.max(axis=1, initial=-np.inf))))
 
     @cached_property
-    def largest_coordinates(self) -> NDArray[np.float64]:
+    def largest_coordinates(self) -> Floats:
         """(F,) largest absolute coordinate of each triangle: what roundings of it are relative to."""
         of_vertex = np.abs(self.vertices).max(axis=1, initial=0.0)
         return read_only(of_vertex[self.faces].max(axis=1, initial=0.0))
 
     @cached_property
-    def normals(self) -> NDArray[np.float64]:
+    def normals(self) -> Floats:
         """(F, 3) unit normals by the mesh's winding; zero for triangles without area.
 
         Each triangle is scaled to size one first, so that neither tiny nor huge ones

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import SceneObject
@@ -34,16 +35,16 @@ class SurfaceAttributes:
         (F,) index into `textures`, or `UNTEXTURED`.
     """
 
-    vertex_normals: NDArray[np.float64] | None
-    vertex_colors: NDArray[np.float64] | None
-    uv: NDArray[np.float64] | None
-    textures: tuple[NDArray[np.uint8], ...]
-    texture_of_triangle: NDArray[np.int32] | None
+    vertex_normals: Floats | None
+    vertex_colors: Floats | None
+    uv: Floats | None
+    textures: tuple[Bytes, ...]
+    texture_of_triangle: Numbers | None
 
     @classmethod
     def of(cls, objects: Sequence[SceneObject]) -> SurfaceAttributes:
         """Join what the objects have."""
-        textures: list[NDArray[np.uint8]] = []
+        textures: list[Bytes] = []
         numbers = []
         for part in objects:
             own = part.texture_of_triangle
@@ -64,9 +65,7 @@ class SurfaceAttributes:
         )
 
 
-def _joined(
-    objects: Sequence[SceneObject], name: str, width: int, missing: float
-) -> NDArray[np.float64] | None:
+def _joined(objects: Sequence[SceneObject], name: str, width: int, missing: float) -> Floats | None:
     """Concatenate an attribute of all objects; None where no object has it."""
     if all(getattr(part, name) is None for part in objects):
         return None

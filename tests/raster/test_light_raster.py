@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.light import (
     LIGHTS,
     PLAIN,
-    Array,
     decoded,
     dressed_scene,
     patterned_environment,
@@ -39,6 +37,7 @@ from xfrustum.scenes import (
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Bytes, Floats, Singles
 from xfrustum.scenes.geometry.shapes import lathe
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.hard import cases as hard_cases
@@ -63,12 +62,12 @@ def drawn(
         return raster.render(scene.default_apertures()[-1], settings, **how)
 
 
-def color_of(image: HogelImage) -> NDArray[np.float32]:
+def color_of(image: HogelImage) -> Singles:
     assert image.color is not None
     return image.color
 
 
-def flat_color(scene: Scene, **how: Any) -> Array:
+def flat_color(scene: Scene, **how: Any) -> Floats:
     return color_of(drawn(scene, reversed_d32f(1e-3), **how)).astype(np.float64)
 
 
@@ -110,7 +109,7 @@ class TestFlips:
     scene = dressed_scene("asymmetric", RESOLUTION)
     settings = reversed_d32f(1e-3)
 
-    def drawn_without(self, monkeypatch: pytest.MonkeyPatch, *flips: str) -> NDArray[np.float32]:
+    def drawn_without(self, monkeypatch: pytest.MonkeyPatch, *flips: str) -> Singles:
         original = programs.shader
         found: set[str] = set()
 
@@ -147,7 +146,7 @@ class TestFlips:
         np.testing.assert_allclose(same, right, atol=1e-6)  # signs are exact; dot products keep their bits
 
 
-def square_scene(height: float, texture: NDArray[np.uint8], repeats: int, side: int) -> Scene:
+def square_scene(height: float, texture: Bytes, repeats: int, side: int) -> Scene:
     """Return a textured square parallel to the plate that fills the film of `side` pixels exactly."""
     half = abs(height) * math.tan(math.radians(25))
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half + [0, 0, height]
@@ -207,7 +206,7 @@ def sphere_about(center: tuple[float, float, float], radius: float, bands: int) 
     )
 
 
-def smooth_radiance(direction: Array) -> Array:
+def smooth_radiance(direction: Floats) -> Floats:
     x, y, z = np.moveaxis(direction, -1, 0)
     return np.stack((1 + 0.5 * x + 0.2 * y, 1 + 0.4 * y - 0.3 * z, 1 + 0.6 * x * z + 0.2 * x), axis=-1)
 
@@ -410,7 +409,7 @@ def test_light_is_linear_and_nothing_is_clipped() -> None:
     """Twice the light is twice the radiance, to the bit, far beyond one."""
     scene = LOOKS["no ambient"](dressed_scene("asymmetric", RESOLUTION))
 
-    def lit(factor: float) -> NDArray[np.float32]:
+    def lit(factor: float) -> Singles:
         lights = tuple(
             DirectionalLight(
                 direction=light.direction,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.support.light import Array, dressed_scene
+from tests.support.light import dressed_scene
 from tests.support.views import reversed_d32f, view
 from xfrustum.raster import Rasterizer, accumulate
 from xfrustum.scenes import Aperture, Frustum, HogelImage, InputError, Plate, Scene, SceneObject, Screen
@@ -18,6 +18,7 @@ from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.arrays import Floats, Mask, Singles
 
 RESOLUTION = (96, 72)
 SETTINGS = reversed_d32f(1e-3)
@@ -32,7 +33,7 @@ INTERPOLATED = 192 * 2.0**-23
 WHITE = Material(ambient=(1, 1, 1), diffuse=(0, 0, 0))
 
 
-def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) -> NDArray[np.float32]:
+def color(raster: Rasterizer, at: Aperture | None = None, /, **sampling: int) -> Singles:
     place = raster.scene.default_apertures()[-1] if at is None else at
     image = raster.render(place, SETTINGS, sampling=Sampling(**sampling))
     assert image.color is not None
@@ -43,7 +44,7 @@ def with_resolution(scene: Scene, resolution: tuple[int, int]) -> Scene:
     return replace(scene, frustum=replace(scene.frustum, resolution=resolution))
 
 
-def boxes(picture: NDArray[Any], n: int) -> Array:
+def boxes(picture: NDArray[Any], n: int) -> Floats:
     height, width = picture.shape[0] // n, picture.shape[1] // n
     return np.asarray(picture.reshape(height, n, width, n, 3).mean(axis=(1, 3), dtype=np.float64))
 
@@ -70,7 +71,7 @@ def test_tiles_change_nothing_but_roundings(monkeypatch: pytest.MonkeyPatch) -> 
     assert different.mean() < 0.01
 
 
-def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Array]:
+def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats]:
     """Return a scene white below a line across the film, and how much of each pixel lies below it."""
     width, height = resolution
     # In pixels, to the right and up from the film's middle; the corners lie outside the film.
@@ -104,7 +105,7 @@ class TestEdge:
     scene, covered = half_plane(slope, (48, 36))
     crossed = (covered > 0) & (covered < 1)
 
-    def error(self, **sampling: int) -> Array:
+    def error(self, **sampling: int) -> Floats:
         with Rasterizer(self.scene) as raster:
             return np.asarray(np.abs(color(raster, **sampling)[..., 0] - self.covered))
 
@@ -129,7 +130,7 @@ class TestEdge:
         np.testing.assert_allclose(shares * FOUR, np.arange(FOUR + 1), atol=SINGLE)
 
 
-def interior(image: HogelImage) -> NDArray[np.bool_]:
+def interior(image: HogelImage) -> Mask:
     """Pixels whose eight neighbors show the same triangle."""
     same = np.zeros(image.triangle.shape, dtype=np.bool_)
     inner = image.triangle[1:-1, 1:-1]

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from tests.support.lit import CENTERED, GLOW, PLATE, RECENTERED, SUN, Floats, ball, card, lit, quad, sky
+from tests.support.lit import CENTERED, GLOW, PLATE, RECENTERED, SUN, ball, card, lit, quad, sky
 from xfrustum.reference import Reference, convergence
 from xfrustum.reference.averages import BOX_SIDE
 from xfrustum.reference.devices import bands
 from xfrustum.scenes import Scene
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.arrays import Floats, Singles
 
 MIDDLE = PLATE.middle
 SMALL = replace(RECENTERED, resolution=(16, 12))
@@ -33,7 +33,7 @@ def scenery() -> Scene:
     return lit(*parts, card((0, 0, -70), (60, 40)), frustum=SMALL, environment=sky(), shiny=SHINY)
 
 
-def color(scene: Scene, sampling: Sampling | None = None) -> NDArray[np.float32]:
+def color(scene: Scene, sampling: Sampling | None = None) -> Singles:
     found = Reference(scene).trace(MIDDLE, sampling).color
     assert found is not None
     return found

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.views import at, lines_by_definition, view
 from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
@@ -14,6 +13,7 @@ from xfrustum.raster.cameras.depth_formats import ClipEnds
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, Screen
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 
 SCREENS = [
@@ -35,7 +35,7 @@ def recentered(screen: Screen, resolution: tuple[int, int] = (64, 48)) -> Frustu
     return Frustum(resolution=resolution, reach=(150.0, 130.0), screen=screen)
 
 
-def film_corner(pencil: Pencil, u: int, v: int, s: float) -> NDArray[np.float64]:
+def film_corner(pencil: Pencil, u: int, v: int, s: float) -> Floats:
     """Return the point at s on the line of the film's corner (u, v), found half a pixel beyond the last."""
     dx, dy = pencil.dx, pencil.dy
     x = dx[-1] + (dx[-1] - dx[-2]) / 2 if u > 0 else dx[0] - (dx[1] - dx[0]) / 2

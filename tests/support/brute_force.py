@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+
 Vector = tuple[Fraction, Fraction, Fraction]
 
 TRIANGLES_AT_ONCE, LINES_AT_ONCE = 32, 1024
@@ -32,7 +32,7 @@ class Hits:
         (N,) where it meets the first, and where the next; infinite where there is none.
     """
 
-    triangle: NDArray[np.int64]
+    triangle: Indices
     s: Floats
     second: Floats
 
@@ -94,9 +94,7 @@ def _dot(a: list[Floats] | Floats, b: list[Floats] | Floats) -> Floats:
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-def near_an_edge(
-    triangles: Floats, center: Floats, d: Floats, pixels_per_slope: Floats, px: float
-) -> NDArray[np.bool_]:
+def near_an_edge(triangles: Floats, center: Floats, d: Floats, pixels_per_slope: Floats, px: float) -> Mask:
     """Return which lines pass an edge of any triangle within a distance on the film in pixels.
 
     Of an edge that crosses the plane of the center, which runs through infinity on the film, the whole

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tests.support.brute_force import Floats, exact_first
+from tests.support.brute_force import exact_first
 from tests.support.views import lines_by_definition
 from xfrustum.scenes import Aperture, Scene
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 SURELY = 1e-12
 """Relative to the sum of absolute products: a thousand times the rounding of a dozen operations."""
@@ -33,7 +33,7 @@ class ExactPixel:
     s: float
 
 
-def exact_pixels(scene: Scene, aperture: Aperture, pixels: NDArray[np.int64]) -> list[ExactPixel]:
+def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[ExactPixel]:
     """Decide pixels (N,), row * W + column, of a scene's true image from an aperture."""
     center = np.array([aperture.x, aperture.y, 0.0])
     lines = lines_by_definition(scene, aperture).reshape(-1, 3)[pixels]
@@ -49,7 +49,7 @@ def exact_pixels(scene: Scene, aperture: Aperture, pixels: NDArray[np.int64]) ->
     return decided
 
 
-def _possible(corners: Floats, d: Floats) -> NDArray[np.bool_]:
+def _possible(corners: Floats, d: Floats) -> Mask:
     """Return which lines (N, 3) may meet which triangles about their common point, (N, F)."""
     following = np.roll(corners, -1, axis=1)
     cross = np.cross(corners, following)

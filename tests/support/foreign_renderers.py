@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.support.views import view
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
@@ -25,6 +24,7 @@ from xfrustum.scenes import (
 )
 from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
 from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.frustum import Screen
@@ -172,7 +172,7 @@ def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
     return replace(front, triangle=triangle, object=objects[triangle])
 
 
-def unconjugated(front: HogelImage) -> NDArray[np.float32]:
+def unconjugated(front: HogelImage) -> Singles:
     """Return the viewer's half under L where C* needs L* = -L: the side away from the light is lit."""
     assert front.normal is not None
     camera, light = front.camera, np.asarray(DEFAULT_LIGHT.direction)

@@ -6,11 +6,11 @@ from collections import defaultdict
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.support.views import lines_by_definition
 from xfrustum.reference import Reference
 from xfrustum.scenes import HogelImage, Scene, open_scene
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.library.hard import cases as hard_cases
 
 Index = tuple[int, int]
@@ -40,14 +40,14 @@ def companions_of(image: HogelImage) -> dict[Index, list[int]]:
     return {index: sorted(triangles) for index, triangles in found.items()}
 
 
-def pixel_grid(name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def pixel_grid(name: str) -> tuple[Indices, Indices]:
     """Return column and row of every pixel, (H, W) each."""
     width, height = scene_of(name).frustum.resolution
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))
     return columns, rows
 
 
-def slopes(name: str, aperture: Index = MIDDLE) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def slopes(name: str, aperture: Index = MIDDLE) -> tuple[Floats, Floats]:
     """Return dx and dy of every pixel's line, (H, W) each."""
     scene = scene_of(name)
     d = lines_by_definition(scene, scene.plate.aperture(*aperture))

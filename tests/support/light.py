@@ -8,15 +8,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.support.views import lines_by_definition, view
 from xfrustum.scenes import HogelImage, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
-
-Array = NDArray[np.float64]
+from xfrustum.scenes.arrays import Bytes, Floats, Numbers
 
 SHINY = Material(
     ambient=(0.05, 0.1, 0.15),
@@ -33,17 +31,17 @@ LIGHTS = (
 )
 
 
-def unit(vectors: Array) -> Array:
+def unit(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def decoded(codes: NDArray[np.uint8]) -> Array:
+def decoded(codes: Bytes) -> Floats:
     """sRGB, as IEC 61966-2-1 has it."""
     c = codes / 255.0
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
-def bilinear(picture: Array, x: Array, y: Array, *, wrap_rows: bool) -> Array:
+def bilinear(picture: Floats, x: Floats, y: Floats, *, wrap_rows: bool) -> Floats:
     """Between the centers of texels, x and y counted in texels; around in columns, and in rows or not."""
     rows, columns = picture.shape[:2]
     x, y = x - 0.5, y - 0.5
@@ -55,7 +53,7 @@ def bilinear(picture: Array, x: Array, y: Array, *, wrap_rows: bool) -> Array:
     return np.asarray(upper * (1 - share_y) + lower * share_y)
 
 
-def environment_along(environment: Environment, direction: Array) -> Array:
+def environment_along(environment: Environment, direction: Floats) -> Floats:
     rows, columns = environment.radiance.shape[:2]
     x, y, z = np.moveaxis(unit(direction), -1, 0)
     right = 0.5 + np.arctan2(x, -z) / (2 * np.pi)
@@ -64,7 +62,7 @@ def environment_along(environment: Environment, direction: Array) -> Array:
     return environment.strength * bilinear(picture, right * columns, down * rows, wrap_rows=False)
 
 
-def weights_on_triangles(scene: Scene, image: HogelImage) -> tuple[Array, Array]:
+def weights_on_triangles(scene: Scene, image: HogelImage) -> tuple[Floats, Floats]:
     """Return, for the pixels that show a surface, corner weights (N, 3) and unit eye vectors (N, 3).
 
     Every pixel's line is that of its camera, stepped back by near: parallel to the true one.
@@ -87,7 +85,7 @@ def weights_on_triangles(scene: Scene, image: HogelImage) -> tuple[Array, Array]
     return np.stack((1 - one - two, one, two), axis=1), -unit(d)
 
 
-def texture_colors(scene: Scene, triangle: NDArray[np.int32], weight: Array) -> Array:
+def texture_colors(scene: Scene, triangle: Numbers, weight: Floats) -> Floats:
     surface = scene.surface
     colors = np.ones((len(triangle), 3))
     if surface.texture_of_triangle is None or surface.uv is None:
@@ -102,7 +100,7 @@ def texture_colors(scene: Scene, triangle: NDArray[np.int32], weight: Array) -> 
     return colors
 
 
-def normals_to_the_viewer(scene: Scene, triangle: NDArray[np.int32], weight: Array, eye: Array) -> Array:
+def normals_to_the_viewer(scene: Scene, triangle: Numbers, weight: Floats, eye: Floats) -> Floats:
     flat = scene.normals[triangle]
     normal = flat
     if scene.surface.vertex_normals is not None:
@@ -113,7 +111,7 @@ def normals_to_the_viewer(scene: Scene, triangle: NDArray[np.int32], weight: Arr
     return np.where(back[:, None], -normal, normal)
 
 
-def radiance_by_definition(scene: Scene, image: HogelImage, *, reflections: bool = True) -> Array:
+def radiance_by_definition(scene: Scene, image: HogelImage, *, reflections: bool = True) -> Floats:
     """Return linear RGB (H, W, 3) of an image's surfaces, black where there are none."""
     covered = image.covered
     triangle = image.triangle[covered]
@@ -124,7 +122,7 @@ def radiance_by_definition(scene: Scene, image: HogelImage, *, reflections: bool
     if scene.surface.vertex_colors is not None:
         albedo *= np.einsum("nk,nki->ni", weight, scene.surface.vertex_colors[scene.faces[triangle]])
 
-    def coefficient(name: str) -> Array:
+    def coefficient(name: str) -> Floats:
         return np.array([getattr(m, name) for m in scene.materials])[scene.object_of_triangle[triangle]]
 
     radiance = coefficient("ambient") * albedo

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tests.support.views import lines_by_definition
 from xfrustum.scenes import Aperture, Frustum, Plate, Scene, SceneObject
@@ -14,9 +14,8 @@ from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.frustum import Screen
-
-Floats = NDArray[np.float64]
 
 FLOAT32 = 2.0**-24
 """Colors are rounded to float32 once, relative to their own size."""

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from tests.support.views import at
 from xfrustum.scenes import Aperture, Frustum, Screen
+from xfrustum.scenes.arrays import Floats
 
 EIGHTHS = st.integers(-96, 96).map(lambda n: n / 8)
 ANYTHING = st.floats(-12, 12).map(lambda x: x if abs(x) > 2.0**-100 else 0.0)
@@ -47,16 +47,14 @@ def frusta(draw: st.DrawFn, *, exact: bool = False) -> Frustum:
 
 
 @st.composite
-def triangles(draw: st.DrawFn, *, coordinates: st.SearchStrategy[float] = EIGHTHS) -> NDArray[np.float64]:
+def triangles(draw: st.DrawFn, *, coordinates: st.SearchStrategy[float] = EIGHTHS) -> Floats:
     """Return 1 to 8 triangles, (F, 3, 3)."""
     corner = st.tuples(coordinates, coordinates, coordinates)
     return np.array(draw(st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=8)))
 
 
 @st.composite
-def near_misses(
-    draw: st.DrawFn, center: NDArray[np.float64], lines: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def near_misses(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
     """Return triangles whose corners lie on lines but for the last bit: (F, 3, 3).
 
     Lines pass their edges and corners, and surfaces each other, at a distance of about one rounding,
@@ -76,9 +74,7 @@ def near_misses(
 
 
 @st.composite
-def coincidences(
-    draw: st.DrawFn, center: NDArray[np.float64], lines: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def coincidences(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
     """Return triangles whose corners repeat, lie exactly on lines, in one plane, or in the center.
 
     Parameters

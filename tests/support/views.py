@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from xfrustum.scenes import (
     Aperture,
@@ -21,6 +20,7 @@ from xfrustum.scenes import (
     SceneObject,
     open_scene,
 )
+from xfrustum.scenes.arrays import Floats
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 SHARED_SCENES = ("beetle", "bunny-transfer", "teapot-recentered", "truck")
@@ -44,7 +44,7 @@ def reversed_d32f(near: float) -> DoubleFrustum:
     return DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
 
-def soup(triangles: NDArray[np.float64], frustum: Frustum, size: float = 16.0) -> Scene:
+def soup(triangles: Floats, frustum: Frustum, size: float = 16.0) -> Scene:
     """Return a scene of loose triangles (F, 3, 3), all one object, about a plate of some size."""
     part = SceneObject(
         name="soup", vertices=triangles.reshape(-1, 3), faces=np.arange(3 * len(triangles)).reshape(-1, 3)
@@ -59,7 +59,7 @@ def at(x: float, y: float) -> Aperture:
     return Aperture(column=0, row=0, x=x, y=y)
 
 
-def lines_by_definition(scene: Scene, aperture: Aperture) -> NDArray[np.float64]:
+def lines_by_definition(scene: Scene, aperture: Aperture) -> Floats:
     """Return d of every pixel, (H, W, 3), straight from CONVENTIONS.md, "Frames"."""
     width, height = scene.frustum.resolution
     u = (2 * np.arange(width) + 1) / width - 1

@@ -9,13 +9,14 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.visual.color import srgb_to_linear
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes.parts import MeshPart
 
 _BYTE, _WORD = 255.0, 65535.0
 """Full scale of whole numbers of 8 and of 16 bits."""
 
 
-def vertex_normals(parts: Sequence[MeshPart]) -> NDArray[np.float64] | None:
+def vertex_normals(parts: Sequence[MeshPart]) -> Floats | None:
     """Return (V, 3) unit normals on the side that the winding faces; None where no part has any.
 
     NaN on parts whose file has none, and where a normal in it is zero or not finite.
@@ -31,7 +32,7 @@ def vertex_normals(parts: Sequence[MeshPart]) -> NDArray[np.float64] | None:
     )
 
 
-def _normals_of_file(part: trimesh.Trimesh) -> NDArray[np.float64] | None:
+def _normals_of_file(part: trimesh.Trimesh) -> Floats | None:
     # Asked for, `vertex_normals` makes some up; like trimesh's own exporters, look whether it has them.
     if "vertex_normals" not in part._cache:
         return None
@@ -41,7 +42,7 @@ def _normals_of_file(part: trimesh.Trimesh) -> NDArray[np.float64] | None:
     return np.asarray(np.divide(normals, length, out=np.full(normals.shape, np.nan), where=usable))
 
 
-def vertex_colors(parts: Sequence[MeshPart], *, linear: bool) -> NDArray[np.float64] | None:
+def vertex_colors(parts: Sequence[MeshPart], *, linear: bool) -> Floats | None:
     """Return (V, 3) linear RGB, one on parts without; None where no part has any.
 
     Parameters
@@ -61,7 +62,7 @@ def vertex_colors(parts: Sequence[MeshPart], *, linear: bool) -> NDArray[np.floa
     )
 
 
-def _color_of(part: MeshPart, *, linear: bool) -> NDArray[np.float64] | None:
+def _color_of(part: MeshPart, *, linear: bool) -> Floats | None:
     """Return (V, 3) or (3,) linear RGB of a part that has a color, its alpha ignored."""
     color = None
     if part.colors is not None:
@@ -73,7 +74,7 @@ def _color_of(part: MeshPart, *, linear: bool) -> NDArray[np.float64] | None:
     return base if color is None else color * base
 
 
-def _shares_of_full_scale(stored: NDArray[np.generic], *, counted_to_one: bool) -> NDArray[np.float64]:
+def _shares_of_full_scale(stored: NDArray[np.generic], *, counted_to_one: bool) -> Floats:
     """Return colors as a file stores them as numbers from 0 to 1.
 
     Whole numbers of 8 and 16 bits are shares of the largest. Other numbers are such shares already, as

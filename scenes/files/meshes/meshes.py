@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import bounded_memory
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.meshes.attributes import vertex_colors, vertex_normals
@@ -100,7 +100,7 @@ def _check_faces(path: Path, part: trimesh.Trimesh) -> None:
         )
 
 
-def _check_finite(path: Path, vertices: NDArray[np.float64]) -> None:
+def _check_finite(path: Path, vertices: Floats) -> None:
     """Raise InputError that counts the vertices that are no points."""
     finite = np.isfinite(vertices).all(axis=1)
     if not finite.all():
@@ -110,7 +110,7 @@ def _check_finite(path: Path, vertices: NDArray[np.float64]) -> None:
         )
 
 
-def _texture_coordinates(parts: list[MeshPart]) -> NDArray[np.float64] | None:
+def _texture_coordinates(parts: list[MeshPart]) -> Floats | None:
     """Return (V, 2) coordinates, NaN on parts without; None where no part has them."""
     if all(part.uv is None for part in parts):
         return None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from trimesh.exchange.load import mesh_loaders
 from trimesh.visual.material import SimpleMaterial
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes.gltf_header import GLTF_SUFFIXES, GltfMaterial, materials_of_primitives
 
 _RAW_COLOR_SUFFIXES = (".obj", ".ply", *GLTF_SUFFIXES)
@@ -50,7 +51,7 @@ class MeshPart:
 
     name: str
     mesh: trimesh.Trimesh
-    uv: NDArray[np.float64] | None
+    uv: Floats | None
     colors: NDArray[np.generic] | None
     base_color: tuple[float, float, float] | None
     picture: Any
@@ -103,7 +104,7 @@ def _loaded(path: Path, resolver: Any) -> Any:
 def _part(
     name: str,
     geometry: trimesh.Trimesh,
-    file_from_part: NDArray[np.float64],
+    file_from_part: Floats,
     gltf: GltfMaterial | None,
     named: Mapping[str, str],
 ) -> MeshPart:
@@ -141,7 +142,7 @@ def _stored_colors(geometry: trimesh.Trimesh) -> NDArray[np.generic] | None:
     return None if colors is None else np.asarray(colors)
 
 
-def _texture_coordinates(geometry: trimesh.Trimesh) -> NDArray[np.float64] | None:
+def _texture_coordinates(geometry: trimesh.Trimesh) -> Floats | None:
     uv = getattr(geometry.visual, "uv", None)
     usable = uv is not None and np.shape(uv) == (len(geometry.vertices), 2)
     return np.array(uv, dtype=np.float64) if usable else None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.tessellation import tessellate
@@ -56,7 +56,7 @@ def load_patches(
         raise InputError(f"{path}: {error}") from error
 
 
-def read_patches(path: Path) -> list[NDArray[np.float64]]:
+def read_patches(path: Path) -> list[Floats]:
     """Return the control nets (n + 1, m + 1, 3) of a patch file.
 
     Raises
@@ -69,7 +69,7 @@ def read_patches(path: Path) -> list[NDArray[np.float64]]:
         return _nets(path)
 
 
-def _nets(path: Path) -> list[NDArray[np.float64]]:
+def _nets(path: Path) -> list[Floats]:
     try:
         words = path.read_text(encoding="ascii").split(maxsplit=_WORDS_AT_MOST)
     except OSError as error:
@@ -102,7 +102,7 @@ def _whole(path: Path, words: list[str], what: str) -> int:
     return int(digits)
 
 
-def _net(path: Path, words: list[str], shape: tuple[int, int, int], number: int) -> NDArray[np.float64]:
+def _net(path: Path, words: list[str], shape: tuple[int, int, int], number: int) -> Floats:
     if len(words) < shape[0] * shape[1] * shape[2]:
         raise InputError(f"{path}: ends within the control points of patch {number}; write the file again")
     try:

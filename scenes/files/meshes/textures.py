@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.files.meshes.parts import MeshPart, material_libraries
 
 _GRAY_OF_16_BITS = "I;16"
@@ -33,8 +33,8 @@ class Textures:
         One line for each texture that is named and not shown.
     """
 
-    pictures: tuple[NDArray[np.uint8], ...]
-    of_triangle: NDArray[np.int32] | None
+    pictures: tuple[Bytes, ...]
+    of_triangle: Numbers | None
     warnings: tuple[str, ...]
 
 
@@ -48,7 +48,7 @@ def read_textures(path: Path, parts: Sequence[MeshPart]) -> Textures:
     parts
         All its parts; those of one name share a texture.
     """
-    pictures: list[NDArray[np.uint8]] = []
+    pictures: list[Bytes] = []
     warnings: list[str] = []
     index_of_name: dict[str, int] = {}
     indices = []
@@ -96,7 +96,7 @@ def _faults(path: Path, part: MeshPart, *, shown: bool) -> list[str]:
     ]
 
 
-def _decoded(picture: Any) -> NDArray[np.uint8] | None:
+def _decoded(picture: Any) -> Bytes | None:
     """Return a picture's (H, W, 4) pixels; None where it is damaged or its numbers have no full scale."""
     if picture.mode in _UNSCALED:
         return None

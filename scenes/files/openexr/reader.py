@@ -12,6 +12,7 @@ import OpenEXR
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.disk.quiet import without_messages_of_failure
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.channels import (
@@ -165,9 +166,7 @@ def _described(
     raise InputError(f"{path}: its {name} attribute is not a {what} ({reason}); write it again")
 
 
-def _vectors(
-    path: Path, planes: dict[str, NDArray[Any]], names: tuple[str, str, str]
-) -> NDArray[np.float32] | None:
+def _vectors(path: Path, planes: dict[str, NDArray[Any]], names: tuple[str, str, str]) -> Singles | None:
     """Return three channels as (H, W, 3), or None where the file has none of them."""
     missing = [name for name in names if name not in planes]
     if len(missing) == len(names):
@@ -177,9 +176,7 @@ def _vectors(
     return np.stack([planes[name] for name in names], axis=-1).astype(np.float32, copy=False)
 
 
-def _numbers(
-    path: Path, planes: dict[str, NDArray[Any]], name: str, shape: tuple[int, int]
-) -> NDArray[np.int32]:
+def _numbers(path: Path, planes: dict[str, NDArray[Any]], name: str, shape: tuple[int, int]) -> Numbers:
     """Return numbers from a channel that stores them plus one; `NOTHING` where there is no channel.
 
     Floats are taken where they are whole numbers: some renderers know no other channels.

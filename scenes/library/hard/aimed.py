@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.shapes import triangulate
-from xfrustum.scenes.library.hard.case import Floats, HardCase, loose, on_line, wall
+from xfrustum.scenes.library.hard.case import HardCase, loose, on_line, wall
 from xfrustum.scenes.model.scene import SceneObject
 
 GRID_STEP = 4

@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
-
-Floats = NDArray[np.float64]
 
 REACH = 128.0
 PLATE = Plate(size=(40.0, 40.0), hogels=(5, 5))

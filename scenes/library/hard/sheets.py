@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.placement import place, placement
 from xfrustum.scenes.geometry.shapes import build_shape, triangulate
-from xfrustum.scenes.library.hard.case import REACH, Floats, HardCase, film_rectangle, loose
+from xfrustum.scenes.library.hard.case import REACH, HardCase, film_rectangle, loose
 from xfrustum.scenes.model.scene import SceneObject
 
 SEPARATIONS = (1e-3, 1e-6, 1e-9, 1e-12)

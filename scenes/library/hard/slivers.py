@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.placement import place, placement
 from xfrustum.scenes.geometry.shapes import build_shape
-from xfrustum.scenes.library.hard.case import Floats, HardCase, film_rectangle, loose, on_line, wall
+from xfrustum.scenes.library.hard.case import HardCase, film_rectangle, loose, on_line, wall
 from xfrustum.scenes.model.scene import SceneObject
 
 EDGE_ON_COLUMN, TURNED_COLUMN = 20, 44

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.compare.metrics.test_flips import pictured
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
@@ -19,6 +18,7 @@ from xfrustum.raster.cameras.cameras import clip_from_scene
 from xfrustum.raster.device import programs
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty, DepthFormat, DoubleFrustum, Frustum, HogelImage, Scene
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin
 
 LOG = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ QUICK_NEARS = (1e-1, 1e-4, 1e-8)
 ALL_NEARS = tuple(10.0**-e for e in np.linspace(1, 8, 15))
 
 
-def differences(model: HogelImage, drawn: HogelImage) -> NDArray[np.bool_]:
+def differences(model: HogelImage, drawn: HogelImage) -> Mask:
     return np.asarray((model.triangle != drawn.triangle) & (model.certainty != Certainty.TIE))
 
 
@@ -144,7 +144,7 @@ class TestNegativeControls:
     def test_one_matrix_entry_wrong_by_a_hundredth_of_the_film(
         self, case: Case, entry: tuple[int, int], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        def wrong(frustum: Frustum, *asked: Any) -> NDArray[np.float64]:
+        def wrong(frustum: Frustum, *asked: Any) -> Floats:
             matrix = np.array(clip_from_scene(frustum, *asked))
             # Shears and offsets: as much as moves the film by a hundredth at half the reach.
             size = 1.0 if entry[1] != 3 else frustum.longest_reach / 2

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.views import at, soup
 from xfrustum.compare.judging.causes import SNAPPED_PX, causes
@@ -16,8 +15,8 @@ from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.compare.rounding.clip_seams import distance_to_segments
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Frustum, HogelImage, Scene
+from xfrustum.scenes.arrays import Floats
 
-Floats = NDArray[np.float64]
 SIZE, NEAR = 128, 1.0
 SHIFT = (0.375, -0.25)
 FRUSTUM = Frustum(resolution=(SIZE, SIZE), reach=(50.0, 50.0), fov=(math.pi / 2, math.pi / 2))

@@ -24,6 +24,7 @@ from xfrustum.compare.judging.outline_shift import outline_displacement, steps_o
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage, Scene, open_scene
+from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding, Reading
 
@@ -50,7 +51,6 @@ translate = [{1}, 2.0, -35.0]
 RIGHT = DoubleFrustum(near=1e-4, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 OTHER_NEAR = replace(RIGHT, near=3.0)
 
-Bytes = NDArray[np.uint8]
 Paint = Callable[[HogelImage], Bytes]
 
 

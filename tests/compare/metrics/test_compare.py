@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.views import at, reversed_d32f, soup, view
 from xfrustum.compare import Spread, compare_images
@@ -27,6 +26,7 @@ from xfrustum.scenes import (
     SceneObject,
     Screen,
 )
+from xfrustum.scenes.arrays import Mask
 
 COLORS = {"rms": list, "mean": list, "p99": list, "max": list}
 RADIANCE = {
@@ -66,7 +66,7 @@ class Case:
     truth: HogelImage
     drawn: HogelImage
 
-    def wrong(self, image: HogelImage) -> NDArray[np.bool_]:
+    def wrong(self, image: HogelImage) -> Mask:
         surface = compare_images(self.truth, image, self.reference).maps.surface
         assert surface is not None
         return surface
@@ -81,7 +81,7 @@ def asymmetric() -> Case:
     return Case(reference=reference, truth=reference.trace(scene.plate.middle), drawn=drawn)
 
 
-def changed(image: HogelImage, where: NDArray[np.bool_], **values: Any) -> HogelImage:
+def changed(image: HogelImage, where: Mask, **values: Any) -> HogelImage:
     """Return the image with other values in some pixels."""
     arrays: dict[str, Any] = {name: getattr(image, name).copy() for name in values}
     for name, value in values.items():
@@ -89,13 +89,13 @@ def changed(image: HogelImage, where: NDArray[np.bool_], **values: Any) -> Hogel
     return replace(image, **arrays)
 
 
-def pixel(image: HogelImage, row: int, column: int) -> NDArray[np.bool_]:
+def pixel(image: HogelImage, row: int, column: int) -> Mask:
     mask = np.zeros(image.triangle.shape, dtype=np.bool_)
     mask[row, column] = True
     return mask
 
 
-def some_pixel(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def some_pixel(mask: Mask) -> Mask:
     rows, columns = np.nonzero(mask)
     only = np.zeros_like(mask)
     only[rows[len(rows) // 2], columns[len(rows) // 2]] = True

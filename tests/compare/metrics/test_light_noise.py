@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import stats
 
 from xfrustum.compare.metrics.noise import ALPHA, NoiseTest, compare_with_noise, of_all, of_one
 from xfrustum.reference.transport.transport import RadianceEstimate
+from xfrustum.scenes.arrays import Floats
 
 SHAPE = (12, 10, 3)
 SAMPLES = 8
 EVERYWHERE = np.ones(SHAPE[:2], dtype=np.bool_)
 
 
-def estimate(truth: NDArray[np.float64], sigma: float, seed: int) -> RadianceEstimate:
+def estimate(truth: Floats, sigma: float, seed: int) -> RadianceEstimate:
     """Sample a picture with normal noise, and know it only from the samples."""
     drawn = np.random.default_rng(seed).normal(truth, sigma, (SAMPLES, *SHAPE))
     return RadianceEstimate(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import norm
 
@@ -23,8 +22,7 @@ from xfrustum.scenes import (
     Scene,
     SceneObject,
 )
-
-Floats = NDArray[np.float64]
+from xfrustum.scenes.arrays import Floats
 
 PIXELS, REACH, FOV = 64, 1000.0, math.radians(60)
 SLOPE = math.tan(FOV / 2)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.views import reversed_d32f, view
 from xfrustum.compare.metrics.radiance import away_from_edges
@@ -25,6 +24,7 @@ from xfrustum.scenes import DoubleFrustum, HogelImage, Scene
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
 from xfrustum.scenes.plate.double_frustum import Pivot
 
 SIZE = (96, 72)
@@ -56,7 +56,7 @@ HIGHLIGHT = Material(ambient=(0.1,) * 3, diffuse=(0.3,) * 3, specular=(0.5, 0.4,
 MIRROR = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.8, 0.7))
 
 
-def points_of(image: HogelImage, where: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+def points_of(image: HogelImage, where: Mask) -> tuple[Numbers, Floats]:
     return image.triangle[where], image.position[where].astype(np.float64)
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.views import view
 from xfrustum.compare.metrics.film import pixel_centers
@@ -19,6 +18,7 @@ from xfrustum.compare.prediction.displacement import (
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import Aperture, Camera, DoubleFrustum, Frustum, HogelImage
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 
 SCENES = ("asymmetric", "asymmetric-recentered", "car-recentered", "crossing")
@@ -44,7 +44,7 @@ thousands, which doubles know to 2^-53 of that, times a dozen operations."""
 
 def drawn_by_the_model(
     truth: HogelImage, frustum: Frustum, aperture: Aperture, settings: DoubleFrustum
-) -> NDArray[np.float64]:
+) -> Floats:
     """Project every true point through the lines of the reference's own offset cameras."""
     found = np.full((*truth.triangle.shape, 2), np.nan)
     width, rows = truth.camera.resolution

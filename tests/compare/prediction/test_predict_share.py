@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.views import at, soup, view
 from xfrustum.compare.metrics.error_maps import judged_pixels
@@ -21,7 +20,6 @@ from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, DoubleFrustum, Frustum, HogelImage
 from xfrustum.scenes.plate.double_frustum import Offset
 
-Floats = NDArray[np.float64]
 REACH = 100.0
 FRUSTUM = Frustum(resolution=(32, 24), reach=(REACH, 80.0), fov=(math.radians(60), math.radians(50)))
 EVERY = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]

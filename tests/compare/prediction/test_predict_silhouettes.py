@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from tests.support.views import SHARED_SCENES, at, view
 from xfrustum.compare import compare_images
@@ -33,6 +32,7 @@ from xfrustum.scenes import (
     Scene,
     SceneObject,
 )
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.refine import refine
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset
@@ -40,7 +40,6 @@ from xfrustum.scenes.plate.double_frustum import Fit, Offset
 LOG = logging.getLogger(__name__)
 """Figures behind the verdicts: shown with --log-cli-level=INFO."""
 
-Floats = NDArray[np.float64]
 
 FOV = math.radians(60)
 SLOPE = math.tan(FOV / 2)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from xfrustum.raster.cameras.cameras import FilmWindow, SlabCamera, clip_from_eye
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.scenes import DepthMapping
+from xfrustum.scenes.arrays import Floats, Singles
 
 NEAR, FAR = 0.1, 1e4
 INFINITE = 1e30
@@ -29,10 +30,8 @@ PUBLISHED = {
     (DepthMapping.GL, INFINITE): ((76.63, 0.0), (76.63, 0.0)),
 }
 
-Singles = NDArray[np.float32]
 
-
-def world_from_view() -> NDArray[np.float64]:
+def world_from_view() -> Floats:
     """Return his rotations about x, then y, and his translation, for row vectors."""
     (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (0.474747, 1.23123123))
     about_x = np.array([[1, 0, 0, 0], [0, cx, sx, 0], [0, -sx, cx, 0], [0, 0, 0, 1]])
@@ -50,18 +49,18 @@ def world_points() -> Singles:
     return np.asarray((view @ world_from_view()).astype(np.float32))
 
 
-def view_from_world() -> NDArray[np.float64]:
+def view_from_world() -> Floats:
     return np.asarray(np.linalg.inv(world_from_view()), dtype=np.float64)
 
 
-def projection(mapping: DepthMapping, far: float) -> NDArray[np.float64]:
+def projection(mapping: DepthMapping, far: float) -> Floats:
     """Return the rasterizer's own projection, for row vectors."""
     window = FilmWindow(axis=(0.0, 0.0), half_width=HALF_WIDTH, half_height=HALF_HEIGHT)
     camera = SlabCamera(orthoscopic=True, step=0.0, near=NEAR, far=far, heights=(NEAR, far), scale=1.0)
     return clip_from_eye(window, camera, MAPPINGS[mapping].ends).T
 
 
-def transformed(points: Singles, matrix: NDArray[np.float64]) -> Singles:
+def transformed(points: Singles, matrix: Floats) -> Singles:
     """Apply a matrix in float32, term after term."""
     rounded = matrix.astype(np.float32)
     total = points[:, :1] * rounded[0]
@@ -84,7 +83,7 @@ def shares(depth: NDArray[np.floating]) -> tuple[float, float]:
     return 100 * float(np.mean(steps == 0)), 100 * float(np.mean(steps < 0))
 
 
-def in_24_bits(depth: Singles) -> NDArray[np.float64]:
+def in_24_bits(depth: Singles) -> Floats:
     return np.rint(depth.astype(np.float64) * (2**24 - 1))
 
 

@@ -14,7 +14,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
-from numpy.typing import NDArray
 
 from tests.support.strategies import apertures, frusta, triangles
 from tests.support.views import soup, view
@@ -24,9 +23,8 @@ from xfrustum.compare.rounding.positions import POSITION_ROUNDINGS
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, DepthFormat, DepthMapping, DoubleFrustum, Frustum, HogelImage, Scene
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import Pivot
-
-Floats = NDArray[np.float64]
 
 SCENES = ("asymmetric-recentered", "car-recentered", "bunny-transfer", "teapot-recentered")
 NEARS = (1e-1, 1e-3)

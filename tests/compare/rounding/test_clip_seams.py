@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from xfrustum.compare.rounding.clip_seams import distance_to_segments, seams
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats
 
-Floats = NDArray[np.float64]
 SIZE = 128
 STRAIGHT = (0.0, 0.0)
 ROUNDING_PX = 2e-9

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from tests.support.brute_force import exact_first
 from tests.support.strategies import ANYTHING, apertures, coincidences, frusta, triangles
@@ -27,10 +26,9 @@ from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.scenes import NOTHING, Aperture, Certainty, Frustum, HogelImage, InputError, Scene, Screen
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.library.builtin import names
 from xfrustum.scenes.library.hard import cases as hard_cases
-
-Triangles = NDArray[np.float64]
 
 several = settings(max_examples=50, deadline=None, derandomize=True)
 
@@ -40,12 +38,12 @@ SQUARE = Frustum(
 """Slopes are the odd multiples of 1/8."""
 
 
-def all_rows(corners: Triangles, frustum: Frustum, aperture: Aperture) -> tuple[ExactRows, Pencil]:
+def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[ExactRows, Pencil]:
     pencil = crossed_frustum(frustum, aperture)
     return first_by_brute_force(corners, pencil, range(pencil.resolution[1])), pencil
 
 
-def check_by_fractions(corners: Triangles, frustum: Frustum, aperture: Aperture) -> None:
+def check_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
     """Every triangle on every line, by Cramer's rule, with no box that skips any."""
     found, pencil = all_rows(corners, frustum, aperture)
     ties: dict[tuple[int, int], list[int]] = {}
@@ -61,7 +59,7 @@ def check_by_fractions(corners: Triangles, frustum: Frustum, aperture: Aperture)
 
 @several
 @given(triangles(coordinates=ANYTHING), frusta(), apertures())
-def test_integers_decide_as_fractions_do(corners: Triangles, frustum: Frustum, aperture: Aperture) -> None:
+def test_integers_decide_as_fractions_do(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
     check_by_fractions(corners, frustum, aperture)
 
 
@@ -79,7 +77,7 @@ def test_integers_decide_coincidences_as_fractions_do(
 @several
 @given(st.data(), triangles(), apertures())
 def test_arbitrary_lines_are_decided_as_fractions_do(
-    data: st.DataObject, corners: Triangles, aperture: Aperture
+    data: st.DataObject, corners: Floats, aperture: Aperture
 ) -> None:
     """Toward corners, the middles of edges, and anywhere; on both sides of the center."""
     center = (aperture.x, aperture.y, 0.5)
@@ -228,7 +226,7 @@ def test_no_line_from_a_spheres_center_misses_it() -> None:
 def test_a_sphere_with_a_hole_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three vertices and three edges lose one of their triangles, and no line through them a hit."""
 
-    def all_but_one(corners: Triangles, *lines: Any) -> Any:
+    def all_but_one(corners: Floats, *lines: Any) -> Any:
         return first_surfaces_along(corners[:-1], *lines)
 
     monkeypatch.setattr(sphere, "first_surfaces_along", all_but_one)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from tests.support.light import dressed_scene
 from tests.support.views import reversed_d32f, soup, view
@@ -34,6 +33,7 @@ from xfrustum.scenes import (
     Scene,
 )
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
@@ -245,7 +245,7 @@ RECENTERED = Frustum(
 )
 
 
-def scattered(seed: int, count: int, size: float) -> NDArray[np.float64]:
+def scattered(seed: int, count: int, size: float) -> Floats:
     """Triangles of some size whose middles lie about the plate, (F, 3, 3)."""
     random = np.random.default_rng(seed)
     middle = random.uniform(-1, 1, (count, 1, 3)) * (12, 12, 25)
@@ -299,7 +299,7 @@ def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) 
     np.testing.assert_array_equal(found, np.abs(film).max(axis=1) < 1)
 
 
-def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[NDArray[np.float64], ...]:
+def shear_and_half_extent(frustum: Frustum, aperture: Aperture) -> tuple[Floats, ...]:
     """k and t by their definitions (CONVENTIONS.md, "Frames")."""
     if frustum.screen is None:
         assert frustum.fov is not None

@@ -29,14 +29,14 @@ from xfrustum.scenes import (
     Screen,
     open_scene,
 )
+from xfrustum.scenes.arrays import Floats, Indices
 
-Triangles = NDArray[np.float64]
 Winners = list[list[frozenset[int]]]
 
 several = settings(max_examples=60, deadline=None, derandomize=True)
 
 
-def winners(image: HogelImage, parent: NDArray[np.int64] | None = None) -> Winners:
+def winners(image: HogelImage, parent: Indices | None = None) -> Winners:
     """Return for each pixel the set of all triangles that are first there."""
     assert image.certainty is not None and image.companions is not None
     number = np.arange(image.triangle.max() + 1 + len(image.companions)) if parent is None else parent
@@ -57,7 +57,7 @@ def winners(image: HogelImage, parent: NDArray[np.int64] | None = None) -> Winne
     return found
 
 
-def s_of(image: HogelImage) -> NDArray[np.float64]:
+def s_of(image: HogelImage) -> Floats:
     return np.asarray(-image.height, dtype=np.float64)
 
 
@@ -126,7 +126,7 @@ class TestAgainstRationalNumbers:
         self,
         scene: Scene,
         image: HogelImage,
-        cameras: list[tuple[NDArray[np.float64], tuple[float, float]]],
+        cameras: list[tuple[Floats, tuple[float, float]]],
         aperture: Aperture,
     ) -> None:
         """Compare pixel by pixel; of several cameras the first that meets something is shown."""
@@ -172,7 +172,7 @@ def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
 @several
 @given(triangles(coordinates=ANYTHING), frusta(), apertures())
 def test_what_a_pixel_shows_is_imaged_in_that_pixel(
-    corners: Triangles, frustum: Frustum, aperture: Aperture
+    corners: Floats, frustum: Frustum, aperture: Aperture
 ) -> None:
     scene = soup(corners, frustum)
     image = Reference(scene).trace(aperture)
@@ -189,7 +189,7 @@ def test_what_a_pixel_shows_is_imaged_in_that_pixel(
 @several
 @given(triangles(), frusta(), apertures(), st.randoms(use_true_random=False))
 def test_numbers_make_no_difference(
-    corners: Triangles, frustum: Frustum, aperture: Aperture, random: Any
+    corners: Floats, frustum: Frustum, aperture: Aperture, random: Any
 ) -> None:
     order = list(range(len(corners)))
     random.shuffle(order)
@@ -202,7 +202,7 @@ def test_numbers_make_no_difference(
 @several
 @given(triangles(), frusta(), apertures(), st.integers(0, 7), st.integers(0, 2))
 def test_a_triangle_in_two_halves_is_the_same_surface(
-    corners: Triangles, frustum: Frustum, aperture: Aperture, which: int, edge: int
+    corners: Floats, frustum: Frustum, aperture: Aperture, which: int, edge: int
 ) -> None:
     which %= len(corners)
     a, b, c = np.roll(corners[which], -edge, axis=0)
@@ -247,7 +247,7 @@ MOVES: dict[str, tuple[bool, tuple[int, int], Picture]] = {
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(triangles(), frusta(), apertures())
 def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
-    move: str, corners: Triangles, frustum: Frustum, aperture: Aperture
+    move: str, corners: Floats, frustum: Frustum, aperture: Aperture
 ) -> None:
     swap, signs, picture = MOVES[move]
     axes = [1, 0, 2] if swap else [0, 1, 2]
@@ -265,7 +265,7 @@ def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
 @several
 @given(triangles(coordinates=ANYTHING), frusta(), apertures(), st.integers(-60, 60))
 def test_the_unit_of_length_makes_no_difference(
-    corners: Triangles, frustum: Frustum, aperture: Aperture, exponent: int
+    corners: Floats, frustum: Frustum, aperture: Aperture, exponent: int
 ) -> None:
     """Scaling by a power of two rounds nothing: every bit of the image stays, but for the exponent."""
     scale = 2.0**exponent

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.brute_force import first_hits
 from tests.support.views import at, lines_by_definition, soup, view
@@ -15,6 +14,7 @@ from xfrustum.reference.certify import runner_up as module
 from xfrustum.reference.certify.runner_up import RunnersUp
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, Scene, Screen
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.geometry.refine import refine
 from xfrustum.scenes.geometry.shapes import build_shape
 
@@ -25,14 +25,14 @@ ROUNDED = 1e-13
 """Relative to |z|, of two surfaces: a dozen roundings of 2^-53 in sums several times as large."""
 
 
-def level_squares(heights: list[float], half_size: float = 100.0) -> NDArray[np.float64]:
+def level_squares(heights: list[float], half_size: float = 100.0) -> Floats:
     """Return two triangles for each height: squares parallel to the plate."""
     corners = half_size * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     squares = [[[*corners[k], z] for k in ks] for z in heights for ks in ((0, 1, 2), (0, 2, 3))]
     return np.array(squares, dtype=np.float64)
 
 
-def on_film(random: np.random.Generator, count: int) -> NDArray[np.float64]:
+def on_film(random: np.random.Generator, count: int) -> Floats:
     """Return triangles that the film shows behind the plate, on the left, and before it, on the right."""
     slopes = random.uniform(-0.7, 0.7, (count, 3, 2))
     side = np.where(np.arange(count) % 2, 1.0, -1.0)[:, None]
@@ -41,7 +41,7 @@ def on_film(random: np.random.Generator, count: int) -> NDArray[np.float64]:
     return np.concatenate((slopes * s[..., None], -s[..., None]), axis=-1)
 
 
-def by_brute_force(scene: Scene, truth_pixels: NDArray[np.bool_]) -> NDArray[np.float64]:
+def by_brute_force(scene: Scene, truth_pixels: Mask) -> Floats:
     """Return the gaps of some pixels by textbook formulas, from all triangles."""
     aperture = scene.plate.middle
     center = np.array([aperture.x, aperture.y, 0.0])
@@ -120,7 +120,7 @@ def test_the_gap_of_a_sphere_is_its_chord() -> None:
     gaps = Reference(scene).gaps(at(0, 0))
     cosine = 1 / np.linalg.norm(lines_by_definition(scene, at(0, 0)), axis=-1)
 
-    def chord(radius: float) -> NDArray[np.float64]:
+    def chord(radius: float) -> Floats:
         return np.asarray(2 * np.sqrt(np.maximum(radius**2 - height**2 * (1 - cosine**2), 0)) * cosine)
 
     seen = np.isfinite(gaps)

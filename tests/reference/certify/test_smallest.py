@@ -17,9 +17,9 @@ from xfrustum.cli.main import main
 from xfrustum.compare.selfcheck.rational import first_by_brute_force
 from xfrustum.compare.selfcheck.views import default_names
 from xfrustum.reference.certify.certify import first_surfaces
-from xfrustum.reference.lines.cone import Floats
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes import Certainty, Frustum, InputError, Scene, Screen
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import LONGEST, SHORTEST, SMALLEST_COORDINATE
 from xfrustum.scenes.plate.frustum import SMALLEST_SLOPE
 

@@ -7,23 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support.lit import (
-    CENTERED,
-    LAMP,
-    PLATE,
-    RECENTERED,
-    ROUNDING,
-    SUN,
-    Floats,
-    card,
-    eyes,
-    lit,
-    quad,
-)
+from tests.support.lit import CENTERED, LAMP, PLATE, RECENTERED, ROUNDING, SUN, card, eyes, lit, quad
 from xfrustum.reference import Reference
 from xfrustum.scenes import Frustum
 from xfrustum.scenes.appearance.light import DirectionalLight
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Floats
 
 APERTURE = PLATE.aperture(3, 12)
 

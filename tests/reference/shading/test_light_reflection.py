@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support.lit import CENTERED, PLATE, ROUNDING, Floats, ball, eyes, lit, quad, sky, sky_radiance
+from tests.support.lit import CENTERED, PLATE, ROUNDING, ball, eyes, lit, quad, sky, sky_radiance
 from xfrustum.reference import Reference
 from xfrustum.scenes import Scene
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Floats
 
 APERTURE = PLATE.aperture(3, 12)
 MIRROR = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.6, 0.4))

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from tests.support.lit import CENTERED, GLOW, LAMP, PLATE, ROUNDING, SUN, Floats, ball, card, lit, quad, sky
+from tests.support.lit import CENTERED, GLOW, LAMP, PLATE, ROUNDING, SUN, ball, card, lit, quad, sky
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
 from xfrustum.scenes import DoubleFrustum, Scene, SceneObject
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.arrays import Bytes, Floats, Singles
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 
 WIDTH, HEIGHT = CENTERED.resolution
@@ -34,24 +34,22 @@ def filling(z: float) -> Floats:
     return np.array([(ax - x, ay - y, z), (ax + x, ay - y, z), (ax + x, ay + y, z), (ax - x, ay + y, z)])
 
 
-def picture(height: int, width: int, seed: int = 5) -> NDArray[np.uint8]:
+def picture(height: int, width: int, seed: int = 5) -> Bytes:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 4), dtype=np.uint8)
 
 
-def decoded(texture: NDArray[np.uint8]) -> Floats:
+def decoded(texture: Bytes) -> Floats:
     """Linear RGB of sRGB, by the standard's formula."""
     value = texture[..., :3] / 255
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 
-def textured(
-    corners: Floats, uv: Floats, *textures: NDArray[np.uint8], numbers: tuple[int, int] = (0, 0)
-) -> SceneObject:
+def textured(corners: Floats, uv: Floats, *textures: Bytes, numbers: tuple[int, int] = (0, 0)) -> SceneObject:
     part = quad(corners, "glow", uv=uv)
     return replace(part, textures=textures, texture_of_triangle=np.array(numbers, dtype=np.int32))
 
 
-def color_of(scene: Scene) -> NDArray[np.float32]:
+def color_of(scene: Scene) -> Singles:
     color = Reference(scene).trace(MIDDLE).color
     assert color is not None
     return color

@@ -33,11 +33,10 @@ from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, se
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.reference.tracers.visibility import distance_to_triangles
 from xfrustum.scenes import InputError, open_scene
+from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.plate import Aperture
-
-Floats = NDArray[np.float64]
 
 SINGLE = 2.0**-24
 """Unit roundoff of float32."""
@@ -60,7 +59,7 @@ def rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
     return np.asarray(pencil.center) + pencil.s_range[0] * directions, directions
 
 
-def meeting(scene: Scene, triangle: NDArray[np.int32], o: Floats, d: Floats) -> tuple[Floats, Floats, Floats]:
+def meeting(scene: Scene, triangle: Numbers, o: Floats, d: Floats) -> tuple[Floats, Floats, Floats]:
     """Where each ray meets the plane of a triangle: the parameter, how far outside, 1 / |cosine|."""
     corners = scene.triangles[triangle]
     normals = scene.normals[triangle]
@@ -70,9 +69,7 @@ def meeting(scene: Scene, triangle: NDArray[np.int32], o: Floats, d: Floats) -> 
     return along, outside, np.linalg.norm(d, axis=1) / np.abs(slope)
 
 
-def unexplained(
-    scene: Scene, mine: NDArray[np.int32], truth: NDArray[np.int32], o: Floats, d: Floats
-) -> NDArray[np.intp]:
+def unexplained(scene: Scene, mine: Numbers, truth: Numbers, o: Floats, d: Floats) -> NDArray[np.intp]:
     """Rays whose answer differs from the truth by more than single precision can account for.
 
     A length is known to `TRAVERSAL` roundings of the longest one, on a slanted plane 1 / |cosine|
@@ -230,7 +227,7 @@ class TestTruth:
             Reference(open_scene("empty"), "optix")
 
 
-def rendered(scene: Scene, aperture: Aperture, film: dict[str, Any] | None = None) -> NDArray[np.float32]:
+def rendered(scene: Scene, aperture: Aperture, film: dict[str, Any] | None = None) -> Singles:
     """Alpha, position, geometric normal and primitive, (H, W, 8), one line per pixel center."""
     mi = backend().mitsuba
     register_sensor()
@@ -247,7 +244,7 @@ def rendered(scene: Scene, aperture: Aperture, film: dict[str, Any] | None = Non
     return np.array(mi.render(loaded, integrator=integrator, spp=1))[..., 3:]
 
 
-def interior(truth: HogelImage) -> NDArray[np.bool_]:
+def interior(truth: HogelImage) -> Mask:
     """Pixels whose triangle is that of all eight neighbors.
 
     Elsewhere an edge may pass within the sensor's error of the line; that error is far below a pixel.

@@ -10,20 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from tests.support.lit import (
-    CENTERED,
-    LAMP,
-    PLATE,
-    REACH,
-    RECENTERED,
-    Floats,
-    ball,
-    card,
-    eyes,
-    lit,
-    quad,
-    sky,
-)
+from tests.support.lit import CENTERED, LAMP, PLATE, REACH, RECENTERED, ball, card, eyes, lit, quad, sky
 from xfrustum.reference import Reference
 from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.transport import transport
@@ -33,6 +20,7 @@ from xfrustum.scenes import Scene, SceneObject
 from xfrustum.scenes.appearance.light import DirectionalLight
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arrays import Floats, Mask
 
 APERTURE = PLATE.aperture(3, 12)
 SMALL = replace(RECENTERED, resolution=(32, 24))
@@ -83,7 +71,7 @@ def farthest(estimate: RadianceEstimate, expected: Floats) -> float:
     return float(chance.min(initial=1.0) * max(chance.size, 1))
 
 
-def some(estimate: RadianceEstimate, pixels: NDArray[np.bool_]) -> RadianceEstimate:
+def some(estimate: RadianceEstimate, pixels: Mask) -> RadianceEstimate:
     mean, variance = estimate.mean[pixels], estimate.variance_of_mean[pixels]
     return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=estimate.samples)
 

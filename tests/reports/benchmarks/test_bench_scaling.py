@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from xfrustum.cli.main import main
 from xfrustum.reference import Reference
@@ -29,6 +28,7 @@ from xfrustum.reports.benchmarks.scaling.scaling import LIMIT_MIB
 from xfrustum.reports.benchmarks.scaling.table import growth_sentence, runs_sentence, table
 from xfrustum.reports.common.timing import Spread
 from xfrustum.scenes import NOTHING, InputError
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.library.globes import GLOBES, REACH, globes
 
 SIZES = (1e4, 1e5, 1e6, 1e7)
@@ -155,7 +155,7 @@ def test_silhouettes_of_globes_do_not_depend_on_the_number() -> None:
     """Pixels change only within what the coarsest facets cut off."""
     size = (128, 128)
 
-    def shown(triangles: int) -> NDArray[np.int32]:
+    def shown(triangles: int) -> Numbers:
         scene = globes(triangles, size)
         return Reference(scene).propose(scene.plate.middle).object
 

@@ -26,11 +26,11 @@ from xfrustum.reports.common.timing import CONFIDENCE, Spread
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.cost import ways as cost_ways
 from xfrustum.reports.error_report.images import _levels
-from xfrustum.reports.measurements.measurement import MAX_WRONG
 from xfrustum.reports.trade_off.trade_off import Option, answers, cheapest, pareto, rank, unsettled
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.tolerances import MAX_WRONG
 
 
 def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.0) -> Option:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from tests.reports.error_report.test_reports import MIDDLE
@@ -23,13 +22,14 @@ from xfrustum.reports.measurements.best import (
 )
 from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes import DepthFormat, DoubleFrustum
+from xfrustum.scenes.arrays import Mask
 
 FILM = (256, 256)
 PIXELS = FILM[0] * FILM[1]
 GENERATOR = np.random.default_rng(7)
 
 
-def some(count: int, first: int = 0) -> NDArray[np.bool_]:
+def some(count: int, first: int = 0) -> Mask:
     """Return a film on which so many pixels are set, from a first one on."""
     mask = np.zeros(FILM, dtype=np.bool_)
     mask.ravel()[first : first + count] = True
@@ -38,15 +38,13 @@ def some(count: int, first: int = 0) -> NDArray[np.bool_]:
 
 def judged(
     near: float,
-    surface: NDArray[np.bool_],
+    surface: Mask,
     p99: float = 0.01,
     *,
     depth: DepthFormat = DepthFormat.D24,
-    color: NDArray[np.bool_] | None = None,
+    color: Mask | None = None,
 ) -> Measurement:
-    wrong: dict[str, NDArray[np.bool_]] = {"surface": surface} | (
-        {} if color is None else {"radiance": color}
-    )
+    wrong: dict[str, Mask] = {"surface": surface} | ({} if color is None else {"radiance": color})
     comparison: Mapping[str, object] = {
         "judged": PIXELS,
         "covered": PIXELS,

@@ -35,8 +35,6 @@ from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, Stud
 from xfrustum.reports.splitting_study.store import Store, origin_hash
 from xfrustum.reports.splitting_study.study import DATA, DOCUMENT, IMAGES, RESULTS, StudyFiles, make_study
 from xfrustum.reports.splitting_study.verdict import (
-    MAX_DEPTH_WRONG,
-    TOLERANCE_PX,
     Case,
     Verdict,
     answers,
@@ -46,6 +44,7 @@ from xfrustum.reports.splitting_study.verdict import (
 )
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
+from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 TINY = Grid(
     nears=(1e-2, 1e-3, 1e-4, 1e-6),

@@ -12,9 +12,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from numpy.typing import NDArray
 
 from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes.meshes import load_mesh
 from xfrustum.scenes.geometry.placement import magnification, place, placement
 from xfrustum.scenes.geometry.refine import refine
@@ -45,17 +45,17 @@ def alone(part: SceneObject) -> Scene:
     return Scene(name="one", plate=Plate(size=(1, 1), hogels=(1, 1)), frustum=frustum, objects=(part,))
 
 
-def normals_of(part: SceneObject) -> NDArray[np.float64]:
+def normals_of(part: SceneObject) -> Floats:
     assert part.vertex_normals is not None
     return part.vertex_normals
 
 
-def colors_of(part: SceneObject) -> NDArray[np.float64]:
+def colors_of(part: SceneObject) -> Floats:
     assert part.vertex_colors is not None
     return part.vertex_colors
 
 
-def winding_normals(part: SceneObject) -> NDArray[np.float64]:
+def winding_normals(part: SceneObject) -> Floats:
     a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
     return np.cross(b - a, c - a)
 
@@ -77,7 +77,7 @@ def test_ply_normals_are_read_too(tmp_path: Path) -> None:
     np.testing.assert_array_equal(normals_of(part), [[0, 0, 1], [0, 1, 0], [1, 0, 0]])
 
 
-def placed_ball(matrix: NDArray[np.float64], folder: Path) -> SceneObject:
+def placed_ball(matrix: Floats, folder: Path) -> SceneObject:
     """Return a glTF file's ball, with its normals, placed by its node."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     assert len(ball.vertex_normals) == len(ball.vertices)  # now the exporter finds them
@@ -146,7 +146,7 @@ def test_meshes_without_normals_and_colors_have_none() -> None:
 @settings(deadline=None, derandomize=True)
 @given(matrix=MATRICES, corners=VECTORS, shift=st.tuples(*[st.floats(-3, 3)] * 3))
 def test_a_placed_normal_stays_upright_on_the_side_that_the_winding_faces(
-    matrix: NDArray[np.float64], corners: NDArray[np.float64], shift: tuple[float, float, float]
+    matrix: Floats, corners: Floats, shift: tuple[float, float, float]
 ) -> None:
     """Whatever the matrix, mirrors included: the moved normal is that of the moved triangle."""
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
@@ -182,7 +182,7 @@ def test_the_size_of_a_placement_does_not_reach_the_normals(scale: float) -> Non
     levels=st.integers(1, 3),
 )
 def test_refining_leaves_what_is_interpolated_over_a_triangle_as_it_was(
-    normals: NDArray[np.float64], colors: NDArray[np.float64], weights: tuple[float, float], levels: int
+    normals: Floats, colors: Floats, weights: tuple[float, float], levels: int
 ) -> None:
     one, two = sorted(weights)
     shares = np.array([one, two - one, 1 - two])

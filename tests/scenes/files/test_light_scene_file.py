@@ -8,12 +8,12 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
 import pytest
-from numpy.typing import NDArray
 
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
 from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL, Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.files.environment_file import read_environment
 
 HEAD = (
@@ -36,13 +36,13 @@ def write(folder: Path, *tables: str) -> str:
     return str(path)
 
 
-def store(path: Path, pixels: NDArray[np.float32]) -> None:
+def store(path: Path, pixels: Singles) -> None:
     picture = oiio.ImageBuf(np.ascontiguousarray(pixels, dtype=np.float32))
     assert picture.write(str(path)), picture.geterror()
 
 
 @pytest.fixture
-def sky() -> NDArray[np.float32]:
+def sky() -> Singles:
     """A map that no flip leaves as it is."""
     return np.random.default_rng(3).random((6, 12, 3), dtype=np.float32) * 5
 
@@ -74,7 +74,7 @@ def test_lights_point_toward_the_light_and_have_a_color(tmp_path: Path) -> None:
     ],
 )
 def test_only_a_file_without_light_and_environment_gets_the_default_light(
-    tmp_path: Path, sky: NDArray[np.float32], tables: str, lights: tuple[object, ...]
+    tmp_path: Path, sky: Singles, tables: str, lights: tuple[object, ...]
 ) -> None:
     store(tmp_path / "sky.exr", sky)
     path = tmp_path / "scene.toml"
@@ -103,7 +103,7 @@ def test_smooth_gives_normals_to_what_has_none(tmp_path: Path) -> None:
 
 
 def test_an_environment_is_read_as_stored_from_openexr_and_radiance_files(
-    tmp_path: Path, sky: NDArray[np.float32]
+    tmp_path: Path, sky: Singles
 ) -> None:
     store(tmp_path / "sky.exr", sky)
     store(tmp_path / "sky.hdr", sky)
@@ -115,7 +115,7 @@ def test_an_environment_is_read_as_stored_from_openexr_and_radiance_files(
     assert (np.abs(shared - sky) <= SHARED_EXPONENT * sky.max(axis=2, keepdims=True)).all()
 
 
-def test_channels_are_found_by_name_and_alpha_is_ignored(tmp_path: Path, sky: NDArray[np.float32]) -> None:
+def test_channels_are_found_by_name_and_alpha_is_ignored(tmp_path: Path, sky: Singles) -> None:
     """OpenEXR sorts channels by name; another library wrote these."""
     planes = {name: np.ascontiguousarray(sky[..., index]) for index, name in enumerate("RGB")}
     planes["A"] = np.zeros_like(planes["R"])
@@ -124,12 +124,10 @@ def test_channels_are_found_by_name_and_alpha_is_ignored(tmp_path: Path, sky: ND
     np.testing.assert_array_equal(read_environment(tmp_path / "sky.exr").radiance, sky)
 
 
-def test_a_bad_environment_is_one_line_that_says_what_is_wrong(
-    tmp_path: Path, sky: NDArray[np.float32]
-) -> None:
+def test_a_bad_environment_is_one_line_that_says_what_is_wrong(tmp_path: Path, sky: Singles) -> None:
     negative, nan, infinite = sky.copy(), sky.copy(), sky.copy()
     negative[1, 2, 0], nan[1, 2, 0], infinite[1, 2, 0] = -1e-3, np.nan, np.inf
-    pictures: dict[str, NDArray[np.float32]] = {
+    pictures: dict[str, Singles] = {
         "negative.exr": negative,
         "nan.exr": nan,
         "infinite.exr": infinite,

@@ -21,6 +21,7 @@ from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Scene, open_scene
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes.meshes import load_mesh
 
 DIFFUSE = 0.5
@@ -69,7 +70,7 @@ def sheet_scene(folder: Path, mesh: str, *, smooth: bool = False) -> Scene:
     return open_scene(str(path))
 
 
-def radiance(scene: Scene) -> NDArray[np.float64]:
+def radiance(scene: Scene) -> Floats:
     """Return the middle pixel's color, the same in the reference's and in the rasterizer's image."""
     aperture = scene.plate.middle
     truth = Reference(scene).trace(aperture).color

@@ -11,16 +11,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from xfrustum.scenes import InputError, SceneObject, open_scene
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.files.meshes.meshes import load_mesh
 from xfrustum.scenes.files.meshes.patches import load_patches, read_patches
 from xfrustum.scenes.geometry.bezier import evenly, normals, second_derivative_bounds, steps_for, surface
 from xfrustum.scenes.geometry.tessellation import cut, matched_steps, tessellate
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 """A few hundred operations of doubles on values of size ten."""
@@ -33,12 +31,12 @@ NETS = st.tuples(st.integers(1, 3), st.integers(1, 3)).flatmap(
 )
 
 
-def vertex_normals(part: SceneObject) -> Array:
+def vertex_normals(part: SceneObject) -> Floats:
     assert part.vertex_normals is not None
     return part.vertex_normals
 
 
-def paraboloid() -> Array:
+def paraboloid() -> Floats:
     """Return the net of (u, v, u^2 + 2 u v): second derivatives 2, 2 and 0 everywhere."""
     third = np.arange(3) / 2
     x, y = np.meshgrid(third, third, indexing="ij")
@@ -46,7 +44,7 @@ def paraboloid() -> Array:
     return np.stack([x, y, square + 2 * x * y], axis=-1)
 
 
-def distances(points: Array, triangles: Array) -> Array:
+def distances(points: Floats, triangles: Floats) -> Floats:
     """Return how far points (N, 3) are from the nearest of some triangles (T, 3, 3)."""
     nearest = np.full(len(points), np.inf)
     for a, b, c in triangles:
@@ -68,7 +66,7 @@ def distances(points: Array, triangles: Array) -> Array:
     return nearest
 
 
-def chord_errors(nets: list[Array], part: SceneObject, steps: list[tuple[int, int]], samples: int) -> Array:
+def chord_errors(nets: list[Floats], part: SceneObject, steps: list[tuple[int, int]], samples: int) -> Floats:
     """Return, for each patch, how far its surface is from its own triangles, densely sampled.
 
     A distance to fewer triangles than all is an upper bound: each sample looks at those of its own cell.
@@ -90,7 +88,7 @@ def chord_errors(nets: list[Array], part: SceneObject, steps: list[tuple[int, in
     return np.array(found)
 
 
-def teapot(shared_data: Path) -> list[Array]:
+def teapot(shared_data: Path) -> list[Floats]:
     return read_patches(shared_data / "data" / "teapot.bpt")
 
 
@@ -117,7 +115,7 @@ def test_the_bound_of_filip_and_others_is_attained_by_a_parabola() -> None:
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(net=NETS, tolerance=st.sampled_from([1.0, 0.3, 0.1]))
-def test_any_patch_keeps_its_chord_tolerance(net: Array, tolerance: float) -> None:
+def test_any_patch_keeps_its_chord_tolerance(net: Floats, tolerance: float) -> None:
     try:
         part = tessellate([net], tolerance, name="any")
     except InputError:  # all of it in one point
@@ -128,7 +126,7 @@ def test_any_patch_keeps_its_chord_tolerance(net: Array, tolerance: float) -> No
 
 @settings(max_examples=50, deadline=None, derandomize=True)
 @given(net=NETS)
-def test_second_derivatives_stay_within_their_bounds(net: Array) -> None:
+def test_second_derivatives_stay_within_their_bounds(net: Floats) -> None:
     """By second differences of the surface itself, which are means of the derivatives."""
     step = 2.0**-6
     at = np.asarray(np.arange(1, 64) * step, dtype=np.float64)
@@ -149,7 +147,7 @@ def test_second_derivatives_stay_within_their_bounds(net: Array) -> None:
     net=npst.arrays(np.float64, (4, 7, 3), elements=st.floats(-3, 3)), turns=st.tuples(*[st.booleans()] * 4)
 )
 def test_patches_that_share_an_edge_share_its_points_to_the_last_bit(
-    net: Array, turns: tuple[bool, bool, bool, bool]
+    net: Floats, turns: tuple[bool, bool, bool, bool]
 ) -> None:
     """Two halves of one net of 4 x 7 points, each read in another direction and order."""
     assume(len(np.unique(net[:, 3], axis=0)) > 1)
@@ -285,7 +283,7 @@ HEAD = (
 )
 
 
-def patch_text(net: Array) -> str:
+def patch_text(net: Floats) -> str:
     rows, columns = net.shape[:2]
     return f"{rows - 1} {columns - 1}\n" + "".join(
         f"{x!r} {y!r} {z!r}\n" for x, y, z in net.reshape(-1, 3).tolist()

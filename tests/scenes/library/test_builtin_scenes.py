@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from xfrustum.scenes import InputError, Scene, open_scene
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.refine import refine
 from xfrustum.scenes.geometry.shapes import SHAPES, build_shape
 from xfrustum.scenes.library import builtin
@@ -19,7 +19,7 @@ OVER_PLATE = 1e-9
 """Heights below this count as in the plate: far below any feature, far above rounding of lengths of 1e4."""
 
 
-def areas(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def areas(triangles: Floats) -> Floats:
     edges = triangles[:, 1:] - triangles[:, :1]
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.support.hard_views import MIDDLE, Index, companions_of, pixel_grid, scene_of, slopes, truth_of
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, HogelImage, Scene
+from xfrustum.scenes.arrays import Indices, Mask
 from xfrustum.scenes.library.hard import cases as hard_cases
 from xfrustum.scenes.library.hard.aimed import EDGE_ON_COLUMN, EDGE_ON_ROW, GRID_STEP
 from xfrustum.scenes.library.hard.case import REACH
@@ -29,16 +29,16 @@ from xfrustum.scenes.library.hard.slivers import SMALLEST, TURNED_COLUMN, TURNED
 ASYMMETRIC_APERTURES = ((40, 30), (12, 50))
 
 
-def certain(image: HogelImage, kind: Certainty) -> NDArray[np.bool_]:
+def certain(image: HogelImage, kind: Certainty) -> Mask:
     assert image.certainty is not None
     return np.asarray(image.certainty == kind)
 
 
-def numbers_of(scene: Scene, index: int) -> NDArray[np.int64]:
+def numbers_of(scene: Scene, index: int) -> Indices:
     return np.flatnonzero(scene.object_of_triangle == index)
 
 
-def inside(values: NDArray[np.int64], limits: tuple[float, float]) -> NDArray[np.bool_]:
+def inside(values: Indices, limits: tuple[float, float]) -> Mask:
     return np.asarray((values > limits[0]) & (values < limits[1]))
 
 

@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
 from xfrustum.scenes.appearance.material import DEFAULT_MATERIAL
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
+from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.optics import (
     BACKDROP_HEIGHT,
@@ -32,7 +32,7 @@ ONE_MICROMETER = 1e-3
 """Vertices of lathes are rounded to a micrometer in scenes of millimeters: half of it along each axis."""
 
 
-def directions(radiance: NDArray[np.float32]) -> NDArray[np.float64]:
+def directions(radiance: Singles) -> Floats:
     """Return (H, W, 3) where each pixel of a map lies, by CONVENTIONS.md: the middle -z, up +y, right +x."""
     height, width = radiance.shape[:2]
     up = np.pi / 2 - np.pi * (np.arange(height) + 0.5) / height

@@ -8,6 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
+from xfrustum.scenes.tolerances import TOLERANCE_PX
 
 
 @click.command()
@@ -16,7 +17,7 @@ from xfrustum.cli.numbers import Positive
 @click.option(
     "--tolerance-px",
     type=Positive(),
-    default=0.5,
+    default=TOLERANCE_PX,
     show_default=True,
     help="Displacement that 99 % may have.",
 )

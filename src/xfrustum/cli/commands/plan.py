@@ -8,6 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
+from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 @click.option(
     "--tolerance-px",
     type=Positive(),
-    default=0.5,
+    default=TOLERANCE_PX,
     show_default=True,
     help="Displacement that 99 % may have.",
 )
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 @click.option(
     "--max-wrong",
     type=Positive(below=1),
-    default=1e-3,
+    default=MAX_DEPTH_WRONG,
     show_default=True,
     help="Limits the share of pixels wrong by depth.",
 )

@@ -10,6 +10,7 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.numbers import Positive
+from xfrustum.scenes.tolerances import TOLERANCE_PX
 
 
 class Share(click.ParamType[float]):
@@ -100,7 +101,7 @@ class LimitInPixels(click.ParamType["float | None"]):
 @click.option(
     "--max-displacement-px",
     type=LimitInPixels(),
-    default="0.5",
+    default=str(TOLERANCE_PX),
     show_default=True,
     help="Limits how far 99 of 100 surface points or outlines are off. Unknown is too far, but with none.",
 )

@@ -1,0 +1,24 @@
+"""Arrays by what they hold: the one place that names their types."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+"""Lengths, directions, matrices and colors in double precision."""
+
+Singles = NDArray[np.float32]
+"""The same in single precision, as images and graphics cards hold them."""
+
+Mask = NDArray[np.bool_]
+"""Pixels, or whatever else, of which something is true."""
+
+Indices = NDArray[np.int64]
+"""Places in another array."""
+
+Numbers = NDArray[np.int32]
+"""Numbers of triangles and objects, as images hold them; `NOTHING` where there is none."""
+
+Bytes = NDArray[np.uint8]
+"""Levels from 0 to 255, as picture files hold them."""

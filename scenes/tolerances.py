@@ -1,0 +1,13 @@
+"""What is asked of a picture where nobody asks for something else: the one place for these numbers."""
+
+from __future__ import annotations
+
+TOLERANCE_PX = 0.5
+"""Largest 99th percentile of displacement in pixels: what moved by less stays within its pixels."""
+
+MAX_WRONG = 1e-2
+"""Largest share of pixels with a wrong surface. Displacement is judged by its 99th percentile, which leaves
+one pixel in a hundred out; as many may show another surface."""
+
+MAX_DEPTH_WRONG = 1e-3
+"""Largest share of pixels whose wrong surface is charged to depth."""
