@@ -1,0 +1,240 @@
+"""A coarse film of certified lines through apertures all over the plate, denser where the error is largest.
+
+The displacement by the near offset is (W/2) |u| n / (|z| + n): the *nearest visible* |z| decides it, and that
+changes from aperture to aperture by orders of magnitude while pictures hardly change. So apertures are chosen
+by what they see near the plate, never by their position alone (docs/method.md, "The plate").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths
+from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
+
+FILM_PIXELS = 24
+"""Lines along each side of the coarse film: 576 through an aperture, of which one in a hundred is six."""
+
+LATTICE_APERTURES = 400
+"""Apertures of the first lattice, about; a look through one costs some 10 ms on a mesh of 40,000 triangles."""
+
+MAX_APERTURES = 1000
+"""Largest number of apertures that are looked through, those around the worst ones included."""
+
+REFINED_APERTURES = 16
+"""Number of worst apertures so far whose neighbors are looked through next."""
+
+PERCENTILE = 99.0
+"""Percentile of displacement that everything else in this toolkit is judged by."""
+
+Index = tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """What the coarse film of one aperture shows.
+
+    Attributes
+    ----------
+    aperture
+        The aperture that is looked through.
+    height
+        (h, w) signed heights of the first surfaces, scene units; NaN where there is none.
+    camera
+        True frustum of the aperture, with the resolution of the scene.
+    outline_widths
+        Length of the borders between objects, and between them and nothing, in widths of the film.
+    """
+
+    aperture: Aperture
+    height: Floats
+    camera: HogelCamera
+    outline_widths: float
+
+    @classmethod
+    def of(cls, image: HogelImage, frustum_resolution: tuple[int, int]) -> Look:
+        """Return what a coarse image shows; the camera is given the scene's resolution."""
+        return cls(
+            aperture=image.camera.aperture,
+            height=np.where(image.covered, image.height, np.nan).astype(np.float64),
+            camera=replace(image.camera, resolution=frustum_resolution),
+            outline_widths=_outline_widths(image),
+        )
+
+    @cached_property
+    def points(self) -> TruePoints:
+        """The surface points that are seen off the plate, at their places on the scene's own film."""
+        off_plate = np.where(self.height == 0, np.nan, self.height)
+        return TruePoints(height=off_plate, from_middle=self._from_middle, camera=self.camera)
+
+    @property
+    def _from_middle(self) -> Floats:
+        """Return (h, w, 2) columns and rows from the middle of the scene's film, pixels of that film."""
+        sides = [
+            ((2 * np.arange(count) + 1) / count - 1) * pixels / 2
+            for count, pixels in zip(self.height.shape[::-1], self.camera.resolution, strict=True)
+        ]
+        return np.stack(np.meshgrid(*sides), axis=-1)
+
+    @property
+    def nearest(self) -> float:
+        """Smallest visible |z|, scene units; infinite where nothing is seen."""
+        return float(np.nanmin(np.abs(self.height), initial=np.inf))
+
+    def farthest(self, camera: Camera) -> float:
+        """Return the largest |z| seen on the side of one camera; 0 where it sees nothing."""
+        side = -self.height if camera is Camera.C else self.height
+        return float(np.nanmax(side, initial=0.0))
+
+    @cached_property
+    def pixels_per_near(self) -> float:
+        """The 99th percentile of displacement over n, as n tends to 0: pixels per scene unit.
+
+        0 where nothing is seen; infinite where more than one line in a hundred ends in the plate.
+        """
+        seen = np.isfinite(self.height)
+        if not seen.any():
+            return 0.0
+        with np.errstate(divide="ignore"):
+            moved = self.points.radius[seen] / np.abs(self.height[seen])
+        return float(np.percentile(moved, PERCENTILE, method="higher"))
+
+    def displacement_p99_px(self, settings: DoubleFrustum, scene: Scene) -> float:
+        """Return the 99th percentile of displacement that settings cause, by closed form; see above."""
+        seen = np.isfinite(self.height)
+        if not seen.any():
+            return 0.0
+        moved = displacement_lengths(self.points, scene.frustum, settings)[seen]
+        moved = np.where(self.height[seen] == 0, np.inf, np.nan_to_num(moved, nan=0.0))
+        return float(np.percentile(moved, PERCENTILE, method="higher"))
+
+
+def _outline_widths(image: HogelImage) -> float:
+    """Return how long the borders between neighboring pixels of different objects are, in film widths."""
+    shown = image.object
+    across = (shown[:, 1:] != shown[:, :-1]).sum() / shown.shape[0]
+    down = (shown[1:] != shown[:-1]).sum() / shown.shape[1]
+    return float(across + down)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scout:
+    """Looks through apertures all over a plate.
+
+    Attributes
+    ----------
+    scene
+        The scene that is looked at.
+    looks
+        One for each aperture, in the order of rows and columns.
+    """
+
+    scene: Scene
+    looks: tuple[Look, ...]
+
+    @property
+    def apertures(self) -> tuple[Aperture, ...]:
+        """The apertures that were looked through."""
+        return tuple(look.aperture for look in self.looks)
+
+    def displacements(self, settings: DoubleFrustum) -> Floats:
+        """Return (A,) the 99th percentile of displacement of each look, pixels, by closed form."""
+        return np.array([look.displacement_p99_px(settings, self.scene) for look in self.looks])
+
+    def worst(self, count: int, settings: DoubleFrustum | None = None) -> list[Look]:
+        """Return the looks with the largest displacement, the worst first.
+
+        Parameters
+        ----------
+        count
+            Largest number of looks.
+        settings
+            What is drawn with; None for any small near without slabs.
+        """
+        if settings is None:
+            errors = np.array([look.pixels_per_near for look in self.looks])
+        else:
+            errors = self.displacements(settings)
+        return [self.looks[number] for number in np.argsort(-errors, kind="stable")[:count]]
+
+    def farthest(self, camera: Camera) -> Look:
+        """Return the look with the farthest surface on the side of one camera."""
+        return max(self.looks, key=lambda look: look.farthest(camera))
+
+
+def scout(scene: Scene, done: Callable[[int], object] = lambda looks: None) -> Scout:
+    """Look through apertures all over the plate, and through more where the error is largest.
+
+    The first lattice has about `LATTICE_APERTURES` and always the corners and the middle. Then the
+    neighbors of the worst are looked through, at half the distance each time, down to the hogels beside
+    them, until the worst ones have no neighbor left or `MAX_APERTURES` are reached. A plate with no more
+    hogels than the lattice is looked at whole.
+
+    Parameters
+    ----------
+    scene
+        The scene; its resolution does not matter to the cost.
+    done
+        Called after each look, with 1; there are at most `MAX_APERTURES`.
+    """
+    frustum = replace(scene.frustum, resolution=(FILM_PIXELS, FILM_PIXELS))
+    reference = Reference(replace(scene, frustum=frustum), effects=frozenset())
+    found: dict[Index, Look] = {}
+
+    def look_through(indices: Iterable[Index]) -> None:
+        wanted = [index for index in dict.fromkeys(indices) if index not in found]
+        wanted = wanted[: MAX_APERTURES - len(found)]
+        for image in reference.stream(scene.plate.aperture(*index) for index in wanted):
+            found[image.camera.aperture.index] = Look.of(image, scene.frustum.resolution)
+            done(1)
+
+    columns, rows = _lattice(scene.plate)
+    look_through([scene.plate.middle.index, *((column, row) for row in rows for column in columns)])
+    step = (_largest_gap(columns), _largest_gap(rows))
+    while len(found) < MAX_APERTURES:
+        before = len(found)
+        step = (max(1, step[0] // 2), max(1, step[1] // 2))
+        worst = sorted(found.values(), key=lambda look: -look.pixels_per_near)[:REFINED_APERTURES]
+        look_through(index for look in worst for index in _neighbors(look.aperture, step, scene.plate))
+        if step == (1, 1) and len(found) == before:
+            break
+    looks = sorted(found.values(), key=lambda look: look.aperture.index[::-1])
+    return Scout(scene=scene, looks=tuple(looks))
+
+
+def _lattice(plate: Plate) -> tuple[list[int], list[int]]:
+    """Return columns and rows of the first lattice, as square as the plate's hogels allow, ends included."""
+    columns, rows = plate.hogels
+    if columns * rows <= LATTICE_APERTURES:
+        return list(range(columns)), list(range(rows))
+    across = min(columns, max(2, round((LATTICE_APERTURES * columns / rows) ** 0.5)))
+    down = min(rows, max(2, LATTICE_APERTURES // across))
+    return _spread_out(columns, across), _spread_out(rows, down)
+
+
+def _spread_out(hogels: int, count: int) -> list[int]:
+    """Return a number of places among some hogels, the first and the last included."""
+    return sorted({round(place) for place in np.linspace(0, hogels - 1, min(count, hogels))})
+
+
+def _largest_gap(places: Sequence[int]) -> int:
+    return max((after - before for before, after in zip(places, places[1:], strict=False)), default=1)
+
+
+def _neighbors(aperture: Aperture, step: Index, plate: Plate) -> list[Index]:
+    """Return the eight apertures at a distance of some columns and rows that lie on the plate."""
+    places = [
+        (aperture.column + across * step[0], aperture.row + down * step[1])
+        for across in (-1, 0, 1)
+        for down in (-1, 0, 1)
+    ]
+    return [(i, j) for i, j in places if 0 <= i < plate.hogels[0] and 0 <= j < plate.hogels[1]]
