@@ -3,11 +3,15 @@
 cuts          Where to cut: each height as near to the plate as a separation allows
 displacement  How far the drawn picture is displaced, from the truth: a bound in closed form, and the
               model traced
+hogels        How well settings do at single hogels, measured, and what that says of the plate
 measure       Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible
               surfaces
 numbers       Lengths of three significant digits: what a plan is made of, so that it can be read and typed
 plan          The planner: the fewest slabs, and then the largest near, that keep what is required
+plate         A plan that holds for the plate: made from its worst apertures, measured at these and at a
+              random sample
 reason        Why a plan is what it is, or why there is none, in words
+robust        The most robust of some settings that all hold: with a margin for what was not looked at
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
 sheets        Two parallel sheets at the farthest visible surface of every camera and slab, to be drawn
               and counted

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any
 
+from xfrustum.compare.planning.hogels import PlateResult
 from xfrustum.compare.planning.measure import measured, meets
 from xfrustum.compare.planning.reason import Outcome, disproved, why, why_not
+from xfrustum.compare.planning.robust import most_robust, price
 from xfrustum.compare.planning.search import MOST_CUTS, SEPARATION_MARGIN, Attempt, DepthBuffer, Search
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-
-BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
-WRITTEN_BY_FRAGMENT = (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR)
-"""Mappings that cost the early depth test."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +32,8 @@ class Plan:
         Of the depth buffer; None where there is no plan and more than one was to be chosen from.
     predicted, measured
         Of these settings, at the worst aperture; None where there is no plan.
+    plate
+        What is known of it all over the plate; None where it was made for some apertures only.
     within
         Whether everything that is required was measured to hold.
     reason
@@ -48,6 +48,7 @@ class Plan:
     measured: Quality | None
     within: bool
     reason: str
+    plate: PlateResult | None = None
 
     @property
     def settings(self) -> DoubleFrustum | None:
@@ -68,6 +69,7 @@ class Plan:
             "measured": asdict(self.measured) if self.measured else unknown,
             "within": self.within,
             "reason": self.reason,
+            "plate": self.plate.summary() if self.plate else None,
         }
 
 
@@ -94,8 +96,8 @@ def plan(
     requirement
         None for the usual.
     choices
-        Depth buffers to choose from, None for all. The fewest slabs count, then the largest near, then
-        what is cheapest (depth that no fragment writes, then fewer bytes), then what is most accurate.
+        Depth buffers to choose from, None for all. The fewest slabs count, then what is cheapest (depth
+        that no fragment writes, then fewer bytes), then the largest margin (`planning.robust`).
     done
         Called with the number of steps that are done, out of `steps`.
 
@@ -105,11 +107,30 @@ def plan(
         There is no usable OpenGL.
     """
     requirement = requirement or Requirement()
-    choices = choices or depth_buffers()
     views = Views.of(scene, apertures, done)
-    found = search(Search(views, requirement), choices, done)
-    best = found.best
-    if best is None:
+    made = predicted_plan(views, requirement, choices or depth_buffers(), done)
+    if made.settings is None:
+        return made
+    result = measured(views, made.settings, requirement, done)
+    within = meets(result, requirement)
+    return replace(
+        made,
+        measured=result,
+        within=within,
+        reason=made.reason if within else f"{made.reason} {disproved(result, requirement)}",
+    )
+
+
+def predicted_plan(
+    views: Views,
+    requirement: Requirement,
+    choices: Sequence[DepthBuffer],
+    done: Callable[[int], object] = lambda steps: None,
+) -> Plan:
+    """Plan how to draw what some apertures show, by prediction alone; see `plan`."""
+    searched = Search(views, requirement)
+    found = search(searched, choices, done)
+    if found.best is None:
         only = choices[0] if len(choices) == 1 else (None, None)
         return Plan(
             near=None,
@@ -121,18 +142,16 @@ def plan(
             within=False,
             reason=why_not(found, views, requirement),
         )
-    result = measured(views, best.settings, requirement, done)
-    reason = why(found, views, requirement)
-    within = meets(result, requirement)
+    best = most_robust(searched, found.holding)
     return Plan(
         near=best.settings.near,
         slabs=best.settings.slabs,
         depth=best.settings.depth,
         mapping=best.settings.mapping,
         predicted=best.predicted,
-        measured=result,
-        within=within,
-        reason=reason if within else f"{reason} {disproved(result, requirement)}",
+        measured=None,
+        within=False,
+        reason=why(found, best, views, requirement),
     )
 
 
@@ -162,16 +181,9 @@ def search(
     cuts = 0
     while possible and not searched.displaces_too_much and not holding and cuts <= MOST_CUTS:
         attempts = [searched.attempt(*choice, cuts) for choice in possible]
-        holding = sorted((one for one in attempts if one.holds), key=_rank)
+        holding = sorted((one for one in attempts if one.holds), key=lambda one: price(one.settings))
         failed = failed if holding else attempts
         cuts += 1
         done(1)
     done(MOST_CUTS + 1 - cuts)
     return Outcome(choices=choices, finest=min(finest.values()), failed=failed, holding=holding)
-
-
-def _rank(attempt: Attempt) -> tuple[float, bool, int, float]:
-    """Return what is to be smallest: see `plan`."""
-    settings = attempt.settings
-    written = settings.mapping in WRITTEN_BY_FRAGMENT
-    return -settings.near, written, BYTES[settings.depth], attempt.predicted.separation

@@ -10,6 +10,7 @@ import numpy as np
 from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.displacement import PERCENTILE
 from xfrustum.compare.planning.numbers import index_below, round_number
+from xfrustum.compare.planning.robust import ENOUGH_MARGIN
 from xfrustum.compare.planning.search import (
     MOST_CUTS,
     SEPARATION_MARGIN,
@@ -51,12 +52,38 @@ class Outcome:
         return self.holding[0] if self.holding else None
 
 
-def why(found: Outcome, views: Views, requirement: Requirement) -> str:
-    """Say why the plan is the best there is."""
-    assert found.best is not None
-    settings = found.best.settings
-    sentences = [_of_slabs(found, views, requirement), _of_near(settings, views, requirement)]
-    return " ".join([*sentences, _of_depth(found, settings)])
+def why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) -> str:
+    """Say why a plan is the best there is.
+
+    Parameters
+    ----------
+    found, best
+        What a search came to, and which of that is planned, its near moved to where the margin is largest.
+    """
+    largest = next(
+        one
+        for one in found.holding
+        if (one.settings.depth, one.settings.mapping) == (best.settings.depth, best.settings.mapping)
+    )
+    return " ".join(
+        [
+            _of_slabs(found, views, requirement),
+            _of_near(largest.settings, views, requirement),
+            _of_margin(largest, best, views.scene.units),
+            _of_depth(found, best.settings),
+        ]
+    ).replace("  ", " ")
+
+
+def _of_margin(largest: Attempt, best: Attempt, units: str) -> str:
+    """Say which near is planned instead of the largest one, and what that leaves."""
+    if best.settings.near == largest.settings.near:
+        return ""
+    margin = min(1 / best.excess if best.excess else ENOUGH_MARGIN, ENOUGH_MARGIN)
+    return (
+        f"Up to {largest.settings.near:g} {units} would do; {best.settings.near:g} {units} leaves a margin "
+        f"of {margin:.2g} for what was not looked at."
+    )
 
 
 def why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
@@ -137,12 +164,12 @@ def _of_near(settings: DoubleFrustum, views: Views, requirement: Requirement) ->
 def _of_depth(found: Outcome, settings: DoubleFrustum) -> str:
     if len(found.choices) == 1:
         return f"{settings.depth_label} as asked for."
-    equal = sum(one.settings.near == settings.near for one in found.holding)
+    equal = len(found.holding)
     if equal == 1:
         return f"Of {len(found.choices)} depth buffers only {settings.depth_label} can do with this."
     return (
         f"Of {len(found.choices)} depth buffers {equal} can do with this: {settings.depth_label} is the "
-        "cheapest, and of those as cheap the most accurate."
+        "cheapest, and of those as cheap the most robust."
     )
 
 

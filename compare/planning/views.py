@@ -161,7 +161,16 @@ class Views:
         done
             Called after each, with 1.
         """
-        reference = Reference(scene)
+        return cls.traced(Reference(scene), apertures, done)
+
+    @classmethod
+    def traced(
+        cls,
+        reference: Reference,
+        apertures: Sequence[Aperture],
+        done: Callable[[int], object] = lambda steps: None,
+    ) -> Views:
+        """Trace apertures with a reference that is at hand; see `of`."""
         views = []
         for aperture in apertures:
             truth, gaps = reference.trace(aperture), reference.gaps(aperture)

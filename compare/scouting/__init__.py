@@ -1,4 +1,5 @@
 """Which apertures of a plate decide the error: a look through many, before any is measured.
 
-scout  A coarse film of certified lines through apertures all over the plate, denser where the error is largest
+sample  Random samples of hogels, and what they bound: the share of a plate's hogels with a property
+scout   Coarse films of certified lines through apertures all over a plate, more where the error is largest
 """

@@ -1,4 +1,4 @@
-"""A coarse film of certified lines through apertures all over the plate, denser where the error is largest.
+"""Coarse films of certified lines through apertures all over a plate, more where the error is largest.
 
 The displacement by the near offset is (W/2) |u| n / (|z| + n): the *nearest visible* |z| decides it, and that
 changes from aperture to aperture by orders of magnitude while pictures hardly change. So apertures are chosen
@@ -7,6 +7,7 @@ by what they see near the plate, never by their position alone (docs/method.md, 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +26,7 @@ FILM_PIXELS = 24
 """Lines along each side of the coarse film: 576 through an aperture, of which one in a hundred is six."""
 
 LATTICE_APERTURES = 400
-"""Apertures of the first lattice, about; a look through one costs some 10 ms on a mesh of 40,000 triangles."""
+"""Apertures of the first lattice, about; a look costs some 10 ms on a mesh of 40,000 triangles."""
 
 MAX_APERTURES = 1000
 """Largest number of apertures that are looked through, those around the worst ones included."""
@@ -227,7 +228,7 @@ def _spread_out(hogels: int, count: int) -> list[int]:
 
 
 def _largest_gap(places: Sequence[int]) -> int:
-    return max((after - before for before, after in zip(places, places[1:], strict=False)), default=1)
+    return max((after - before for before, after in itertools.pairwise(places)), default=1)
 
 
 def _neighbors(aperture: Aperture, step: Index, plate: Plate) -> list[Index]:

@@ -1,0 +1,189 @@
+"""A plan that holds for the plate: made from its worst apertures, measured at these and at a random sample.
+
+The closed form of displacement is evaluated for every aperture of a scout. The worst ones are traced and
+planned for; whatever aperture the plan would then displace too much joins them, until there is none. Then
+the plan is measured at all of them, and at a random sample that took no part in choosing, which bounds the
+share of hogels beyond what is required (Clopper and Pearson 1934). An aperture of the sample at which the
+plan fails joins the others, and a new sample is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
+from xfrustum.compare.planning.displacement import displacement_bound
+from xfrustum.compare.planning.hogels import HogelResult, PlateResult, hogel_result
+from xfrustum.compare.planning.measure import measured, meets
+from xfrustum.compare.planning.plan import Plan, predicted_plan
+from xfrustum.compare.planning.reason import disproved
+from xfrustum.compare.planning.search import DepthBuffer
+from xfrustum.compare.planning.views import Requirement, View, Views
+from xfrustum.compare.scouting.sample import CONFIDENCE, sample_hogels, share_at_most
+from xfrustum.compare.scouting.scout import Scout
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+MAX_SAMPLES = 3
+"""Samples that are drawn at most, each after its predecessor disproved a plan. The bounds of all of them hold
+together with `CONFIDENCE` (Sidak 1967), so that drawing again does not flatter the last one."""
+
+WORST_VIEWS = 4
+"""Worst apertures of the scout that a plan is made from at once; others join where they need more."""
+
+SUSPECTED_EXCESS = 0.5
+"""Scouted displacement, in tolerances, from which on an aperture is traced in full before it is trusted:
+one line in a hundred of 576 is six, which tell a 99th percentile to a factor of two at best."""
+
+MAX_SUSPECTED = 8
+"""Suspected apertures that are traced in full at a time, the worst first."""
+
+MAX_ROUNDS = 8
+"""Times that a plan is made anew with apertures that joined; each time the worst of them join."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlatePlanner:
+    """Plans for a whole plate that a scout has looked at.
+
+    Attributes
+    ----------
+    reference
+        Truth of the scene.
+    scouted
+        Looks through apertures all over its plate.
+    requirement, choices
+        What every hogel must keep, and the depth buffers to choose from.
+    done
+        Called with 1 after each aperture that is traced or drawn.
+    """
+
+    reference: Reference
+    scouted: Scout
+    requirement: Requirement
+    choices: Sequence[DepthBuffer]
+    done: Callable[[int], object] = field(default=lambda steps: None)
+
+    def plan(self, sampled: int, seed: int) -> Plan:
+        """Return the plan, measured at its worst apertures and at a random sample of hogels."""
+        views = self._traced(self._first_apertures())
+        number = 0
+        while True:
+            views, made = self._settled(views)
+            if made.settings is None:
+                return made
+            chosen = [view.aperture for view in views.views]
+            sample = self._drawn(self._sample(sampled, seed + number, chosen), made.settings)
+            failing = [one.aperture for one in sample if one.excess(self.requirement) > 1]
+            joining = [one for one in failing if one.index not in self._hopeless]
+            number += 1
+            if not joining or number == MAX_SAMPLES:
+                break
+            views = _joined(views, self._traced(joining))
+        return self._measured(made, views, sample)
+
+    def _sample(self, count: int, seed: int, chosen: Sequence[Aperture]) -> list[Aperture]:
+        return sample_hogels(self.reference.scene.plate, count, seed, chosen)
+
+    @cached_property
+    def _hopeless(self) -> frozenset[tuple[int, int]]:
+        """Scouted apertures at which not even the smallest near keeps to the tolerance."""
+        smallest = SMALLEST_PER_REACH * self.reference.scene.frustum.longest_reach
+        moved = self.scouted.displacements(DoubleFrustum(near=smallest))
+        pairs = zip(self.scouted.apertures, moved, strict=True)
+        return frozenset(one.index for one, px in pairs if px > self.requirement.tolerance_px)
+
+    def _first_apertures(self) -> list[Aperture]:
+        """Return the middle, the worst apertures that some near can draw, and those that see farthest."""
+        scouted = self.scouted
+        worst = [look.aperture for look in scouted.worst(len(scouted.looks))]
+        worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]
+        farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
+        wanted = {one.index: one for one in (self.reference.scene.plate.middle, *worst, *farthest)}
+        return [one for index, one in wanted.items() if index not in self._hopeless] or worst[:1]
+
+    def _traced(self, apertures: Sequence[Aperture]) -> Views:
+        return Views.traced(self.reference, apertures, self.done)
+
+    def _settled(self, views: Views) -> tuple[Views, Plan]:
+        """Return a plan that closed forms predict to hold at every scouted aperture, and its apertures."""
+        for _ in range(MAX_ROUNDS):
+            made = predicted_plan(views, self.requirement, self.choices)
+            if made.settings is None:
+                break
+            joining = self._displaced_too_much(views, made.settings)
+            if not joining:
+                break
+            views = _joined(views, Views(reference=self.reference, views=joining))
+        return views, made
+
+    def _displaced_too_much(self, views: Views, settings: DoubleFrustum) -> tuple[View, ...]:
+        """Return what those scouted apertures see in full at which settings displace too much."""
+        known = {view.aperture.index for view in views.views} | self._hopeless
+        suspected = [
+            look.aperture
+            for look in self.scouted.worst(len(known) + MAX_SUSPECTED, settings)
+            if look.aperture.index not in known
+            and look.displacement_p99_px(settings, self.reference.scene)
+            > SUSPECTED_EXCESS * self.requirement.tolerance_px
+        ][:MAX_SUSPECTED]
+        frustum = self.reference.scene.frustum
+        return tuple(
+            view
+            for view in self._traced(suspected).views
+            if displacement_bound(view.truth, frustum, settings) > self.requirement.tolerance_px
+        )
+
+    def _drawn(self, apertures: Sequence[Aperture], settings: DoubleFrustum) -> list[HogelResult]:
+        """Draw apertures with some settings, and judge each."""
+        results = []
+        with Rasterizer(self.reference.scene) as rasterizer:
+            for aperture in apertures:
+                results.append(hogel_result(self.reference, rasterizer, aperture, settings))
+                self.done(1)
+        return results
+
+    def _measured(self, made: Plan, views: Views, sample: Sequence[HogelResult]) -> Plan:
+        """Return the plan with what was measured at its own apertures and at the sample."""
+        assert made.settings is not None
+        chosen = self._drawn([view.aperture for view in views.views], made.settings)
+        quality = measured(views, made.settings, self.requirement, self.done)
+        plate = self._plate_result(chosen, sample)
+        holds = meets(quality, self.requirement)
+        reason = made.reason if holds else f"{made.reason} {disproved(quality, self.requirement)}"
+        return replace(
+            made,
+            measured=quality,
+            within=holds and plate.worst.excess(self.requirement) <= 1,
+            reason=reason,
+            plate=plate,
+        )
+
+    def _plate_result(self, chosen: Sequence[HogelResult], sample: Sequence[HogelResult]) -> PlateResult:
+        columns, rows = self.reference.scene.plate.hogels
+        beyond = sum(one.excess(self.requirement) > 1 for one in sample)
+        drawn = [*chosen, *sample]
+        everything = len(drawn) == columns * rows
+        if everything:
+            share = sum(one.excess(self.requirement) > 1 for one in drawn) / len(drawn)
+        else:
+            share = share_at_most(beyond, len(sample), 1 - (1 - CONFIDENCE) / MAX_SAMPLES)
+        return PlateResult(
+            hogels=columns * rows,
+            scouted=len(self.scouted.looks),
+            measured=len(drawn),
+            sampled=len(sample),
+            beyond=beyond,
+            worst=max(drawn, key=lambda one: one.excess(self.requirement)),
+            hopeless=len(self._hopeless),
+            share_beyond_at_most=share,
+            confidence=1.0 if everything else CONFIDENCE,
+        )
+
+
+def _joined(views: Views, others: Views) -> Views:
+    return replace(views, views=(*views.views, *others.views))
