@@ -96,12 +96,12 @@ class Comparison(ComparisonNumbers):
     @property
     def surface_wrong(self) -> int | None:
         """Number of judged pixels that show the wrong surface; None where the scene was not at hand."""
-        return self.surface and self.surface.wrong
+        return self.surface.wrong if self.surface else None
 
     @property
     def triangle_wrong(self) -> int | None:
         """Number of judged pixels that show another triangle; None where the raster names no triangles."""
-        return self.triangle and self.triangle.wrong
+        return self.triangle.wrong if self.triangle else None
 
     @property
     def numbers(self) -> ComparisonNumbers:
