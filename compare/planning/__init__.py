@@ -9,7 +9,7 @@ numbers       Lengths of three significant digits: what a plan is made of, so th
 plan          The planner: the fewest slabs, and then the largest near, that keep what is required
 reason        Why a plan is what it is, or why there is none, in words
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
-sheets        Two parallel sheets at the farthest visible surface of every camera and slab, to be drawn
-              and counted
+sheets        Two parallel sheets at the far end of a camera, drawn and counted: does a depth buffer tell
+              them apart?
 views         What a plan must hold for: a requirement, and what some apertures of a scene truly show
 """
