@@ -13,7 +13,7 @@ plate         A plan that holds for the plate: made from its worst apertures, me
 reason        Why a plan is what it is, or why there is none, in words
 robust        The most robust of some settings that all hold: with a margin for what was not looked at
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
-sheets        Two parallel sheets at the farthest visible surface of every camera and slab, to be drawn
-              and counted
+sheets        Two parallel sheets at the far end of a camera, drawn and counted: does a depth buffer tell
+              them apart?
 views         What a plan must hold for: a requirement, and what some apertures of a scene truly show
 """

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from xfrustum.compare.prediction.chain import EXACT_DEPTH
 from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, MISORDERED
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_ready
@@ -17,7 +18,6 @@ from xfrustum.reports.measurements.best import pixels
 from xfrustum.reports.splitting_study import facts
 from xfrustum.reports.splitting_study.advice import advice_table, buffer_name, span
 from xfrustum.reports.splitting_study.figures import SIDE_WORDS, maps, near_words
-from xfrustum.reports.splitting_study.grid import CONTROL
 from xfrustum.reports.splitting_study.measure import NEAREST_PERCENTILE
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow
 from xfrustum.reports.splitting_study.verdict import (
@@ -75,7 +75,7 @@ def _constants() -> dict[str, Any]:
         "max_depth_wrong": MAX_DEPTH_WRONG,
         "separation": ASKED_SEPARATION,
         "misordered": MISORDERED,
-        "control": buffer_name(CONTROL),
+        "control": buffer_name(EXACT_DEPTH),
         "cars": CARS,
         "car_ratio": CAR_RATIO,
         "farthest": FARTHEST / REACH,

@@ -8,9 +8,10 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from xfrustum.compare.prediction.chain import EXACT_DEPTH
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.templates_environment import svg_picture
-from xfrustum.reports.splitting_study.grid import CONTROL, SIDES, DepthBuffer
+from xfrustum.reports.splitting_study.grid import SIDES, DepthBuffer
 from xfrustum.reports.splitting_study.measure import SEPARATIONS
 from xfrustum.reports.splitting_study.rows import StudyRow
 from xfrustum.reports.splitting_study.verdict import Verdict, verdict
@@ -160,7 +161,7 @@ def _separations(rows: Rows, sides: Sequence[Camera]) -> Map:
 def _displacements(rows: Rows, sides: Sequence[Camera]) -> Map:
     """Map displacement, which depends on no depth buffer: that of the control, or of whichever was drawn."""
     buffers = _buffers(rows)
-    shown = CONTROL if CONTROL in buffers else buffers[-1]
+    shown = EXACT_DEPTH if EXACT_DEPTH in buffers else buffers[-1]
     kinds = [(ratio, size) for ratio in _ratios(rows) for size in sorted({row.resolution for row in rows})]
 
     def color(row: StudyRow) -> str:

@@ -14,9 +14,6 @@ from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMappi
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 
-CONTROL: DepthBuffer = (DepthFormat.D32F, DepthMapping.LINEAR)
-"""The depth buffer without a depth problem: what it alone shows rightly is charged to depth."""
-
 BUFFERS: tuple[DepthBuffer, ...] = tuple(
     (depth, mapping) for depth in DepthFormat for mapping in DepthMapping
 )
@@ -110,7 +107,7 @@ class Grid:
     nears
         Offsets as shares of the reach, from the largest down.
     buffers
-        Depth formats with mappings. The control is drawn in any case; only what is listed is kept.
+        Depth formats with mappings. Exact depth is drawn in any case; only what is listed is kept.
     resolutions, ratios, sides, refined
         As in `Cell`.
 

@@ -16,14 +16,15 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.splitting_study.grid import Cell, Grid, SheetCell
 from xfrustum.reports.splitting_study.measure import (
     CellResult,
-    PictureBench,
-    SheetBench,
+    PictureWorkbench,
     SheetResult,
+    SheetWorkbench,
 )
 from xfrustum.reports.splitting_study.rows import Origin, StudyRow, joined
 from xfrustum.reports.splitting_study.store import Store
 from xfrustum.reports.splitting_study.verdict import Verdict, answers, case_of, verdict
-from xfrustum.scenes.library.depth_family import FARTHEST, REACH, sheet_pair
+from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, cars
+from xfrustum.scenes.plate.double_frustum import Camera
 
 C = TypeVar("C", Cell, SheetCell)
 
@@ -45,7 +46,7 @@ def measured_by() -> Origin:
     InputError
         No usable OpenGL context.
     """
-    scene = sheet_pair(0.0, 1.0, 1)
+    scene = cars(CAR_RATIO, Camera.C, (1, 1))
     with Rasterizer(scene) as rasterizer:
         opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
     versions = {**provenance.versions(), **Reference(scene).versions}
@@ -73,18 +74,19 @@ def sheets_of(cell: Cell) -> SheetCell:
 
 
 def _measure_sheets(cells: Iterable[SheetCell], store: Store, progress: bool) -> None:
-    missing = sorted(_missing(cells, store, SHEETS), key=_offset)
+    missing = sorted(_missing(cells, store, SHEETS), key=_far_camera)
     with progress_bar(len(missing), "pairs of sheets", "buffer", shown=progress and bool(missing)) as bar:
-        for offset, group in groupby(missing, key=_offset):
-            with SheetBench(offset) as bench:
-                for cell in group:
-                    store.put(SHEETS, cell.key, asdict(bench.measure(cell)))
+        for _, group in groupby(missing, key=_far_camera):
+            cells_alike = list(group)
+            with SheetWorkbench(cells_alike[0]) as workbench:
+                for cell in cells_alike:
+                    store.put(SHEETS, cell.key, asdict(workbench.measure(cell)))
                     bar.update()
 
 
-def _offset(cell: SheetCell) -> float:
-    """Return how far the camera that draws the far end stands back."""
-    return 0.0 if cell.slabs else cell.near
+def _far_camera(cell: SheetCell) -> tuple[Camera, float]:
+    """Return which camera draws the far end, and how far it stands back as a share of the reach."""
+    return cell.side, 0.0 if cell.slabs else cell.near
 
 
 def _measure_pictures(cells: Iterable[Cell], store: Store, progress: bool) -> None:
@@ -92,13 +94,13 @@ def _measure_pictures(cells: Iterable[Cell], store: Store, progress: bool) -> No
     with progress_bar(len(missing), "pictures", "picture", shown=progress and bool(missing)) as bar:
         for picture, group in groupby(missing, key=_picture):
             bar.set_postfix_str(f"{picture[0]}, depth {picture[1]:g}, {picture[2]} px", refresh=False)
-            with PictureBench(*picture) as bench:
+            with PictureWorkbench(*picture) as workbench:
                 for cell in group:
-                    store.put(PICTURES, cell.key, asdict(bench.measure(cell)))
+                    store.put(PICTURES, cell.key, asdict(workbench.measure(cell)))
                     bar.update()
 
 
-def _picture(cell: Cell) -> tuple[Any, float, int, int]:
+def _picture(cell: Cell) -> tuple[Camera, float, int, int]:
     return cell.side, cell.ratio, cell.resolution, cell.refined
 
 

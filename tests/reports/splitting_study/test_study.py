@@ -30,7 +30,7 @@ from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.facts import buffer_facts, by_the_rule, least_near
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Grid
-from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureBench
+from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureWorkbench
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
 from xfrustum.reports.splitting_study.store import Store, origin_hash
 from xfrustum.reports.splitting_study.study import DATA, DOCUMENT, IMAGES, RESULTS, StudyFiles, make_study
@@ -187,7 +187,7 @@ def test_displacement_grows_in_proportion_to_the_resolution() -> None:
     cell = replace(cell, near=1e-3, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
     found = []
     for resolution in (64, 128):
-        with PictureBench(cell.side, cell.ratio, resolution, 0) as bench:
+        with PictureWorkbench(cell.side, cell.ratio, resolution, 0) as bench:
             found.append(bench.measure(replace(cell, resolution=resolution)))
     assert found[0].displacement_rms is not None
     assert found[1].displacement_rms == pytest.approx(2 * found[0].displacement_rms, rel=0.02)
@@ -311,13 +311,13 @@ def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> N
     """Resume here, and check that nothing kept is lost or measured again and that all comes out the same."""
     kept = results(folder)
     measured = []
-    measure = PictureBench.measure
+    measure = PictureWorkbench.measure
 
-    def counted(bench: PictureBench, cell: study_grid.Cell) -> CellResult:
+    def counted(bench: PictureWorkbench, cell: study_grid.Cell) -> CellResult:
         measured.append((study_run.PICTURES, cell.key))
         return measure(bench, cell)
 
-    monkeypatch.setattr(PictureBench, "measure", counted)
+    monkeypatch.setattr(PictureWorkbench, "measure", counted)
     resumed = make_study(folder, ONE_SIDE)
     uninterrupted = tuple(row for row in tiny.rows if row.side is Camera.C)
     found = results(folder)
