@@ -47,6 +47,27 @@ class Share:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SurfaceShare(Share):
+    """How many of the judged pixels show the wrong surface.
+
+    Attributes
+    ----------
+    outside
+        Number of these pixels whose point belongs outside the true film, where no pixel shows it.
+    """
+
+    outside: int
+
+    @classmethod
+    def of_maps(cls, maps: ErrorMaps) -> SurfaceShare | None:
+        """Return the share of wrong surfaces; None where the scene was not at hand."""
+        if maps.surface is None or maps.outside is None:
+            return None
+        share = Share.of(maps.surface, maps.judged)
+        return cls(wrong=share.wrong, fraction=share.fraction, outside=int(maps.outside.sum()))
+
+
+@dataclass(frozen=True, kw_only=True)
 class ComparisonNumbers:
     """How a raster image differs from the truth, in numbers: the object that `compare --json` prints.
 
@@ -73,7 +94,7 @@ class ComparisonNumbers:
     judged: int
     covered: int
     at_plate: int
-    surface: Share | None
+    surface: SurfaceShare | None
     triangle: Share | None
     displacement_px: Spread | None
     height: HeightError | None
@@ -156,7 +177,7 @@ def compare_images(
         judged=int(maps.judged.sum()),
         covered=int(truth.covered.sum()),
         at_plate=int((raster.covered & (raster.height == 0)).sum()),
-        surface=None if maps.surface is None else Share.of(maps.surface, maps.judged),
+        surface=SurfaceShare.of_maps(maps),
         triangle=Share.of(maps.triangle, maps.judged) if numbered else None,
         displacement_px=Spread.of(lengths),
         height=_height_error(maps.height[np.isfinite(maps.height)]),

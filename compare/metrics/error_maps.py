@@ -9,7 +9,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.displacement import displacement, lengths
 from xfrustum.compare.metrics.pixel_bands import in_bands
-from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
@@ -25,6 +25,8 @@ class ErrorMaps:
         (H, W) pixels whose truth is no tie.
     surface
         (H, W) pixels that show the wrong surface; None where the scene was not at hand.
+    outside
+        (H, W) of these, the ones whose point belongs outside the true film; None likewise.
     triangle
         (H, W) pixels that show another triangle number.
     displacement
@@ -37,6 +39,7 @@ class ErrorMaps:
 
     judged: Mask
     surface: Mask | None
+    outside: Mask | None
     triangle: Mask
     displacement: Floats
     height: Floats
@@ -60,9 +63,11 @@ def error_maps(
     bands = in_bands(truth, raster, partial(_judge, truth.camera, reference, numbered))
     maps = [band.maps for band in bands]
     surface = [part.surface for part in maps if part.surface is not None]
+    outside = [part.outside for part in maps if part.outside is not None]
     joined = ErrorMaps(
         judged=np.concatenate([part.judged for part in maps]),
         surface=np.concatenate(surface) if surface else None,
+        outside=np.concatenate(outside) if outside else None,
         triangle=np.concatenate([part.triangle for part in maps]),
         displacement=np.concatenate([part.displacement for part in maps]),
         height=np.concatenate([part.height for part in maps]),
@@ -96,9 +101,11 @@ def _judge(
 ) -> _Band:
     judged = judged_pixels(truth)
     shift = displacement(raster, camera, rows)
+    errors = surface_errors(truth, raster, reference) if reference else None
     maps = ErrorMaps(
         judged=judged,
-        surface=wrong_surface(truth, raster, reference) & judged if reference else None,
+        surface=errors.wrong & judged if errors else None,
+        outside=errors.outside & judged if errors else None,
         triangle=(truth.triangle != raster.triangle) & judged & numbered,
         displacement=shift,
         height=_height_map(truth, raster, judged),
