@@ -101,6 +101,7 @@ class Budget:
                 {
                     "name": name,
                     "pixels": int((self.charge == link).sum()),
+                    "triangle": int((self.charge == link).sum()),
                     "surface": int((self.surface_charge == link).sum()),
                     "displacement_rms_px": moved[link],
                     "height_rms": raised[link],

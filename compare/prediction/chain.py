@@ -11,10 +11,10 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, Doub
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
 
-LINKS = ("near offset", "pivot and fit", "slabs", "rasterization", "depth")
+LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 """What each link changes; link k leads from image k to image k + 1 of the chain."""
 
-RASTERIZATION, DEPTH = 3, 4
+RASTERIZATION, DEPTH = 4, 5
 """The links that round, and must explain themselves."""
 
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
@@ -23,36 +23,50 @@ EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """T0, T1, T2, T3, R0 and R1 of one aperture.
+    """T0, T1, T2, T3, T4, R0 and R1 of one aperture.
 
     Attributes
     ----------
     images
-        T0 the true crossed frustum; T1 with the near offset; T2 with pivot and fit; T3 with slabs, all
-        traced and certified; R0 rasterized with linear depth; R1 with the depth format and mapping.
+        T0 the true crossed frustum; T1 with the near offset; T2 with pivot; T3 with fit; T4 with
+        slabs, all traced and certified; R0 rasterized with linear depth; R1 with the depth buffer asked for.
     settings
         Those of R1.
     subpixel_bits
         Of the device that drew R0 and R1.
     """
 
-    images: tuple[HogelImage, HogelImage, HogelImage, HogelImage, HogelImage, HogelImage]
+    images: tuple[HogelImage, ...]
     settings: DoubleFrustum
     subpixel_bits: int
 
 
-def traced_settings(
-    settings: DoubleFrustum, frustum: Frustum
-) -> tuple[DoubleFrustum, DoubleFrustum, DoubleFrustum]:
-    """Return the settings of T1, T2 and T3: what is asked for, taken back one thing at a time."""
+def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
+    """Return the settings of T1 to T4: what is asked for, taken back one thing at a time."""
     fit = settings.fitted_height(frustum)
     whole = replace(settings, slabs=(), fit=Fit.ANGLE if fit is None else fit)
-    return replace(whole, pivot=Pivot.APERTURE, fit=Fit.ANGLE), whole, settings
+    sheared = replace(whole, fit=Fit.ANGLE)
+    return replace(sheared, pivot=Pivot.APERTURE), sheared, whole, settings
 
 
 def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
     """Return settings with `EXACT_DEPTH`, and all else as it is."""
     return replace(settings, depth=EXACT_DEPTH[0], mapping=EXACT_DEPTH[1])
+
+
+def traced_models(
+    reference: Reference, aperture: Aperture, settings: DoubleFrustum
+) -> tuple[HogelImage, ...]:
+    """Return T1 to T4 of an aperture; a link that changes no setting changes no image, and is not traced."""
+    traced: dict[DoubleFrustum, HogelImage] = {}
+    links = [
+        replace(link, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+        for link in traced_settings(settings, reference.scene.frustum)
+    ]
+    for link in links:
+        if link not in traced:
+            traced[link] = reference.trace_model(aperture, link)
+    return tuple(traced[link] for link in links)
 
 
 def make_chain(
@@ -66,13 +80,11 @@ def make_chain(
         The settings make no sense for the scene's frustum.
     """
     settings.check_against(reference.scene.frustum)
-    traced = [
-        reference.trace_model(aperture, link) for link in traced_settings(settings, reference.scene.frustum)
-    ]
+    traced = traced_models(reference, aperture, settings)
     links = (with_exact_depth(settings), settings)
     drawn = [rasterizer.render(aperture, link, normals=False) for link in links]
     return Chain(
-        images=(reference.trace(aperture), traced[0], traced[1], traced[2], drawn[0], drawn[1]),
+        images=(reference.trace(aperture), *traced, *drawn),
         settings=settings,
         subpixel_bits=int(rasterizer.device["subpixel_bits"]),
     )

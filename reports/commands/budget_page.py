@@ -27,7 +27,7 @@ from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-IMAGES = ("T0", "T1", "T2", "T3", "R0", "R1")
+IMAGES = ("T0", "T1", "T2", "T3", "T4", "R0", "R1")
 """Names of the chain's images, as the files are called."""
 
 PAGE, DATA = "index.html", "budget.json"
@@ -35,7 +35,14 @@ BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
 FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in IMAGES))
 """What is always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
 
-LINK_COLORS = ("rgb(0,114,178)", "rgb(86,180,233)", "rgb(0,158,115)", "rgb(230,159,0)", "rgb(213,94,0)")
+LINK_COLORS = (
+    "rgb(0,114,178)",
+    "rgb(86,180,233)",
+    "rgb(204,121,167)",
+    "rgb(0,158,115)",
+    "rgb(230,159,0)",
+    "rgb(213,94,0)",
+)
 """Okabe and Ito's palette, told apart by people with any color vision, in the order of the links."""
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
 SHOWN_GRAY, EMPTY_GRAY = 215, 250
@@ -43,7 +50,8 @@ SHOWN_GRAY, EMPTY_GRAY = 215, 250
 CHAIN_WORDS = (
     "the truth",
     "with the near offset",
-    "with pivot and fit",
+    "with the pivot",
+    "with the fit",
     "with slabs",
     "rasterized, with linear depth",
     "as it is drawn",
@@ -52,7 +60,8 @@ CHAIN_WORDS = (
 
 LINK_WORDS = (
     "both cameras step back from the plate by near",
-    "where the shear is centered, and which plane is drawn exactly",
+    "where the shear is centered",
+    "which plane is drawn exactly",
     "both frusta are cut, and all but the first slab have cameras of their own",
     "vertices and edges are rounded to 32-bit floats and to subpixels",
     "depth is rounded to what the depth buffer stores",
