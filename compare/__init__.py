@@ -9,6 +9,7 @@ planning/        Which settings to draw with: the fewest slabs, then the largest
 prediction/      Closed forms of every error, from the truth's geometry alone
 renderer_model/  A model of somebody else's renderer: conventions, geometry, what it draws
 rounding/        How exactly a rasterizer can know edges, depths and positions
+scouting/        Which apertures of a plate decide the error: a look through many, before any is measured
 selfcheck/       The truth against brute force in integers
 """
 

@@ -21,7 +21,7 @@ from xfrustum.compare.planning.plan import Plan, predicted_plan
 from xfrustum.compare.planning.reason import disproved
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement, View, Views
-from xfrustum.compare.scouting.sample import CONFIDENCE, sample_hogels, share_at_most
+from xfrustum.compare.scouting.sample import CONFIDENCE, RandomSample, sample_hogels, share_at_most
 from xfrustum.compare.scouting.scout import Scout
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -68,7 +68,7 @@ class PlatePlanner:
     choices: Sequence[DepthBuffer]
     done: Callable[[int], object] = field(default=lambda steps: None)
 
-    def plan(self, sampled: int, seed: int) -> Plan:
+    def plan(self, wanted: RandomSample) -> Plan:
         """Return the plan, measured at its worst apertures and at a random sample of hogels."""
         views = self._traced(self._first_apertures())
         number = 0
@@ -77,17 +77,15 @@ class PlatePlanner:
             if made.settings is None:
                 return made
             chosen = [view.aperture for view in views.views]
-            sample = self._drawn(self._sample(sampled, seed + number, chosen), made.settings)
+            hogels = sample_hogels(self.reference.scene.plate, wanted, chosen)
+            sample = self._drawn(hogels, made.settings)
             failing = [one.aperture for one in sample if one.excess(self.requirement) > 1]
             joining = [one for one in failing if one.index not in self._hopeless]
             number += 1
             if not joining or number == MAX_SAMPLES:
                 break
-            views = _joined(views, self._traced(joining))
+            views, wanted = _joined(views, self._traced(joining)), wanted.next()
         return self._measured(made, views, sample)
-
-    def _sample(self, count: int, seed: int, chosen: Sequence[Aperture]) -> list[Aperture]:
-        return sample_hogels(self.reference.scene.plate, count, seed, chosen)
 
     @cached_property
     def _hopeless(self) -> frozenset[tuple[int, int]]:

@@ -3,18 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import beta
 
+from xfrustum.scenes.arguments import settle, whole
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
-
-SAMPLED_HOGELS = 59
-"""Hogels of the random sample unless another number is asked for: if none of them is beyond what is required,
-no more than one hogel in twenty is, with a confidence of 95 % (0.95^59 < 0.05)."""
+from xfrustum.scenes.tolerances import SAMPLED_HOGELS
 
 CONFIDENCE = 0.95
 """Probability that the bound on the share of hogels holds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomSample:
+    """Which hogels are drawn at random.
+
+    Attributes
+    ----------
+    hogels
+        How many are drawn.
+    seed
+        Start of the random numbers.
+
+    Raises
+    ------
+    InputError
+        There are none, or the seed is negative.
+    """
+
+    hogels: int = SAMPLED_HOGELS
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        hogels, seed = whole(self.hogels), whole(self.seed)
+        if hogels < 1:
+            raise InputError(f"a sample must have at least one hogel, not {self.hogels!r}")
+        if seed < 0:
+            raise InputError(f"a seed must be a count from 0, not {self.seed!r}")
+        settle(self, hogels=hogels, seed=seed)
+
+    def next(self) -> RandomSample:
+        """Return another sample, as large and independent of this one."""
+        return replace(self, seed=self.seed + 1)
 
 
 def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> float:
@@ -32,17 +65,15 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
     return float(beta.ppf(confidence, beyond + 1, sampled - beyond))
 
 
-def sample_hogels(plate: Plate, count: int, seed: int, without: Sequence[Aperture]) -> list[Aperture]:
+def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture]) -> list[Aperture]:
     """Draw hogels at random, one from each of as many equal parts of the plate.
 
     The parts are runs of a path that goes to and fro over the rows. All hogels where there are no more.
 
     Parameters
     ----------
-    count
-        Number of hogels.
-    seed
-        Start of the random numbers.
+    sample
+        How many, and where the random numbers start.
     without
         Apertures that are not to be drawn.
     """
@@ -54,6 +85,6 @@ def sample_hogels(plate: Plate, count: int, seed: int, without: Sequence[Apertur
         for column in range(columns)
     ]
     path = [index for index in path if index not in taken]
-    random = np.random.default_rng(seed)
-    parts = np.array_split(np.arange(len(path)), min(count, len(path))) if path else []
+    random = np.random.default_rng(sample.seed)
+    parts = np.array_split(np.arange(len(path)), min(sample.hogels, len(path))) if path else []
     return [plate.aperture(*path[int(random.choice(part))]) for part in parts]

@@ -8,10 +8,15 @@ from collections.abc import Sequence
 from scipy.stats import qmc
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.planning.plan import Plan, plan, steps
+from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps
+from xfrustum.compare.planning.plate import PlatePlanner
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.scouting.sample import RandomSample
+from xfrustum.compare.scouting.scout import scout
+from xfrustum.reference import Reference
+from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.scenes.arguments import one_of
@@ -29,6 +34,7 @@ def make_plan(
     requirement: Requirement | None = None,
     choices: Sequence[DepthBuffer] | None = None,
     *,
+    sample: RandomSample | None = None,
     progress: bool = False,
 ) -> Plan:
     """Plan how to draw some apertures of a scene, and measure the plan.
@@ -36,11 +42,13 @@ def make_plan(
     Parameters
     ----------
     apertures
-        None for the middle one.
+        The ones that the plan is to hold for; None for the whole plate (`planning.plate`).
     requirement
         None for the usual.
     choices
         Depth buffers to choose from, None for all.
+    sample
+        Hogels of the random sample, for the whole plate.
     progress
         Show a progress bar on standard error.
 
@@ -52,10 +60,34 @@ def make_plan(
     one_of(scene, Scene, "scene")
     requirement = Requirement() if requirement is None else requirement
     one_of(requirement, Requirement, "requirement")
-    chosen = list(apertures or [scene.plate.middle])
+    if apertures is None:
+        return _plate_plan(scene, requirement, choices, sample or RandomSample(), progress=progress)
+    chosen = list(apertures)
     require_seen(scene, chosen)
     with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
         return plan(scene, chosen, requirement, choices, bar.update)
+
+
+def _plate_plan(
+    scene: Scene,
+    requirement: Requirement,
+    choices: Sequence[DepthBuffer] | None,
+    sample: RandomSample,
+    *,
+    progress: bool,
+) -> Plan:
+    with progress_bar(None, "scout", "hogel", shown=progress) as bar:
+        scouted = scout(scene, bar.update)
+    require_seen(scene, scouted.apertures)
+    with progress_bar(None, "plan", "hogel", shown=progress) as bar:
+        planner = PlatePlanner(
+            reference=Reference(scene),
+            scouted=scouted,
+            requirement=requirement,
+            choices=choices or depth_buffers(),
+            done=bar.update,
+        )
+        return planner.plan(sample)
 
 
 def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
@@ -96,11 +128,35 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     for title, unit, limit, key in rows:
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
         lines.append(f"{title:<{width}}  {limit:>9.3g}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
-    verdict = "holds" if made.within else "DOES NOT HOLD"
-    count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
-    return "\n".join(
-        [*lines, f"The plan {verdict}, measured at {count}.", "", command(made, scene, apertures)]
-    )
+    return "\n".join([*lines, _answer(made, scene, apertures), "", command(made, scene, apertures)])
+
+
+def _answer(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
+    """Say whether a plan holds, and where that is known."""
+    answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, measured at "
+    known = made.plate
+    if known is None:
+        count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
+        return f"{answer}{count}."
+    worst, share = known.worst, known.share_beyond_at_most
+    sentences = [
+        f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst: "
+        f"{worst.aperture.column},{worst.aperture.row}, displaced by {worst.displacement_p99_px:.3g} px, "
+        f"{percent(worst.surface_fraction)} wrong surface."
+    ]
+    if known.confidence == 1:
+        sentences.append(f"{percent(share)} of all hogels are beyond what is required.")
+    else:
+        sentences.append(
+            f"{known.beyond} of {known.sampled} drawn at random are beyond what is required: at most "
+            f"{percent(share)} of all ({known.confidence:.0%})."
+        )
+    if known.hopeless:
+        sentences.append(
+            f"At {known.hopeless} of the {known.scouted} that were looked through no near would do: "
+            "a surface passes through these apertures."
+        )
+    return textwrap.fill(" ".join(sentences), LINE)
 
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:

@@ -9,13 +9,13 @@ from tqdm import tqdm
 from xfrustum.terminal import messages
 
 
-def progress_bar(total: int, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
+def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
     """Return a bar on standard error, to be updated; a log gets few lines of it.
 
     Parameters
     ----------
     total
-        Number of units.
+        Number of units; None where it is not known.
     what, unit
         In words.
     shown

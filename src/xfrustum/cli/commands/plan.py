@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS, TOLERANCE_PX
 
 if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -20,7 +20,17 @@ if TYPE_CHECKING:
 @click.option(
     "--apertures",
     type=click.IntRange(1),
-    help="Number of apertures instead: the middle, the corners, then between.",
+    help="Number of apertures instead of the plate: the middle, the corners, then between.",
+)
+@click.option(
+    "--sample",
+    type=click.IntRange(1),
+    default=SAMPLED_HOGELS,
+    show_default=True,
+    help="Hogels drawn at random to measure the plan at, for the whole plate.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Start of the random numbers."
 )
 @click.option(
     "--tolerance-px",
@@ -50,6 +60,8 @@ def plan(
     scene: str,
     aperture: tuple[int, int] | None,
     apertures: int | None,
+    sample: int,
+    seed: int,
     tolerance_px: float,
     separation: float | None,
     max_wrong: float,
@@ -58,9 +70,14 @@ def plan(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Find the fewest slabs, then the largest near, that keep what is required; measure the plan."""
+    """Find the fewest slabs and the most robust near that keep what is required, all over the plate.
+
+    The plan is made from the worst apertures of the plate, and measured at these and at a random sample.
+    With --aperture or --apertures it is made for these alone.
+    """
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
+    from xfrustum.compare.scouting.sample import RandomSample
     from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
 
     if aperture is not None and apertures is not None:
@@ -69,14 +86,21 @@ def plan(
         )
     requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
     opened = options.open_scene(scene)
-    chosen = (
-        [options.chosen_aperture(opened, aperture)]
-        if apertures is None
-        else spread_apertures(opened.plate, apertures)
+    chosen = None
+    if aperture is not None:
+        chosen = [options.chosen_aperture(opened, aperture)]
+    elif apertures is not None:
+        chosen = spread_apertures(opened.plate, apertures)
+    options.look_at(opened, chosen or [opened.plate.middle])
+    made = make_plan(
+        opened,
+        chosen,
+        requirement,
+        depth_buffers(depth, mapping),
+        sample=RandomSample(hogels=sample, seed=seed),
+        progress=not quiet,
     )
-    options.look_at(opened, chosen)
-    made = make_plan(opened, chosen, requirement, depth_buffers(depth, mapping), progress=not quiet)
     if as_json:
         options.print_json(made.summary())
     else:
-        click.echo(table(made, opened, chosen, requirement))
+        click.echo(table(made, opened, chosen or [opened.plate.middle], requirement))
