@@ -30,7 +30,7 @@ _OPTIONS = {
         "--effects",
         default="auto",
         metavar="all|auto|NAME,..",
-        help="What is simulated; `explain` lists the names.  [default: auto, what the scene calls for]",
+        help="Effects that are simulated; `explain` lists them.  [default: auto, what the scene calls for]",
     ),
     "supersample": click.option(
         "--supersample", type=_COUNT, help="Points along each side of a pixel.  [default: the scene's]"
@@ -45,10 +45,12 @@ _OPTIONS = {
         help="Points of the aperture's area (band limiting).  [default: the scene's]",
     ),
     "shadows": click.option(
-        "--shadows/--no-shadows", default=None, help="Light transport, by Mitsuba.  [default: the scene's]"
+        "--shadows/--no-shadows", default=None, help="Shadows, traced by Mitsuba.  [default: the scene's]"
     ),
     "interreflection": click.option(
-        "--interreflection/--no-interreflection", default=None, help="Light from other surfaces, by Mitsuba."
+        "--interreflection/--no-interreflection",
+        default=None,
+        help="Light from other surfaces, by Mitsuba.  [default: the scene's]",
     ),
     "samples": click.option(
         "--samples", type=click.IntRange(2), help="Light paths per pixel.  [default: the scene's]"

@@ -47,12 +47,12 @@ BAD_INPUT = 2
 @click.option(
     "--max-hogels",
     type=click.IntRange(min=1),
-    help="Hogels that a scene file's plate may have.  [default: 20000000]",
+    help="Largest number of hogels of a scene file's plate.  [default: 20000000]",
 )
 @click.option(
     "--traceback",
     is_flag=True,
-    help="Show the traceback of an unexpected error, and what libraries say; given first.",
+    help="Show the traceback of an unexpected error, and what libraries print; stands before COMMAND.",
 )
 @click.pass_context
 def cli(
@@ -85,9 +85,14 @@ def cli(
 @click.option(
     "--apertures",
     type=options.Indices(),
-    help="Column,row of each.  [default: the middle, recentered also two corners]",
+    help="Column,row of each.  [default: the middle; if recentered, also two corners]",
 )
-@click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: five]")
+@click.option(
+    "--depth",
+    "depths",
+    type=options.Depths(),
+    help="Depth buffers, such as d24,d32f:reversed.  [default: five]",
+)
 @options.tracer_option
 @cli_light.light_options(*cli_light.ALL)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
@@ -219,7 +224,7 @@ def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
 
 
 @cli.command()
-@click.option("--hard", is_flag=True, help="The hard cases instead.")
+@click.option("--hard", is_flag=True, help="List the hard cases instead.")
 @options.json_option
 def scenes(hard: bool, as_json: bool) -> None:
     """List the built-in scenes, each with what it is for."""

@@ -174,7 +174,9 @@ _SETTINGS = (
     click.option("--depth", type=Name("DepthFormat"), help="Depth buffer format.  [default: d24]"),
     click.option("--mapping", type=Name("DepthMapping"), help="Depth mapping.  [default: standard]"),
     click.option("--pivot", type=Name("Pivot"), help="Center of the shear.  [default: aperture]"),
-    click.option("--fit", type=FitHeight(), help="Height drawn exactly.  [default: first slab, else angle]"),
+    click.option(
+        "--fit", type=FitHeight(), help="Height |z| drawn exactly.  [default: the first cut, or angle]"
+    ),
     click.option("--offset", type=Name("Offset"), help="Whether cameras step back.  [default: plate]"),
     click.option("--slabs", type=Numbers(), help="Heights |z| at which both frusta are cut."),
     click.option("--camera", type=Name("Camera"), help="Which cameras draw.  [default: both]"),

@@ -1,4 +1,4 @@
-"""Commands that examine: where an error comes from, whether the truth is true, and what it costs."""
+"""Commands that examine: causes of an error, whether the truth is right, and how fast everything is."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def budget(
 
 @click.command()
 @click.argument("scenes", metavar="[SCENE]...", nargs=-1)
-@click.option("--quick", is_flag=True, help="A part of it, in less than a minute.")
+@click.option("--quick", is_flag=True, help="Fewer scenes and pixels, in less than a minute.")
 @options.quiet_option
 @options.json_option
 def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) -> int:
@@ -80,12 +80,14 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
 
 @click.group(no_args_is_help=False)
 def bench() -> None:
-    """Measure speed, here and now."""
+    """Measure speed on this machine."""
 
 
 @bench.command("truth")
 @click.argument("scene", default="car")
-@click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 512,1024,2048]")
+@click.option(
+    "--resolution", type=options.Sizes(), help="Widths, and heights, in pixels.  [default: 512,1024,2048]"
+)
 @click.option(
     "--repeat", type=click.IntRange(1), default=9, show_default=True, help="Timed, after a warm-up."
 )
@@ -94,7 +96,7 @@ def bench() -> None:
 def bench_truth(
     *, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool
 ) -> None:
-    """Race the certified truth against bare tracers, in million pixels per second."""
+    """Measure the certified truth beside bare tracers, in million pixels per second."""
     from xfrustum.reports.benchmarks import truth as benchmarks
 
     sizes = resolution or benchmarks.RESOLUTIONS
@@ -114,7 +116,7 @@ def bench_truth(
 @options.quiet_option
 @options.json_option
 def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
-    """Race one row of a plate, drawn many hogels at once, against plain loops."""
+    """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
     from xfrustum.reports.benchmarks import plate as benchmarks
 
     measured = benchmarks.bench_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
@@ -143,7 +145,7 @@ def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) ->
 
 
 @bench.command("scaling")
-@click.option("--quick", is_flag=True, help="Small sizes once, to see that everything runs.")
+@click.option("--quick", is_flag=True, help="Small sizes, measured once, to see that everything runs.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for a page of curves.")
 @options.quiet_option
 @options.json_option

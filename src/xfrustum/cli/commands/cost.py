@@ -19,14 +19,14 @@ from xfrustum.scenes.tolerances import TOLERANCE_PX
     type=Positive(),
     default=TOLERANCE_PX,
     show_default=True,
-    help="Displacement that 99 % may have.",
+    help="Largest displacement of 99 % of the picture.",
 )
 @click.option(
     "--repeat",
     type=click.IntRange(1),
     default=5,
     show_default=True,
-    help="Pictures that are timed, after a warm-up.",
+    help="Timed pictures of each configuration, after a warm-up.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and cost.json.")
 @options.quiet_option

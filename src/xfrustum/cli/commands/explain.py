@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     type=click.IntRange(0),
     default=6,
     show_default=True,
-    help="Measured pairs of images; 0: none.",
+    help="Measured pairs of images; 0 measures no cost.",
 )
 @options.quiet_option
 @options.json_option

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 @click.option(
     "--apertures",
     type=click.IntRange(1),
-    help="Number of apertures instead: the middle, the corners, then between.",
+    help="Number of apertures, in place of --aperture: the middle, the corners, then between.",
 )
 @click.option(
     "--tolerance-px",
     type=Positive(),
     default=TOLERANCE_PX,
     show_default=True,
-    help="Displacement that 99 % may have.",
+    help="Largest displacement of 99 % of the picture.",
 )
 @click.option(
     "--separation",
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     type=Positive(below=1),
     default=MAX_DEPTH_WRONG,
     show_default=True,
-    help="Limits the share of pixels wrong by depth.",
+    help="Largest share of pixels that are wrong by depth.",
 )
 @click.option("--depth", type=options.Name("DepthFormat"), help="Depth buffer format.  [default: any]")
 @click.option("--mapping", type=options.Name("DepthMapping"), help="Depth mapping.  [default: any]")

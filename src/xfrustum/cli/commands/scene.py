@@ -14,13 +14,23 @@ from xfrustum.cli.numbers import Positive
 
 @click.command()
 @click.argument("mesh", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Scene file.  [default: NAME.toml, here]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Scene file.  [default: NAME.toml in this folder]"
+)
 @click.option("--units", help="Name of the length unit.  [default: m for glTF, else units]")
-@click.option("--size", type=Positive(), help="Scale its longest side to this.  [default: as it is]")
-@click.option("--through", "place", flag_value="through", default=True, help="Across the plate.  [default]")
-@click.option("--behind", "place", flag_value="behind", help="All of it behind the plate.")
-@click.option("--before", "place", flag_value="before", help="All of it on the viewer's side.")
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
+@click.option(
+    "--size", type=Positive(), help="Length to which the mesh's longest side is scaled.  [default: unscaled]"
+)
+@click.option(
+    "--through",
+    "place",
+    flag_value="through",
+    default=True,
+    help="Place the mesh across the plate.  [default]",
+)
+@click.option("--behind", "place", flag_value="behind", help="Place all of the mesh behind the plate.")
+@click.option("--before", "place", flag_value="before", help="Place all of the mesh on the viewer's side.")
+@click.option("--force", is_flag=True, help="Replace a scene file that exists.")
 @options.json_option
 def new(
     *,
