@@ -2,12 +2,12 @@
 
 commands/    the commands, a module for each use
 failure      An unexpected error: one line, exit status 70, and a traceback that can be sent in
-files        What file systems refuse, whatever command asked for it: impossible names, and places
-             without room
-light        How the command line asks for light: which effects, how many samples, which light transport
-main         The command line: arguments in, exit status out, and nothing else
-numbers      Numbers on the command line, whose errors name the option that they were given to
-options      How the command line spells apertures, near planes and the settings of the double frustum
-streams      Standard output and standard error: what is written there, also where nobody can read it
+files        Errors of the file system in words: impossible names, and places without room
+light        Options about light, which several commands share: effects, samples, light transport
+main         `report`, `trace`, `raster`, `compare` and `scenes`, and the exit status of every command
+numbers      Types of numbers on the command line; their errors name the option
+options      Options that several commands share: apertures, near planes, settings of the double
+             frustum
+streams      Standard output and standard error, also where they are closed or full
 termination  Ctrl-C and SIGTERM end a command cleanly, whatever it is doing when they come
 """

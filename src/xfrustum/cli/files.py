@@ -1,4 +1,4 @@
-"""What file systems refuse, whatever command asked for it: impossible names, and places without room."""
+"""Errors of the file system in words: impossible names, and places without room."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""How the command line asks for light: which effects, how many samples, which light transport.
+"""Options about light, which several commands share: effects, samples, light transport.
 
-And `figure7`, which is about nothing else.
+The command `figure7` is here too.
 """
 
 from __future__ import annotations

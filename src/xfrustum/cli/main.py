@@ -1,4 +1,4 @@
-"""The command line: arguments in, exit status out, and nothing else.
+"""`report`, `trace`, `raster`, `compare` and `scenes`, and the exit status of every command.
 
 Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
 a signal; all but the first two say why in one line on standard error.

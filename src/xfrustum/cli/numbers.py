@@ -1,4 +1,4 @@
-"""Numbers on the command line, whose errors name the option that they were given to."""
+"""Types of numbers on the command line; their errors name the option."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the command line spells apertures, near planes and the settings of the double frustum.
+"""Options that several commands share: apertures, near planes, settings of the double frustum.
 
 Nothing heavy is imported before a command runs, so that `--help` answers at once.
 """

@@ -1,4 +1,4 @@
-"""Standard output and standard error: what is written there, also where nobody can read it.
+"""Standard output and standard error, also where they are closed or full.
 
 What a command prints is escaped here, in one place. For the process as a whole, streams that are closed, full
 or broken are met here too, and what libraries say on standard error is kept apart from our one line.

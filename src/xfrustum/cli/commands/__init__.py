@@ -1,11 +1,11 @@
 """The commands, a module for each use.
 
-checks   Commands that examine: causes of an error, whether the truth is right, and how fast everything is
-cost     The command about time: what accuracy costs
+checks   `budget`, `selfcheck` and `bench`: causes of an error, a check of the truth, and speeds
+cost     `cost`: error against time of many settings
 explain  `explain`: what a scene calls for, before anything is simulated
-plan     The command that plans: which settings keep what is required
-plate    The command that draws whole plates
-scene    Commands about scene files themselves: one that fits a mesh, and whether a scene makes sense
-study    Commands that study: answers over many scenes and settings, not about one
-verify   The command that judges foreign renderers
+plan     `plan`: settings that meet requirements
+plate    `plate`: whole plates, drawn into a store
+scene    `new` and `check`: a scene file that fits a mesh, and whether a scene makes sense
+study    `study`: measurements over many scenes and settings
+verify   `verify`: foreign renderers are diagnosed and judged
 """

@@ -1,4 +1,4 @@
-"""Commands that examine: causes of an error, whether the truth is right, and how fast everything is."""
+"""`budget`, `selfcheck` and `bench`: causes of an error, a check of the truth, and speeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command about time: what accuracy costs."""
+"""`cost`: error against time of many settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command that plans: which settings keep what is required."""
+"""`plan`: settings that meet requirements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command that draws whole plates."""
+"""`plate`: whole plates, drawn into a store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands about scene files themselves: one that fits a mesh, and whether a scene makes sense."""
+"""`new` and `check`: a scene file that fits a mesh, and whether a scene makes sense."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that study: answers over many scenes and settings, not about one."""
+"""`study`: measurements over many scenes and settings."""
 
 from __future__ import annotations
 

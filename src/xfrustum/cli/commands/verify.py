@@ -1,4 +1,4 @@
-"""The command that judges foreign renderers."""
+"""`verify`: foreign renderers are diagnosed and judged."""
 
 from __future__ import annotations
 
