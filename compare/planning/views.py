@@ -23,7 +23,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 SEPARATION_PER_REACH = 1e-3
 """Of the larger reach: the separation that is asked for where none is given."""

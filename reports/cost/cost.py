@@ -23,7 +23,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 REPEAT = 5
 

@@ -21,7 +21,7 @@ from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
-from xfrustum.scenes.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 _CERTAINTY_WORDS = {
     Certainty.PROVEN: "proven in floating point",

@@ -20,7 +20,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 

@@ -26,7 +26,7 @@ from xfrustum.reports.splitting_study.verdict import (
     verdict,
 )
 from xfrustum.scenes.library.depth_family import CAR_RATIO, CARS, FARTHEST, REACH
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[StudyRow]
 

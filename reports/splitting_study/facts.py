@@ -21,7 +21,7 @@ from xfrustum.reports.splitting_study.verdict import (
     unbroken,
     verdict,
 )
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[StudyRow]
 

@@ -11,7 +11,7 @@ from xfrustum.compare.prediction.depth import MISORDERED
 from xfrustum.reports.splitting_study.grid import DepthBuffer
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
 from xfrustum.scenes.plate.double_frustum import Camera
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 
 class Verdict(StrEnum):

@@ -13,7 +13,7 @@ from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Spread
 from xfrustum.reports.common.turns import open_races
 from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, best_setting, pixels
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
-from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 STRICTER = 0.2
 """Of the tolerance: what is asked besides, a tenth of a pixel where half a pixel is asked for."""

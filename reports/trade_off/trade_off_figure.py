@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from xfrustum.reports.common.figure_style import INK, error_bars, look, style
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.trade_off.trade_off import Option, pareto
-from xfrustum.scenes.tolerances import MAX_WRONG
+from xfrustum.tolerances import MAX_WRONG
 
 LEAST_PX = 1e-4
 """Smaller displacements are drawn here: 32-bit positions cannot tell them, and a logarithm has no zero."""

@@ -15,7 +15,7 @@ from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DISPLACEMENT, COLORS, INVALID = "displacement", "wrong colors", "claims of what does not exist"
 """Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`

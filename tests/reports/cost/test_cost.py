@@ -30,7 +30,7 @@ from xfrustum.reports.trade_off.trade_off import Option, answers, cheapest, pare
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.tolerances import MAX_WRONG
+from xfrustum.tolerances import MAX_WRONG
 
 
 def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.0) -> Option:

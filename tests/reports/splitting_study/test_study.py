@@ -44,7 +44,7 @@ from xfrustum.reports.splitting_study.verdict import (
 )
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 TINY = Grid(
     nears=(1e-2, 1e-3, 1e-4, 1e-6),

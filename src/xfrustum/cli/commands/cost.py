@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
-from xfrustum.scenes.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 
 @click.command()

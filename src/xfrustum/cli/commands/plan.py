@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping

@@ -10,7 +10,7 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.numbers import Positive
-from xfrustum.scenes.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 
 class Share(click.ParamType[float]):
