@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.reports.error_report.page import render_page
@@ -23,8 +22,8 @@ from xfrustum.reports.error_report.sweep import (
     settings_grid,
     sweep,
 )
-from xfrustum.reports.error_report.tables import recommended_command, report_object, write_parquet
-from xfrustum.reports.measurements.best import Verdict, best_setting, sentence
+from xfrustum.reports.error_report.tables import recommended_command, report_record, write_parquet
+from xfrustum.reports.measurements.best import Recommendation, best_setting, sentence
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -43,21 +42,21 @@ class ReportFiles:
     best
         The best setting, and its numbers at the worst aperture.
     sentence
-        The same in words.
+        The recommendation in words.
     content
         The object in report.json.
     notes
-        Further sentences: of a shaded scene, the time that effects take, and what is left out.
+        Further sentences about a shaded scene: the time that effects take, and what is left out.
     cost
-        What the sweep took, in words.
+        Time that the sweep took, in words.
     command
-        The command that draws as is recommended.
+        Command that draws with the best setting.
     """
 
     html: Path
     json: Path
     parquet: Path
-    best: Verdict
+    best: Recommendation
     sentence: str
     content: dict[str, Any]
     notes: tuple[str, ...]
@@ -66,7 +65,7 @@ class ReportFiles:
 
 
 FILES = ("index.html", "report.json", "measurements.parquet")
-"""What a report writes."""
+"""Names of the files that a report writes."""
 
 
 def default_folder(scene: Scene) -> Path:
@@ -152,9 +151,8 @@ def _settings(
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
     """Write the three files; return the object in report.json."""
-    content = {**report_object(measured), "shading": json_ready(shading and shading.summary())}
+    content = json_object(report_record(measured, shading))
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
-    text = json.dumps(content, allow_nan=False, indent=1)
-    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "report.json", content)
     write_parquet(measured, folder / "measurements.parquet")
     return content

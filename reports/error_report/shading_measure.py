@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -120,7 +120,7 @@ def _missed(scene: Scene, aperture: Aperture, bar: Any) -> MissedLight:
     full = (left_out.without + left_out.difference.mean).astype(np.float32)
     return MissedLight(
         aperture=aperture,
-        numbers=asdict(left_out.numbers),
+        numbers=left_out.numbers,
         picture=images.picture(replace(image, color=full)),
         difference=images.radiance_map(left_out.difference.mean),
     )

@@ -34,9 +34,9 @@ class Window:
     Attributes
     ----------
     low, high
-        The least and the largest of them, scene units.
+        The least and the largest near, scene units.
     nears
-        How many were measured from the one to the other.
+        Number of nears that were measured from `low` to `high`.
     """
 
     low: float
@@ -50,13 +50,13 @@ class Window:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """One setting, with its numbers at the worst of the apertures.
+class Recommendation:
+    """A setting that is recommended, with its numbers at the worst of the apertures.
 
     Attributes
     ----------
     settings
-        The setting.
+        Near, depth buffer and options of the setting.
     surface_fraction
         Share of judged pixels with the wrong surface.
     displacement_p99_px
@@ -84,13 +84,13 @@ class _Candidate:
         self.displacement_p99_px = max(row.displacement_p99_px for row in rows)
 
     def worst(self, kind: str) -> tuple[float, Aperture]:
-        """Return the largest share of pixels that are wrong in one sense, and the aperture that has it."""
+        """Return the largest share of pixels that are wrong in one sense, and its aperture."""
         shares = {place: row.wrong_share(kind) for place, row in self._rows.items()}
         place = max(shares, key=shares.__getitem__)
         return shares[place], place
 
     def is_worse_than(self, other: _Candidate, kind: str, comparisons: int) -> bool:
-        """Return whether it is worse where it is worst: by more than a tie, and beyond chance."""
+        """Return whether it is worse at its worst aperture: by more than a tie, and beyond chance."""
         share, place = self.worst(kind)
         here, there = self._rows[place], other._rows[place]
         if share <= other.worst(kind)[0] + SURFACE_TIE:
@@ -99,10 +99,10 @@ class _Candidate:
         shared = mine.shared_with(others) if mine is not None and others is not None else 0
         return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
 
-    def verdict(self, window: Window) -> Verdict:
-        """Return its numbers."""
+    def recommendation(self, window: Window) -> Recommendation:
+        """Return the setting with its numbers."""
         shaded = all(row.wrong_pixels("radiance") is not None for row in self._rows.values())
-        return Verdict(
+        return Recommendation(
             settings=self.settings,
             surface_fraction=self.worst("surface")[0],
             displacement_p99_px=self.displacement_p99_px,
@@ -146,7 +146,7 @@ def _best(candidates: list[_Candidate]) -> list[_Candidate]:
     return [one for one in candidates if one.displacement_p99_px <= limit]
 
 
-def best_setting(rows: Sequence[Measurement]) -> Verdict:
+def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     """Return what is recommended: the middle of the widest window of equally good near planes.
 
     A window is a run of near planes of one depth buffer, as they were measured, that all are `equally_good`.
@@ -169,7 +169,7 @@ def best_setting(rows: Sequence[Measurement]) -> Verdict:
     chosen = min(
         reversed(run), key=lambda one: round(max(one.settings.near / middle, middle / one.settings.near), 12)
     )
-    return chosen.verdict(window)
+    return chosen.recommendation(window)
 
 
 def _window(run: Sequence[_Candidate]) -> Window:
@@ -192,11 +192,11 @@ def _runs(buffer: Sequence[_Candidate], good: set[DoubleFrustum]) -> list[list[_
 
 def can_be_judged(rows: Sequence[Measurement]) -> bool:
     """Return whether there is a pixel that some setting could show wrongly."""
-    shown = any(row.comparison["covered"] or row.comparison["displacement_px"] for row in rows)
-    return shown and any(row.comparison["judged"] for row in rows)
+    shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
+    return shown and any(row.comparison.judged for row in rows)
 
 
-def best_per_depth(rows: Sequence[Measurement]) -> list[Verdict]:
+def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
     """Return the best setting of each depth format and mapping, in the order of the rows.
 
     Each is best among the settings of its own depth buffer.
@@ -217,37 +217,37 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
     units, reach
         The scene's length unit, and its larger reach in it.
     """
-    if not any(row.comparison["judged"] for row in rows):
+    if not any(row.comparison.judged for row in rows):
         return "Nothing can be judged: every pixel of the truth is a tie."
     if not can_be_judged(rows):
         return "There is nothing to judge: neither the truth nor any raster image shows a surface."
-    verdict = best_setting(rows)
+    best = best_setting(rows)
     settings = len({row.settings for row in rows})
     apertures = len({row.aperture for row in rows})
     where = f" at the worst of {apertures} apertures" if apertures > 1 else ""
     chosen = "The one setting measured" if settings == 1 else f"Best of {settings} settings"
-    wrong = f"{percent(verdict.surface_fraction)} of the judged pixels show the wrong surface{where}"
+    wrong = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
     return (
-        f"{chosen}: near {near_range(verdict.window)} {units} "
-        f"({near_range(verdict.window, reach)} of the reach) with {verdict.settings.depth_label} depth"
-        f"{_equally(verdict, units)}{wrong}, {_colors(verdict)}"
-        f"and 99 % of the picture lies within {pixels(verdict.displacement_p99_px)} of where it belongs."
+        f"{chosen}: near {near_range(best.window)} {units} "
+        f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth"
+        f"{_equally(best, units)}{wrong}, {_colors(best)}"
+        f"and 99 % of the picture lies within {pixels(best.displacement_p99_px)} of where it belongs."
     )
 
 
-def _equally(verdict: Verdict, units: str) -> str:
-    if verdict.window.nears == 1:
+def _equally(best: Recommendation, units: str) -> str:
+    if best.window.nears == 1:
         return ". "
     return (
-        f"; the {verdict.window.nears} nears measured there are equally good. "
-        f"At {digits(verdict.settings.near)} {units}, "
+        f"; the {best.window.nears} nears measured there are equally good. "
+        f"At {digits(best.settings.near)} {units}, "
     )
 
 
-def _colors(verdict: Verdict) -> str:
-    if verdict.radiance_fraction is None:
+def _colors(best: Recommendation) -> str:
+    if best.radiance_fraction is None:
         return ""
-    return f"{percent(verdict.radiance_fraction)} are off in color by more than a level of 255, "
+    return f"{percent(best.radiance_fraction)} are off in color by more than a level of 255, "
 
 
 def near_range(window: Window, unit: float = 1.0) -> str:

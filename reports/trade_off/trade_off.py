@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Spread
@@ -15,11 +13,34 @@ from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, best_setting
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
 from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
 
-STRICTER = 0.2
-"""Of the tolerance: what is asked besides, a tenth of a pixel where half a pixel is asked for."""
+STRICTER_FRACTION = 0.2
+"""Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
+
+CERTIFIED_LABEL = "the certified truth"
+"""Words for the truth as an option."""
 
 MAX_NAMED_OPTIONS = 3
-"""Most options that a sentence names one by one; more are counted."""
+"""Largest number of options that a sentence names one by one; more are counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """Names and values by which JSON tells an option from others; each kind of option adds its own fields."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweptConfiguration(Configuration):
+    """A near plane with a depth buffer, in words."""
+
+    near: float
+    depth: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertifiedConfiguration(Configuration):
+    """The certified truth."""
+
+    certified: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,29 +53,27 @@ class Option:
         `raster`, `embree`, `mitsuba` or `certified`.
     label
         The configuration in words.
+    family
+        Group of options that it belongs to: a depth buffer, or whatever else was varied.
     configuration
-        The same as names and values.
+        The configuration as names and values.
     displacement_p99_px, surface_fraction
         Its error.
     time_s
         Seconds of a whole picture with read-back, over repetitions.
     gpu_s, read_s
-        Of that, what the device drew, and what read-back took; None for who does not draw.
+        Seconds of these in which the device drew, and read back; None for a tracer, which does neither.
     """
 
     renderer: str
     label: str
-    configuration: dict[str, Any]
+    family: str
+    configuration: Configuration
     displacement_p99_px: float
     surface_fraction: float
     time_s: Spread
     gpu_s: Spread | None = None
     read_s: Spread | None = None
-
-    @property
-    def family(self) -> str:
-        """What it belongs to: a depth buffer, or whatever else was varied."""
-        return str(self.configuration.get("family", self.configuration.get("depth", self.label)))
 
     def within(self, tolerance_px: float) -> bool:
         """Whether its error is below a tolerance."""
@@ -84,8 +103,8 @@ class Ranking:
     Attributes
     ----------
     fastest
-        Those whose timing intervals overlap with that of the least median, which comes first; all within
-        the tolerance where nothing was repeated often enough to rank it.
+        Options whose timing intervals overlap with that of the least median, which comes first; all options
+        within the tolerance where nothing was repeated often enough to rank it.
     ranked
         Whether there were enough repetitions.
     """
@@ -113,13 +132,17 @@ class Ranking:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class FastestWithin:
     """The fastest options within a tolerance; None where nothing keeps it.
 
     Attributes
     ----------
-    tolerance_px, ranking, sentence
-        What was asked, which options they are, and the same in words.
+    tolerance_px
+        Tolerance that is asked for.
+    ranking
+        The fastest options.
+    sentence
+        The options and their times in words.
     """
 
     tolerance_px: float
@@ -164,7 +187,7 @@ def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:
     See `turns.open_races`; options that do not keep the tolerance take no part.
     """
     racing = [False] * len(options)
-    for tolerance in (tolerance_px, STRICTER * tolerance_px):
+    for tolerance in (tolerance_px, STRICTER_FRACTION * tolerance_px):
         ranking = rank(options, tolerance)
         if ranking is None:
             continue
@@ -179,22 +202,22 @@ def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:
 
 def answers(
     options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
-) -> tuple[Answer, ...]:
+) -> tuple[FastestWithin, ...]:
     """Return what a tolerance costs, and what a fifth of it would cost, in words.
 
     Parameters
     ----------
     recommended
-        An option that was recommended before; without one, the least error among ties is named.
+        Option that was recommended before; without one, the least error among ties is named.
     """
-    tolerances = (tolerance_px, STRICTER * tolerance_px)
+    tolerances = (tolerance_px, STRICTER_FRACTION * tolerance_px)
     loose, strict = (rank(options, tolerance) for tolerance in tolerances)
     sentences = (
         _none(tolerance_px) if loose is None else _fastest(tolerance_px, loose, recommended),
         _none(tolerances[1]) if strict is None else _stricter(tolerances[1], loose, strict, recommended),
     )
     return tuple(
-        Answer(tolerance_px=tolerance, ranking=ranking, sentence=sentence)
+        FastestWithin(tolerance_px=tolerance, ranking=ranking, sentence=sentence)
         for tolerance, ranking, sentence in zip(tolerances, (loose, strict), sentences, strict=True)
     )
 
@@ -307,14 +330,15 @@ def options_of(sweep: Sweep) -> list[Option]:
         Option(
             renderer="raster",
             label=label,
-            configuration={"near": rows[0].settings.near, "depth": rows[0].settings.depth_label},
+            family=rows[0].settings.depth_label,
+            configuration=SweptConfiguration(near=rows[0].settings.near, depth=rows[0].settings.depth_label),
             displacement_p99_px=max(row.displacement_p99_px for row in rows),
             surface_fraction=max(row.surface_fraction for row in rows),
-            time_s=sweep.frames_s.get(rows[0].settings, Spread.of([rows[0].times_s["raster"]])),
-            gpu_s=Spread.of([rows[0].parts_s["raster"]["gpu"]]),
+            time_s=sweep.frames_s.get(rows[0].settings, Spread.of([rows[0].times_s.raster])),
+            gpu_s=Spread.of([rows[0].parts_s.raster.gpu]),
         )
         for label, rows in grouped.items()
-    ] + [certified(Spread.of([first.times_s["trace"]]))]
+    ] + [certified(Spread.of([first.times_s.trace]))]
 
 
 def recommended_of(sweep: Sweep, options: Sequence[Option]) -> Option:
@@ -339,56 +363,10 @@ def certified(time_s: Spread) -> Option:
     """Return the truth, which has no error."""
     return Option(
         renderer="certified",
-        label="the certified truth",
-        configuration={"certified": True},
+        label=CERTIFIED_LABEL,
+        family=CERTIFIED_LABEL,
+        configuration=CertifiedConfiguration(),
         displacement_p99_px=0.0,
         surface_fraction=0.0,
         time_s=time_s,
     )
-
-
-def summary(
-    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
-) -> dict[str, Any]:
-    """Return options and answers as `cost --json` prints them."""
-    return {
-        "rows": [
-            {
-                "renderer": option.renderer,
-                "label": option.label,
-                **option.configuration,
-                "error": {
-                    "displacement_p99_px": option.displacement_p99_px,
-                    "surface_fraction": option.surface_fraction,
-                },
-                "time_s": _seconds(option.time_s),
-                "gpu_s": _seconds(option.gpu_s),
-                "read_back_s": _seconds(option.read_s),
-                "pareto": best,
-            }
-            for option, best in zip(options, pareto(options), strict=True)
-        ],
-        "answers": [
-            {
-                "tolerance_px": answer.tolerance_px,
-                "configuration": answer.option and answer.option.label,
-                "time_s": _seconds(answer.option.time_s) if answer.option else None,
-                "ranked": answer.ranking is not None and answer.ranking.ranked,
-                "fastest": [one.label for one in answer.ranking.fastest] if answer.ranking else [],
-                "sentence": answer.sentence,
-            }
-            for answer in answers(options, tolerance_px, recommended)
-        ],
-    }
-
-
-def _seconds(spread: Spread | None) -> dict[str, Any] | None:
-    if spread is None or not math.isfinite(spread.median):
-        return None
-    return {
-        "median": spread.median,
-        "low": spread.lowest,
-        "high": spread.highest,
-        "interval": list(spread.interval),
-        "repetitions": spread.repetitions,
-    }

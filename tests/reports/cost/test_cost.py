@@ -26,7 +26,15 @@ from xfrustum.reports.common.timing import CONFIDENCE, Spread
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.cost import ways as cost_ways
 from xfrustum.reports.error_report.images import _levels
-from xfrustum.reports.trade_off.trade_off import Option, answers, cheapest, pareto, rank, unsettled
+from xfrustum.reports.trade_off.trade_off import (
+    Configuration,
+    Option,
+    answers,
+    cheapest,
+    pareto,
+    rank,
+    unsettled,
+)
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -37,7 +45,8 @@ def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.
     return Option(
         renderer="raster",
         label=f"{seconds} s",
-        configuration={},
+        family="family",
+        configuration=Configuration(),
         displacement_p99_px=moved,
         surface_fraction=wrong,
         time_s=Spread(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
