@@ -38,7 +38,7 @@ def json_ready(value: Any) -> Any:
     elif isinstance(value, _PlotlyFigure):
         value = json.loads(value.to_json())
     if is_dataclass(value) and not isinstance(value, type):
-        return _object_of(value)
+        return json_object(value)
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -49,20 +49,13 @@ def json_ready(value: Any) -> Any:
 
 
 def json_object(record: Any) -> dict[str, Any]:
-    """Return a dataclass or a mapping as a JSON object; see `json_ready`."""
-    ready: dict[str, Any] = json_ready(record)
-    return ready
+    """Return a dataclass as a JSON object; see `json_ready`."""
+    ready = ((field, json_ready(getattr(record, field.name))) for field in fields(record))
+    parts = [value if field.metadata.get("inlined") else {field.name: value} for field, value in ready]
+    return {key: value for part in parts for key, value in part.items()}
 
 
 def write_json(path: Path, record: Any) -> None:
     """Write a dataclass or a mapping as a JSON file, without NaN or infinity."""
     text = json.dumps(json_ready(record), allow_nan=False, indent=1)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-def _object_of(record: Any) -> dict[str, Any]:
-    ready: dict[str, Any] = {}
-    for field in fields(record):
-        value = json_ready(getattr(record, field.name))
-        ready |= value if field.metadata.get("inlined") else {field.name: value}
-    return ready

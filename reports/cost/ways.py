@@ -70,7 +70,7 @@ class Way:
     Attributes
     ----------
     renderer, label, family, configuration
-        As in `Option`.
+        Renderer and configuration, in words and values; see `trade_off.Option`.
     picture
         Function that makes the picture.
     rasterizer

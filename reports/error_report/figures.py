@@ -72,7 +72,7 @@ def stage_times(sweep: Sweep) -> go.Figure:
 def number_figure(
     rows: Sequence[tuple[int, Measurement]], reach: float, number: Number, title: str
 ) -> go.Figure:
-    """Draw any number of a row against near, one line for each depth buffer; zeros are left out."""
+    """Draw a number of each row against near, one line for each depth buffer; zeros are left out."""
     figure = go.Figure()
     _add_depth_lines(figure, rows, reach, number)
     figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
@@ -139,7 +139,7 @@ def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go
     for place, (label, group) in enumerate(_by_depth(rows).items()):
         figure.add_scatter(
             x=[row.settings.near / reach for _, row in group],
-            # Less than half a pixel is as much as none.
+            # Shares of less than half a pixel are drawn there too, where zeros are.
             y=[max(row.predicted.surface_fraction, _half_pixel(row)) for _, row in group],
             name=f"{label}, closed form",
             mode="lines",
@@ -147,7 +147,7 @@ def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go
             line={"color": look(place)[0], "dash": "dash", "width": 1.5},
             hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g}",
         )
-    # One entry for all of them.
+    # The legend has one entry for all closed forms.
     figure.add_scatter(
         x=[None], y=[None], name="closed form", mode="lines", line={"color": INK, "dash": "dash", "width": 2}
     )

@@ -13,6 +13,7 @@ from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.reports.error_report.page import render_page
+from xfrustum.reports.error_report.report_records import ReportRecord
 from xfrustum.reports.error_report.shading import ShadingReport
 from xfrustum.reports.error_report.shading_measure import measure_shading
 from xfrustum.reports.error_report.sweep import (
@@ -33,7 +34,7 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class ReportFiles:
-    """What a report left behind.
+    """The files of a report, and what it found.
 
     Attributes
     ----------
@@ -90,17 +91,17 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     Parameters
     ----------
     out
-        Folder for the files; `default_folder` where None. Nothing appears there before all are complete.
+        Folder for the files; `default_folder` where None. No file appears in it before all are complete.
     nears
-        Offsets in scene units, each between 0 and the reach; 25 logarithmic ones where None.
+        Near planes in scene units, each between 0 and the reach; 25 logarithmic ones where None.
     apertures
-        The middle one where None and, when the frustum is recentered, two corners.
+        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
     depths
         Depth formats with mappings; `DEFAULT_DEPTHS` where None.
     tracer
-        Which reference traces the truth.
+        Reference that traces the truth.
     effects
-        What is simulated, as `--effects` takes it: `auto`, `all`, or names between commas.
+        Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
     progress
         Show a progress bar on standard error.
 
@@ -121,7 +122,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         with watch.stage("light"):
             shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
         measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
-        content = _write(staging.folder, measured, shading)
+        record = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
         html=staging.out / FILES[0],
@@ -129,7 +130,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         parquet=staging.out / FILES[2],
         best=best_setting(measured.rows),
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
-        content=content,
+        content=json_object(record),
         notes=tuple(shading.sentences()) if shading else (),
         cost=measured.cost_sentence,
         command=recommended_command(measured),
@@ -149,10 +150,10 @@ def _settings(
     return settings
 
 
-def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
-    """Write the three files; return the object in report.json."""
-    content = json_object(report_record(measured, shading))
+def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
+    """Write the three files; return what report.json holds."""
+    record = report_record(measured, shading)
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
-    write_json(folder / "report.json", content)
+    write_json(folder / "report.json", record)
     write_parquet(measured, folder / "measurements.parquet")
-    return content
+    return record

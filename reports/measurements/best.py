@@ -12,10 +12,10 @@ from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-SURFACE_TIE = 1e-4
-"""Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which puts
+SURFACE_TIE_FRACTION = 1e-4
+"""Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which leaves
 the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W, for
-contours as long as l image widths. At W = 512 and nine image widths that is one pixel in ten thousand."""
+contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten thousand."""
 
 DISPLACEMENT_TIE_PX = 1e-3
 """Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
@@ -93,7 +93,7 @@ class _Candidate:
         """Return whether it is worse at its worst aperture: by more than a tie, and beyond chance."""
         share, place = self.worst(kind)
         here, there = self._rows[place], other._rows[place]
-        if share <= other.worst(kind)[0] + SURFACE_TIE:
+        if share <= other.worst(kind)[0] + SURFACE_TIE_FRACTION:
             return False
         mine, others = here.wrong_pixels(kind), there.wrong_pixels(kind)
         shared = mine.shared_with(others) if mine is not None and others is not None else 0
@@ -112,14 +112,13 @@ class _Candidate:
 
 
 def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
-    """Return the settings that nothing measured is better than.
+    """Return the settings than which no measured setting is better.
 
-    First come the wrong surfaces: what is not worse than the setting with the fewest. Of those, where the
-    scene is shaded, come the wrong colors likewise; of those, displacement: what keeps to
-    `UNSEEN_DISPLACEMENT_PX`, or to the least within `DISPLACEMENT_TIE_PX` where nothing keeps to it. Worse is
-    what has more wrong pixels by more than `SURFACE_TIE`, and beyond chance (`compare.metrics.paired`).
-    The worst
-    aperture counts.
+    Settings are chosen in three steps. The first keeps those that are not worse than the one with the fewest
+    wrong surfaces. The second does the same for wrong colors, where the scene is shaded. The third keeps
+    those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the least displacement plus
+    `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more wrong pixels by more than
+    `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.paired`). The worst aperture counts.
 
     Raises
     ------
@@ -151,8 +150,8 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
 
     A window is a run of near planes of one depth buffer, as they were measured, that all are `equally_good`.
     Where windows are equally wide, the one with the larger nears is taken, and where these are equal too, the
-    depth buffer that comes first. Its middle, by ratio, is farthest from what a large near bends and from
-    what a small one starves of depth; of two middles it is the larger near.
+    depth buffer that comes first. Its middle, by ratio, is farthest both from nears so large that they bend
+    the picture and from nears so small that they starve it of depth; of two middles the larger near is taken.
 
     Raises
     ------
@@ -165,7 +164,7 @@ def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     run = max(runs, key=lambda one: (_window(one).width, _window(one).high))
     window = _window(run)
     middle = (window.low * window.high) ** 0.5
-    # The ratio to the middle, whichever way; digits beyond the twelfth are those of the square root.
+    # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
     chosen = min(
         reversed(run), key=lambda one: round(max(one.settings.near / middle, middle / one.settings.near), 12)
     )

@@ -58,7 +58,7 @@ class Option:
     configuration
         The configuration as names and values.
     displacement_p99_px, surface_fraction
-        Its error.
+        99th percentile of displacement, and share of judged pixels with the wrong surface.
     time_s
         Seconds of a whole picture with read-back, over repetitions.
     gpu_s, read_s
@@ -76,14 +76,14 @@ class Option:
     read_s: Spread | None = None
 
     def within(self, tolerance_px: float) -> bool:
-        """Whether its error is below a tolerance."""
+        """Whether displacement is within a tolerance, and wrong surfaces are within `MAX_WRONG`."""
         return self.displacement_p99_px <= tolerance_px and self.surface_fraction <= MAX_WRONG
 
     def beats(self, other: Option) -> bool:
-        """Whether it is nowhere worse than another, and somewhere better.
+        """Whether this option is in nothing worse than another, and in something better.
 
         Its time is no worse where its median is not beyond the other's interval, and better where the two
-        are told apart.
+        times are told apart.
         """
         mine, others = self._errors(), other._errors()
         if self.time_s.median > other.time_s.interval[1] or any(
@@ -98,7 +98,7 @@ class Option:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranking:
-    """The options within a tolerance that nothing is told to be faster than.
+    """The options within a tolerance than which no other option is told to be faster.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Ranking:
 
     @property
     def least_error(self) -> Option:
-        """The one of them with the least displacement, then the fewest wrong surfaces."""
+        """The fastest option with the least displacement, then the fewest wrong surfaces."""
         return min(
             self.fastest,
             key=lambda one: (
@@ -126,7 +126,7 @@ class Ranking:
 
     @property
     def range_s(self) -> tuple[float, float]:
-        """The least and the largest of their medians."""
+        """The least and the largest median of the fastest options."""
         medians = [one.time_s.median for one in self.fastest]
         return min(medians), max(medians)
 
@@ -151,7 +151,7 @@ class FastestWithin:
 
     @property
     def option(self) -> Option | None:
-        """The one of them with the least error."""
+        """The fastest option with the least error."""
         return self.ranking.least_error if self.ranking else None
 
 
@@ -269,7 +269,7 @@ def _fewer(ranking: Ranking) -> str:
 
 
 def _least(ranking: Ranking, recommended: Option | None) -> str:
-    """Say which of several is to be taken."""
+    """Say which one of several options is to be taken."""
     if recommended is None:
         return f"The least error among them is that of {_described(ranking.least_error)}."
     if recommended in ranking.fastest:

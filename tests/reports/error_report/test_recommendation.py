@@ -13,7 +13,7 @@ from tests.support.rows import PARTS, TIMES, comparison_numbers
 from xfrustum.compare.metrics.paired import CONFIDENCE, PixelSet, is_worse
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.measurements.best import (
-    SURFACE_TIE,
+    SURFACE_TIE_FRACTION,
     best_per_depth,
     best_setting,
     equally_good,
@@ -79,7 +79,7 @@ def test_a_window_ends_where_more_pixels_are_wrong_beyond_chance() -> None:
 
 
 def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_is_there() -> None:
-    few = int(SURFACE_TIE * PIXELS)
+    few = int(SURFACE_TIE_FRACTION * PIXELS)
     assert len(equally_good([judged(1e-3, some(0)), judged(2e-3, some(few))])) == 2
     assert is_worse(few + 10, 0)
     assert len(equally_good([judged(1e-3, some(0)), judged(2e-3, some(few + 10))])) == 1

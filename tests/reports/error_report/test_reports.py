@@ -26,7 +26,7 @@ from xfrustum.reports.error_report import figures, images, report, sweep
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
 from xfrustum.reports.measurements.best import (
     DISPLACEMENT_TIE_PX,
-    SURFACE_TIE,
+    SURFACE_TIE_FRACTION,
     best_per_depth,
     best_setting,
     sentence,
@@ -412,7 +412,7 @@ def test_least_surface_error_is_best_whatever_the_displacement() -> None:
 
 
 def test_among_equal_surfaces_least_displacement_is_best() -> None:
-    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE, 0.05)]
+    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE_FRACTION, 0.05)]
     assert best_setting(rows).settings.near == 0.1
     # 30 and 90 of 3,072 pixels.
     rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.03, 0.05)]
