@@ -122,12 +122,8 @@ def explain(
         The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
         usable OpenGL.
     """
-    aperture = scene.plate.middle if aperture is None else aperture
-    settings = (
-        DoubleFrustum(near=DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach)
-        if settings is None
-        else settings
-    )
+    aperture = aperture or scene.plate.middle
+    settings = settings or DoubleFrustum(near=DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach)
     settings.check_against(scene.frustum)
     if whole(repeat) < 0:
         raise InputError(f"explain: repetitions must be a count from 0, not {repeat!r}")
