@@ -105,14 +105,7 @@ def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
 
 
 def _best_record(best: Recommendation, reach: float) -> BestRecord:
-    return BestRecord(
-        settings=best.settings,
-        near_per_reach=best.settings.near / reach,
-        surface_fraction=best.surface_fraction,
-        displacement_p99_px=best.displacement_p99_px,
-        radiance_fraction=best.radiance_fraction,
-        window=best.window,
-    )
+    return BestRecord(**vars(best), near_per_reach=best.settings.near / reach)
 
 
 def _scene_record(scene: Scene) -> SceneRecord:
