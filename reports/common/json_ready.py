@@ -35,18 +35,18 @@ def json_ready(value: Any) -> Any:
     """
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
+    elif isinstance(value, Path | StrEnum):
+        value = str(value)
+    if value is None or isinstance(value, int | str):
+        return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, Path | StrEnum):
-        return str(value)
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
         return json_object(value)
-    if value is None or isinstance(value, int | str):
-        return value
     # Figures come last: asking for the methods of a protocol takes longest.
     return json_ready(json.loads(value.to_json())) if isinstance(value, _PlotlyFigure) else value
 
