@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.compare.metrics.error_maps import ErrorMaps, error_maps
-from xfrustum.compare.metrics.radiance import RadianceError, compare_radiance
+from xfrustum.compare.metrics.radiance import RadianceNumbers, compare_radiance
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 
@@ -24,61 +24,93 @@ class HeightError:
     max: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
-    """How a raster image differs from the truth.
+@dataclass(frozen=True, kw_only=True)
+class Share:
+    """How many of the judged pixels are wrong in one sense.
+
+    Attributes
+    ----------
+    wrong
+        Number of these pixels.
+    fraction
+        Their share of the judged pixels; 0 where no pixel is judged.
+    """
+
+    wrong: int
+    fraction: float
+
+    @classmethod
+    def of(cls, wrong: Mask, judged: Mask) -> Share:
+        """Return the share of some of the judged pixels, both given as masks (H, W)."""
+        count, all_judged = int(wrong.sum()), int(judged.sum())
+        return cls(wrong=count, fraction=count / all_judged if all_judged else 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonNumbers:
+    """How a raster image differs from the truth, in numbers: the object that `compare --json` prints.
 
     Attributes
     ----------
     pixels, judged, covered, at_plate
-        Number of pixels; of those whose truth is no tie; of those where the truth shows a
+        Number of all pixels; of pixels whose truth is no tie; of pixels where the truth shows a
         surface; of raster pixels that show a surface in the plate, where displacement is undefined.
-    surface_wrong, triangle_wrong
-        Judged pixels that show another surface, or another triangle number; None where the scene
-        was not at hand, or where the raster image names no triangles.
+    surface
+        Judged pixels that show the wrong surface; None where the scene was not at hand.
+    triangle
+        Judged pixels that show another triangle number; None where the raster image names no triangles.
     displacement_px
-        None where the raster shows no surface off the plate.
+        Lengths of the displacements; None where the raster shows no surface off the plate.
     height
-        None where no pixel shows the same triangle in both.
+        Error of the height; None where no pixel shows the same triangle in both images.
     radiance
-        None where an image has no color.
+        Error of the colors; None where they were not compared, or an image has none.
     certainty
-        Pixels of the truth by class, in words.
-    maps
-        The same, pixel by pixel.
+        Number of the truth's pixels by class of certainty, named in words.
     """
 
     pixels: int
     judged: int
     covered: int
     at_plate: int
-    surface_wrong: int | None
-    triangle_wrong: int | None
+    surface: Share | None
+    triangle: Share | None
     displacement_px: Spread | None
     height: HeightError | None
-    radiance: RadianceError | None
+    radiance: RadianceNumbers | None
     certainty: dict[str, int]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison(ComparisonNumbers):
+    """How a raster image differs from the truth: in numbers, and pixel by pixel.
+
+    Attributes
+    ----------
+    maps
+        Each error as an image.
+    """
+
     maps: ErrorMaps
+
+    @property
+    def surface_wrong(self) -> int | None:
+        """Number of judged pixels that show the wrong surface; None where the scene was not at hand."""
+        return self.surface.wrong if self.surface else None
+
+    @property
+    def triangle_wrong(self) -> int | None:
+        """Number of judged pixels that show another triangle; None where the raster names no triangles."""
+        return self.triangle.wrong if self.triangle else None
+
+    @property
+    def numbers(self) -> ComparisonNumbers:
+        """The numbers alone, without the images."""
+        return ComparisonNumbers(**{one.name: getattr(self, one.name) for one in fields(ComparisonNumbers)})
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `compare --json` prints them."""
-        return {
-            "pixels": self.pixels,
-            "judged": self.judged,
-            "covered": self.covered,
-            "at_plate": self.at_plate,
-            "surface": self._share(self.surface_wrong),
-            "triangle": self._share(self.triangle_wrong),
-            "displacement_px": asdict(self.displacement_px) if self.displacement_px else None,
-            "height": asdict(self.height) if self.height else None,
-            "radiance": self.radiance.summary() if self.radiance else None,
-            "certainty": self.certainty,
-        }
-
-    def _share(self, wrong: int | None) -> dict[str, float] | None:
-        if wrong is None:
-            return None
-        return {"wrong": wrong, "fraction": wrong / self.judged if self.judged else 0.0}
+        return asdict(self.numbers)
 
 
 def compare_images(
@@ -94,12 +126,12 @@ def compare_images(
     Parameters
     ----------
     truth
-        Its camera is the true frustum; pixels that are ties are not judged.
+        True image, whose camera is the true frustum; pixels that are ties are not judged.
     raster
-        From any renderer.
+        Image of any renderer.
     reference
-        Of the same scene, to trace the true lines through the points that the raster shows;
-        without it `surface` is unknown.
+        Tracer of the same scene, which follows the true lines through the points that the raster shows;
+        without it `surface` is None.
     radiance, perceptual
         Whether to compare colors, and how different the pictures look.
 
@@ -124,11 +156,11 @@ def compare_images(
         judged=int(maps.judged.sum()),
         covered=int(truth.covered.sum()),
         at_plate=int((raster.covered & (raster.height == 0)).sum()),
-        surface_wrong=None if maps.surface is None else int(maps.surface.sum()),
-        triangle_wrong=int(maps.triangle.sum()) if numbered else None,
+        surface=None if maps.surface is None else Share.of(maps.surface, maps.judged),
+        triangle=Share.of(maps.triangle, maps.judged) if numbered else None,
         displacement_px=Spread.of(lengths),
         height=_height_error(maps.height[np.isfinite(maps.height)]),
-        radiance=colors,
+        radiance=colors.numbers if colors else None,
         certainty=_certainty_counts(truth),
         maps=maps,
     )

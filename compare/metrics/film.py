@@ -1,4 +1,4 @@
-"""Where on the true film does a surface point belong? (CONVENTIONS.md, film coordinates)"""
+"""The place of a surface point on the true film (CONVENTIONS.md, film coordinates)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
     points
         (..., 3) scene units.
     camera
-        Only its aperture, shear, half-extent and resolution matter, not who drew the image.
+        Camera of an image; only its aperture, shear, half-extent and resolution matter.
 
     Returns
     -------
     (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
-    points in the plane of the plate, which the film does not show anywhere in particular.
+    points in the plane of the plate, which have no place on the film.
     """
     points = np.asarray(points, dtype=np.float64)
     z = points[..., 2]

@@ -1,13 +1,13 @@
 """What a rasterizer leaves out: shadows and interreflection, measured by light paths.
 
-Truth with and without them by the same tracer, so that nothing else differs; each with its noise.
+The truth is traced with and without them by the same tracer, so that nothing else differs; each image has
+its own noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,46 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 
+@dataclass(frozen=True, kw_only=True)
+class LeftOutNumbers:
+    """What shadows and interreflection do to an image, in numbers.
+
+    Radiance is positive where the rasterizer lacks light.
+
+    Attributes
+    ----------
+    shadows, interreflection
+        What was traced.
+    light_paths
+        Light paths per pixel of one of the two truths.
+    pixels, darker, brighter
+        Number of pixels that change beyond noise; of those that get darker and brighter on the mean of
+        their channels.
+    mean
+        Mean change of radiance over pixels and channels.
+    mean_of_image
+        `mean` over the mean radiance of the image without shadows and interreflection; None where that is 0.
+    rms
+        Root mean square of the change, from which the noise is taken off.
+    rms_noise
+        Root mean square of the noise.
+    alpha
+        Level of the test that tells pixels from noise, for the whole picture.
+    """
+
+    shadows: bool
+    interreflection: bool
+    light_paths: int
+    pixels: int
+    darker: int
+    brighter: int
+    mean: float
+    mean_of_image: float | None
+    rms: float
+    rms_noise: float
+    alpha: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeftOut:
     """What shadows and interreflection do to an image.
@@ -26,11 +66,11 @@ class LeftOut:
     Attributes
     ----------
     transport
-        Which of them were traced, and with how many light paths.
+        Light transport that was traced, and with how many light paths.
     difference
         The truth with them minus the truth without; its samples are light paths of one of the two.
     noise
-        Of the hypothesis that they do nothing: `differs` are the pixels that a rasterizer misses.
+        Test of the hypothesis that they do nothing: `differs` are the pixels that a rasterizer misses.
     without
         The truth without them, (H, W, 3).
     """
@@ -40,26 +80,27 @@ class LeftOut:
     noise: NoiseTest
     without: Floats
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as reports have them; radiance is positive where the raster lacks light."""
+    @property
+    def numbers(self) -> LeftOutNumbers:
+        """The numbers of the whole image."""
         change, differs = self.difference.mean, self.noise.differs
         brightness = float(np.mean(self.without))
         mean = float(np.mean(change))
         # Noise adds its variance to the mean square, whether or not anything changes.
         noise = float(np.mean(self.difference.variance_of_mean))
-        return {
-            "shadows": self.transport.shadows,
-            "interreflection": self.transport.interreflection,
-            "light_paths": self.difference.samples,
-            "pixels": int(differs.sum()),
-            "darker": int((differs & (change.mean(axis=-1) < 0)).sum()),
-            "brighter": int((differs & (change.mean(axis=-1) > 0)).sum()),
-            "mean": mean,
-            "mean_of_image": mean / brightness if brightness else None,
-            "rms": float(np.sqrt(max(float(np.mean(change**2)) - noise, 0.0))),
-            "rms_noise": float(np.sqrt(noise)),
-            "alpha": self.noise.summary()["alpha"],
-        }
+        return LeftOutNumbers(
+            shadows=self.transport.shadows,
+            interreflection=self.transport.interreflection,
+            light_paths=self.difference.samples,
+            pixels=self.noise.numbers.differ,
+            darker=int((differs & (change.mean(axis=-1) < 0)).sum()),
+            brighter=int((differs & (change.mean(axis=-1) > 0)).sum()),
+            mean=mean,
+            mean_of_image=mean / brightness if brightness else None,
+            rms=float(np.sqrt(max(float(np.mean(change**2)) - noise, 0.0))),
+            rms_noise=float(np.sqrt(noise)),
+            alpha=self.noise.numbers.alpha,
+        )
 
 
 def transported(
@@ -68,20 +109,20 @@ def transported(
     transport: Transport,
     *,
     seed: int = 0,
-    done: Callable[[], Any] | None = None,
+    done: Callable[[], object] | None = None,
 ) -> RadianceEstimate:
     """Return the color of an aperture by light paths, averaged over its sub-apertures.
 
     Parameters
     ----------
     scene
-        Its sampling says where light paths start.
+        Scene whose sampling says where light paths start.
     transport
-        Instead of the scene's own.
+        Light transport that is simulated instead of the scene's own.
     seed
-        Of the first sub-aperture; each has another.
+        Random seed of the first sub-aperture; each further one adds 1.
     done
-        Called after each sub-aperture.
+        Function that is called after each sub-aperture.
     """
     points = sub_apertures(scene.plate, aperture, scene.sampling.aperture)
     tracer = PathTracer(scene)
@@ -96,18 +137,18 @@ def transported(
     return RadianceEstimate(mean=mean, variance_of_mean=variance, samples=transport.samples)
 
 
-def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], Any] | None = None) -> LeftOut:
+def measure_left_out(scene: Scene, aperture: Aperture, done: Callable[[], object] | None = None) -> LeftOut:
     """Measure what the light transport that a scene asks for does to an image.
 
     Parameters
     ----------
     done
-        Called twice for each sub-aperture.
+        Function that is called twice for each sub-aperture.
     """
     local = replace(scene.transport, shadows=False, interreflection=False)
     full = transported(scene, aperture, scene.transport, done=done)
     without = transported(scene, aperture, local, seed=scene.sampling.aperture, done=done)
-    # Welch's degrees of freedom are at least the smaller of the two.
+    # Welch's degrees of freedom are at least the smaller of the two samples' own.
     difference = RadianceEstimate(
         mean=full.mean - without.mean,
         variance_of_mean=full.variance_of_mean + without.variance_of_mean,

@@ -1,4 +1,4 @@
-"""Is a picture what a noisy reference converges to? A test per pixel, corrected for their number.
+"""A test of whether a picture is what a noisy reference converges to, per pixel, corrected for their number.
 
 A reference that samples light paths knows its mean and, from the samples' spread, the variance of that
 mean. Where the picture is the mean's expectation, (mean - picture) / standard error follows Student's t
@@ -9,7 +9,7 @@ chance alone; Sidak's correction accounts for it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,44 @@ if TYPE_CHECKING:
 ALPHA = 0.01
 """Chance that a test of a whole picture fails although nothing is wrong."""
 
-COLOR_ROUNDING = 3 * 2.0**-24
-"""Of colors that are computed in double precision, relative to their size: the picture and the reference's
-mean are each stored in float32, one rounding each. What double precision leaves before that is less than
-a third one, unless it is amplified 2^29 times."""
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseNumbers:
+    """The numbers of a test of a picture against a noisy reference, as `compare --json` prints them.
+
+    Attributes
+    ----------
+    agrees
+        Whether no pixel differs at the level `ALPHA` of the whole picture.
+    differ
+        Number of pixels that differ at this level.
+    alpha
+        The level `ALPHA`.
+    tests
+        Pixels times channels that were tested.
+    p_value
+        Chance that some pixel of the whole picture lies as far out as the farthest does, if the picture is
+        what the reference converges to. It is exact where the tests are independent; where they depend on
+        each other, as the channels of one pixel do, the true chance is smaller (Sidak's inequality).
+    farthest
+        The largest deviation in standard errors; infinite where a pixel without noise differs.
+    without_noise
+        Tested pixels in which no channel varies from sample to sample.
+    bias
+        Mean of picture minus reference over the tested pixels.
+    bias_error
+        One standard error of `bias`, from the variances.
+    """
+
+    agrees: bool
+    differ: int
+    alpha: float
+    tests: int
+    p_value: float
+    farthest: float
+    without_noise: int
+    bias: float
+    bias_error: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,46 +69,18 @@ class NoiseTest:
 
     Attributes
     ----------
-    tests
-        Pixels times channels that were tested.
-    p_value
-        Of the whole: chance that some pixel lies as far out as the farthest does, if the picture is what
-        the reference converges to. Exact where the tests are independent; where they hang together,
-        as the channels of one pixel do, the true one is smaller (Sidak's inequality).
-    farthest
-        The largest deviation in standard errors; infinite where a pixel without noise differs.
-    without_noise
-        Tested pixels in which no channel varies from sample to sample.
-    bias
-        Mean of picture minus reference over the tested pixels.
-    bias_error
-        One standard error of the same, from the variances.
+    numbers
+        The outcome for the whole picture.
     differs
-        (H, W) pixels that differ at the level `ALPHA` of the whole.
+        (H, W) pixels that differ at the level `ALPHA` of the whole picture.
     deviation
         (H, W, 3) deviation in standard errors, signed, positive where the picture is brighter; NaN
         where not tested.
     """
 
-    tests: int
-    p_value: float
-    farthest: float
-    without_noise: int
-    bias: float
-    bias_error: float
+    numbers: NoiseNumbers
     differs: Mask
     deviation: Floats
-
-    @property
-    def agrees(self) -> bool:
-        """Whether no pixel differs at the level `ALPHA` of the whole."""
-        return not self.differs.any()
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `compare --json` prints them."""
-        names = ("tests", "p_value", "farthest", "without_noise", "bias", "bias_error")
-        numbers: dict[str, Any] = {name: getattr(self, name) for name in names}
-        return {"agrees": self.agrees, "differ": int(self.differs.sum()), "alpha": ALPHA, **numbers}
 
 
 def compare_with_noise(
@@ -93,11 +99,11 @@ def compare_with_noise(
         The reference's mean, its variance, and how many samples they are made from.
     judged
         (H, W) pixels to be tested. Where an edge crosses a pixel so that few of its samples meet a
-        surface, chance may miss it altogether, and then neither mean nor variance know of it: leave out
-        pixels of which a share of surface below 1 - (level of one test)^(1 / samples) may be missed.
+        surface, chance may miss that surface altogether, and then neither mean nor variance knows of it:
+        leave out pixels in which a surface may cover less than 1 - (level of one test)^(1 / samples).
     rounding
-        Radiance by which the two may differ for other reasons than noise, such as `COLOR_ROUNDING`
-        times their size. It alone decides where samples do not vary.
+        Radiance by which picture and mean may differ for other reasons than noise, such as their rounding
+        to float32. It alone decides where samples do not vary.
     """
     tested = judged & np.isfinite(picture).all(axis=-1) & np.isfinite(estimate.mean).all(axis=-1)
     difference = (np.asarray(picture, dtype=np.float64) - estimate.mean)[tested]
@@ -112,26 +118,28 @@ def compare_with_noise(
     deviation = np.full(picture.shape, np.nan)
     deviation[tested] = scaled
     differs = np.zeros(tested.shape, dtype=np.bool_)
-    differs[tested] = (chance < of_one(ALPHA, chance.size)).any(axis=-1)
-    return NoiseTest(
+    differs[tested] = (chance < single_level(ALPHA, chance.size)).any(axis=-1)
+    numbers = NoiseNumbers(
+        agrees=not differs.any(),
+        differ=int(differs.sum()),
+        alpha=ALPHA,
         tests=chance.size,
-        p_value=of_all(float(chance.min(initial=1.0)), chance.size),
+        p_value=joint_chance(float(chance.min(initial=1.0)), chance.size),
         farthest=float(np.abs(scaled).max(initial=0.0)),
         without_noise=int((~noisy).all(axis=-1).sum()),
         bias=float(difference.mean()) if len(difference) else 0.0,
         bias_error=float(np.sqrt(variance.sum()) / variance.size) if variance.size else 0.0,
-        differs=differs,
-        deviation=deviation,
     )
+    return NoiseTest(numbers=numbers, differs=differs, deviation=deviation)
 
 
-def of_all(chance: float, tests: int) -> float:
-    """Return the chance that the least of so many independent p-values is as small as one given (Sidak)."""
+def joint_chance(chance: float, tests: int) -> float:
+    """Return the chance that the least of several independent p-values is at most `chance` (Sidak)."""
     if chance >= 1:
         return 1.0
     return float(-np.expm1(tests * np.log1p(-chance)))
 
 
-def of_one(chance: float, tests: int) -> float:
-    """Return the level of one test, so that all together have a given one (Sidak)."""
+def single_level(chance: float, tests: int) -> float:
+    """Return the level of each single test for which all tests together have the level `chance` (Sidak)."""
     return float(-np.expm1(np.log1p(-chance) / max(tests, 1)))

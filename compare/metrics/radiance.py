@@ -5,21 +5,33 @@ See docs/method.md, "What is compared".
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from xfrustum.compare.metrics.noise import NoiseTest, compare_with_noise
-from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE, PerceptualDifference, perceptual_difference
+from xfrustum.compare.metrics.noise import NoiseNumbers, compare_with_noise
+from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE, perceptual_difference
 from xfrustum.reference.transport.transport import RadianceEstimate
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 
 STEP = 1 / 255
-"""One level of 8-bit output, in linear radiance; what two shaded answers may differ by."""
+"""One level of 8-bit output, in linear radiance: the difference that two shaded answers may have."""
+
+Rgb = tuple[float, float, float]
+"""One number for each of red, green and blue."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelSpread:
+    """How the radiance error is distributed in red, green and blue alone; see `RadianceSpread`."""
+
+    rms: Rgb
+    mean: Rgb
+    p99: Rgb
+    max: Rgb
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,15 +41,16 @@ class RadianceSpread:
     Attributes
     ----------
     pixels
-        How many there are.
+        Number of pixels.
     rms, mean
-        Over the pixels' channels; the mean is signed, positive where the raster is brighter.
+        Root mean square and mean over the pixels' channels; the mean is signed, positive where the raster
+        is brighter.
     p99, max
-        Over the pixels, of the channel that is farthest off.
+        99th percentile and maximum over the pixels; the channel that is farthest off counts.
     above_step
         Share of pixels with a channel that is off by more than `STEP`.
     channels
-        The first four of red, green and blue alone.
+        The same statistics for each channel alone.
     """
 
     pixels: int
@@ -46,10 +59,10 @@ class RadianceSpread:
     p99: float
     max: float
     above_step: float
-    channels: dict[str, tuple[float, float, float]]
+    channels: ChannelSpread
 
-    @classmethod
-    def of(cls, error: NDArray[np.floating]) -> RadianceSpread | None:
+    @staticmethod
+    def of(error: NDArray[np.floating]) -> RadianceSpread | None:
         """Return the spread of signed errors (N, 3), None where there are none."""
         if len(error) == 0:
             return None
@@ -57,21 +70,46 @@ class RadianceSpread:
         size = np.abs(error)
         worst: Floats = size.max(axis=1)
         squares = np.mean(error**2, axis=0)
-        channels = {
-            "rms": np.sqrt(squares),
-            "mean": error.mean(axis=0),
-            "p99": np.percentile(size, 99, axis=0),
-            "max": size.max(axis=0),
-        }
-        return cls(
+        return RadianceSpread(
             pixels=len(error),
             rms=float(np.sqrt(squares.mean())),
             mean=float(error.mean()),
             p99=float(np.percentile(worst, 99)),
             max=float(worst.max()),
             above_step=float(np.mean(worst > STEP)),
-            channels={name: (float(r), float(g), float(b)) for name, (r, g, b) in channels.items()},
+            channels=ChannelSpread(
+                rms=_rgb(np.sqrt(squares)),
+                mean=_rgb(error.mean(axis=0)),
+                p99=_rgb(np.percentile(size, 99, axis=0)),
+                max=_rgb(size.max(axis=0)),
+            ),
         )
+
+
+def _rgb(values: Floats) -> Rgb:
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceNumbers(RadianceSpread):
+    """The radiance error over all judged pixels with a color in both images, as `compare --json` prints it.
+
+    Attributes
+    ----------
+    away_from_edges
+        The error over those pixels that the function `away_from_edges` returns; None where there are none.
+    flip, ssim, pixels_per_degree
+        How different the pictures look, and the viewing condition of FLIP; None unless asked for.
+    noise
+        Where the truth is a mean of light paths: whether pixels differ by more than `STEP` and its noise.
+    """
+
+    away_from_edges: RadianceSpread | None
+    flip: float | None
+    ssim: float | None
+    pixels_per_degree: float | None
+    noise: NoiseNumbers | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,35 +118,14 @@ class RadianceError:
 
     Attributes
     ----------
-    judged
-        Over all judged pixels with a color in both.
-    away_from_edges
-        Of those, over the pixels of `away_from_edges`; None where there are none.
-    perceptual
-        None unless asked for.
-    noise
-        Where the truth is a mean of light paths: which pixels differ by more than `STEP` and its noise.
+    numbers
+        The error of the whole image.
     error
         (H, W, 3) raster minus truth, NaN where not judged.
     """
 
-    judged: RadianceSpread
-    away_from_edges: RadianceSpread | None
-    perceptual: PerceptualDifference | None
-    noise: NoiseTest | None
+    numbers: RadianceNumbers
     error: Floats
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `compare --json` prints them."""
-        looks = self.perceptual
-        return {
-            **asdict(self.judged),
-            "away_from_edges": asdict(self.away_from_edges) if self.away_from_edges else None,
-            "flip": looks.flip if looks else None,
-            "ssim": looks.ssim if looks else None,
-            "pixels_per_degree": PIXELS_PER_DEGREE if looks else None,
-            "noise": self.noise.summary() if self.noise else None,
-        }
 
 
 def compare_radiance(
@@ -119,9 +136,9 @@ def compare_radiance(
     Parameters
     ----------
     truth, raster
-        Of one aperture and size. Pixels whose truth is a tie are not judged.
+        Images of one aperture and size. Pixels whose truth is a tie are not judged.
     perceptual
-        Whether to compute how different the pictures look, too, which takes longer than all else.
+        Whether to compute also how different the pictures look, which takes longer than everything else.
     """
     if truth.color is None or raster.color is None:
         return None
@@ -134,16 +151,19 @@ def compare_radiance(
         return None
     error[~judged] = np.nan
     inside = judged & away_from_edges(truth, raster)
-    return RadianceError(
-        judged=spread,
+    looks = perceptual_difference(truth.color, raster.color) if perceptual else None
+    numbers = RadianceNumbers(
+        **vars(spread),
         away_from_edges=RadianceSpread.of(error[inside]),
-        perceptual=perceptual_difference(truth.color, raster.color) if perceptual else None,
+        flip=looks.flip if looks else None,
+        ssim=looks.ssim if looks else None,
+        pixels_per_degree=PIXELS_PER_DEGREE if looks else None,
         noise=_noise(truth, raster, judged),
-        error=error,
     )
+    return RadianceError(numbers=numbers, error=error)
 
 
-def _noise(truth: HogelImage, raster: HogelImage, judged: Mask) -> NoiseTest | None:
+def _noise(truth: HogelImage, raster: HogelImage, judged: Mask) -> NoiseNumbers | None:
     """Test a raster image against a truth that knows its own variance."""
     paths = truth.camera.light_paths
     if truth.variance is None or paths is None or truth.color is None or raster.color is None:
@@ -153,7 +173,7 @@ def _noise(truth: HogelImage, raster: HogelImage, judged: Mask) -> NoiseTest | N
         variance_of_mean=truth.variance.astype(np.float64),
         samples=paths,
     )
-    return compare_with_noise(raster.color, estimate, judged, STEP)
+    return compare_with_noise(raster.color, estimate, judged, STEP).numbers
 
 
 def away_from_edges(truth: HogelImage, raster: HogelImage, margin: int = 0) -> Mask:
@@ -165,8 +185,8 @@ def away_from_edges(truth: HogelImage, raster: HogelImage, margin: int = 0) -> M
     Parameters
     ----------
     margin
-        For colors that are averaged over a pixel's area, or over the aperture: pixels at whose
-        side another triangle is shown, up to so many pixels away, are left out too.
+        Number of pixels about another triangle that are left out too, where colors are averaged over a
+        pixel's area or over the aperture.
     """
     same = (truth.triangle == raster.triangle) & truth.covered & (truth.triangle != NOTHING)
     if margin > 0:

@@ -1,7 +1,7 @@
-"""Surface: which pixels show the wrong one? (docs/method.md, "What is compared")
+"""Surface: the pixels that show the wrong one (docs/method.md, "What is compared").
 
-Independent of how finely a mesh is tessellated, hence the headline. A picture merely displaced
-is not a wrong surface.
+Their number does not depend on how finely a mesh is tessellated: reports put it first. A picture that is
+merely displaced shows no wrong surface.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from xfrustum.scenes.model.scene import Scene
 
 
 def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> Numbers:
-    """Return the object that each raster pixel shows; where that is not said, the truth's."""
+    """Return the object that each raster pixel shows; the truth's where the raster image names none."""
     objects = np.where(raster.object != NOTHING, raster.object, truth.object)
     unnamed = np.flatnonzero((raster.object == NOTHING) & (raster.triangle != NOTHING))
     objects.flat[unnamed] = scene.object_of_triangle[raster.triangle.ravel()[unnamed]]
@@ -26,9 +26,9 @@ def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> Number
 def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
     """Return the pixels that show the wrong surface, (H, W).
 
-    Wrong is hit against miss, another object, or a surface point that the true frustum does not
-    see: something else is in front of it on its own true line. A point in the plate is seen by
-    the true frustum only through the aperture, where every line meets it.
+    A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
+    and where the true frustum does not see the surface point: something else is in front of it on its own
+    true line. The true frustum sees a point in the plate only in the aperture's center, where all lines meet.
     """
     objects = shown_objects(truth, raster, reference.scene)
     wrong: Mask = truth.covered != raster.covered
@@ -48,14 +48,15 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
 
 
 def _surely_seen(truth: HogelImage, raster: HogelImage, asked: Mask, scene: Scene) -> Indices:
-    """Return which of the pixels asked for show, as exactly as that is known, the point that the truth shows.
+    """Return the numbers of the pixels in `asked` that show, within rounding, the point that the truth shows.
 
-    What the truth has proven to be seen need not be asked again: most of a picture with a small near.
+    The truth has proven that this point is seen, so that the tracer need not be asked. With a small near
+    these are most pixels of a picture.
     """
     if truth.certainty is None:
         return np.zeros(0, dtype=np.int64)
     same = asked & (truth.certainty <= Certainty.EXACT) & (truth.triangle == raster.triangle)
-    # Most that are farther apart are so in height already: only the others need all coordinates.
+    # Most points that are farther apart differ in height already: only the others need all coordinates.
     with np.errstate(invalid="ignore", over="ignore"):
         same &= np.abs(raster.height - truth.height) <= largest_tolerance(scene)
     pixels = np.flatnonzero(same & (raster.triangle != NOTHING))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from xfrustum.compare.metrics.noise import ALPHA, NoiseTest, compare_with_noise, of_all, of_one
+from xfrustum.compare.metrics.noise import ALPHA, NoiseTest, compare_with_noise, joint_chance, single_level
 from xfrustum.reference.transport.transport import RadianceEstimate
 from xfrustum.scenes.arrays import Floats
 
@@ -36,10 +36,10 @@ def judge(shift: float, sigma: float, seed: int) -> NoiseTest:
 def test_false_alarms_are_as_rare_as_the_level_says() -> None:
     """Of independent pictures that are right, a share of ALPHA fails; p-values are uniform."""
     runs = [judge(0.0, 0.1, seed) for seed in range(600)]
-    alarms = sum(not run.agrees for run in runs)
+    alarms = sum(not run.numbers.agrees for run in runs)
     assert alarms <= stats.binom.ppf(1 - 1e-6, len(runs), ALPHA)
-    assert stats.kstest([run.p_value for run in runs], "uniform").pvalue > 1e-6
-    assert all(run.agrees == (run.p_value >= ALPHA) for run in runs)
+    assert stats.kstest([run.numbers.p_value for run in runs], "uniform").pvalue > 1e-6
+    assert all(run.numbers.agrees == (run.numbers.p_value >= ALPHA) for run in runs)
 
 
 @pytest.mark.parametrize("shift_in_errors", [6.0, 12.0, 24.0])
@@ -48,7 +48,7 @@ def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(shift_in_
     sigma, runs = 0.1, 300
     shift = shift_in_errors * sigma / np.sqrt(SAMPLES)
     found = sum(bool(judge(shift, sigma, seed).differs[4, 7]) for seed in range(runs))
-    threshold = stats.t.isf(of_one(ALPHA, int(np.prod(SHAPE))) / 2, SAMPLES - 1)
+    threshold = stats.t.isf(single_level(ALPHA, int(np.prod(SHAPE))) / 2, SAMPLES - 1)
     power = stats.nct.sf(threshold, SAMPLES - 1, shift_in_errors)
     low, high = stats.binom.interval(1 - 1e-6, runs, power)
     # The two other channels of the pixel may raise an alarm too, rarely.
@@ -58,9 +58,9 @@ def test_a_shift_is_found_as_often_as_its_noncentral_distribution_says(shift_in_
 def test_a_picture_off_everywhere_by_little_shows_in_the_bias() -> None:
     truth = np.full(SHAPE, 0.5)
     off = compare_with_noise(truth + 0.03, estimate(truth, 0.1, 3), EVERYWHERE)
-    assert off.bias > 5 * off.bias_error > 0
+    assert off.numbers.bias > 5 * off.numbers.bias_error > 0
     right = compare_with_noise(truth, estimate(truth, 0.1, 3), EVERYWHERE)
-    assert abs(right.bias) < 5 * right.bias_error
+    assert abs(right.numbers.bias) < 5 * right.numbers.bias_error
 
 
 def test_where_nothing_varies_rounding_alone_decides() -> None:
@@ -69,10 +69,14 @@ def test_where_nothing_varies_rounding_alone_decides() -> None:
     picture = mean.copy()
     picture[2, 3, 0] += 1e-6
     within = compare_with_noise(picture, exact, EVERYWHERE, rounding=2e-6)
-    assert within.agrees and within.p_value == 1.0 and within.without_noise == EVERYWHERE.size
+    assert (
+        within.numbers.agrees
+        and within.numbers.p_value == 1.0
+        and within.numbers.without_noise == EVERYWHERE.size
+    )
     beyond = compare_with_noise(picture, exact, EVERYWHERE, rounding=5e-7)
     assert np.argwhere(beyond.differs).tolist() == [[2, 3]]
-    assert beyond.p_value == 0.0 and beyond.farthest == np.inf
+    assert beyond.numbers.p_value == 0.0 and beyond.numbers.farthest == np.inf
 
 
 def test_only_judged_pixels_count() -> None:
@@ -83,12 +87,12 @@ def test_only_judged_pixels_count() -> None:
     judged = EVERYWHERE.copy()
     judged[0, 0] = False
     outcome = compare_with_noise(picture, exact, judged)
-    assert outcome.agrees and outcome.tests == 3 * (EVERYWHERE.size - 2)
+    assert outcome.numbers.agrees and outcome.numbers.tests == 3 * (EVERYWHERE.size - 2)
     assert np.isnan(outcome.deviation[0, 0]).all() and np.isnan(outcome.deviation[1, 1]).all()
     nothing = compare_with_noise(picture, exact, np.zeros_like(judged))
-    assert nothing.agrees and nothing.tests == 0 and nothing.p_value == 1.0
+    assert nothing.numbers.agrees and nothing.numbers.tests == 0 and nothing.numbers.p_value == 1.0
 
 
 @given(st.floats(1e-12, 0.999), st.integers(1, 10**7))
 def test_one_and_all_are_inverse_to_each_other(chance: float, tests: int) -> None:
-    assert of_all(of_one(chance, tests), tests) == pytest.approx(chance, rel=1e-6)
+    assert joint_chance(single_level(chance, tests), tests) == pytest.approx(chance, rel=1e-6)

@@ -30,9 +30,9 @@ def colored(image: HogelImage, color: NDArray[np.floating]) -> HogelImage:
 
 def test_an_image_is_not_off_from_itself(truth: HogelImage) -> None:
     found = compare_radiance(truth, truth, perceptual=True)
-    assert found and found.perceptual
-    assert found.judged.rms == found.judged.max == found.judged.above_step == 0
-    assert found.perceptual.flip == 0 and found.perceptual.ssim == 1
+    assert found
+    assert found.numbers.rms == found.numbers.max == found.numbers.above_step == 0
+    assert found.numbers.flip == 0 and found.numbers.ssim == 1
 
 
 def test_errors_are_raster_minus_truth_per_channel(truth: HogelImage) -> None:
@@ -40,12 +40,12 @@ def test_errors_are_raster_minus_truth_per_channel(truth: HogelImage) -> None:
     shift = np.array([0.5, -0.25, 0.0])
     found = compare_radiance(truth, colored(truth, truth.color + shift))
     assert found
-    assert found.judged.channels["mean"] == pytest.approx(shift, abs=1e-6)
-    assert found.judged.channels["rms"] == pytest.approx(np.abs(shift), abs=1e-6)
-    assert found.judged.mean == pytest.approx(shift.mean(), abs=1e-6)
-    assert found.judged.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
-    assert found.judged.max == pytest.approx(0.5, abs=1e-6) == found.judged.p99
-    assert found.judged.above_step == 1
+    assert found.numbers.channels.mean == pytest.approx(shift, abs=1e-6)
+    assert found.numbers.channels.rms == pytest.approx(np.abs(shift), abs=1e-6)
+    assert found.numbers.mean == pytest.approx(shift.mean(), abs=1e-6)
+    assert found.numbers.rms == pytest.approx(np.sqrt(np.mean(shift**2)), abs=1e-6)
+    assert found.numbers.max == pytest.approx(0.5, abs=1e-6) == found.numbers.p99
+    assert found.numbers.above_step == 1
 
 
 def test_what_exceeds_one_level_is_counted_by_pixels_not_channels() -> None:
@@ -65,9 +65,9 @@ def test_ties_and_colors_that_are_no_numbers_are_not_judged(truth: HogelImage) -
     certainty = truth.certainty.copy()
     certainty[0, 0] = Certainty.TIE
     found = compare_radiance(replace(truth, certainty=certainty), colored(truth, color))
-    assert found and found.judged.max == 0
+    assert found and found.numbers.max == 0
     ties = int((certainty == Certainty.TIE).sum())
-    assert found.judged.pixels == truth.triangle.size - 1 - ties
+    assert found.numbers.pixels == truth.triangle.size - 1 - ties
     assert np.isnan(found.error[0, 0]).all() and np.isnan(found.error[5, 5]).all()
 
 

@@ -19,14 +19,22 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.display import LEVELS, encoded
-from xfrustum.compare.metrics.pixel_bands import ALONE_PIXELS, BAND_PIXELS, in_bands
+from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, MAX_SERIAL_PIXELS, in_bands
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common.timing import CONFIDENCE, Spread
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.cost import ways as cost_ways
 from xfrustum.reports.error_report.images import _levels
-from xfrustum.reports.trade_off.trade_off import Option, answers, cheapest, pareto, rank, unsettled
+from xfrustum.reports.trade_off.trade_off import (
+    Configuration,
+    Option,
+    answers,
+    cheapest,
+    pareto,
+    rank,
+    unsettled,
+)
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -37,7 +45,8 @@ def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.
     return Option(
         renderer="raster",
         label=f"{seconds} s",
-        configuration={},
+        family="family",
+        configuration=Configuration(),
         displacement_p99_px=moved,
         surface_fraction=wrong,
         time_s=Spread(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
@@ -228,7 +237,7 @@ def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach
 def test_bands_join_to_the_image_whether_one_thread_makes_them_or_many() -> None:
     scene = view("car", (64, 48))
     image = Reference(scene).trace(scene.plate.middle)
-    for copies in (1, ALONE_PIXELS // (64 * 48) + 1):
+    for copies in (1, MAX_SERIAL_PIXELS // (64 * 48) + 1):
         tall = replace(image, triangle=np.tile(image.triangle, (copies, 1)), companions=None, overruled=None)
         bands = in_bands(tall, tall, lambda truth, raster, rows: truth.triangle)
         np.testing.assert_array_equal(np.concatenate(bands), tall.triangle)

@@ -9,7 +9,7 @@ import pytest
 
 from xfrustum.reports.common.figure_style import COLORS, MARKERS, error_bars, log_axis, look
 from xfrustum.reports.common.timing import Spread
-from xfrustum.reports.trade_off.trade_off import Option
+from xfrustum.reports.trade_off.trade_off import Configuration, Option
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 
 
@@ -17,7 +17,8 @@ def option(family: str, seconds: float, moved: float) -> Option:
     return Option(
         renderer="raster",
         label=family,
-        configuration={"family": family},
+        family=family,
+        configuration=Configuration(),
         displacement_p99_px=moved,
         surface_fraction=0.0,
         time_s=Spread.of([0.5 * seconds, seconds, 3 * seconds]),

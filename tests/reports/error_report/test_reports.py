@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+from tests.support.rows import PARTS, TIMES, comparison_numbers
 from xfrustum.compare import Spread
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.rounding.positions import largest_tolerance
@@ -25,12 +26,12 @@ from xfrustum.reports.error_report import figures, images, report, sweep
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
 from xfrustum.reports.measurements.best import (
     DISPLACEMENT_TIE_PX,
-    SURFACE_TIE,
+    SURFACE_TIE_FRACTION,
     best_per_depth,
     best_setting,
     sentence,
 )
-from xfrustum.reports.measurements.measurement import Measurement
+from xfrustum.reports.measurements.measurement import Measurement, Ratios
 from xfrustum.scenes import (
     Aperture,
     DepthFormat,
@@ -239,11 +240,11 @@ def test_prediction_stands_beside_measurement_with_their_ratio(files: ReportFile
 def test_a_ratio_needs_both_numbers_and_a_prediction_that_is_not_zero() -> None:
     ratios = measured(1.0, 0.14, 0.5).measured_over_predicted
     # Causes that know nothing of each other: 1 - 0.9 * 0.8.
-    assert ratios["surface"] == pytest.approx(0.14 / 0.28)
-    assert ratios["displacement_p99"] == 2.0
-    assert ratios["displacement_rms"] == 2.5
+    assert ratios.surface == pytest.approx(0.14 / 0.28)
+    assert ratios.displacement_p99 == 2.0
+    assert ratios.displacement_rms == 2.5
     nothing = measured(1.0, 0.0, None).measured_over_predicted
-    assert nothing == {"displacement_rms": None, "displacement_p99": None, "surface": 0.0}
+    assert nothing == Ratios(displacement_rms=None, displacement_p99=None, surface=0.0)
 
 
 def test_the_curves_of_surfaces_have_a_closed_form_for_every_depth_buffer(files: ReportFiles) -> None:
@@ -392,13 +393,7 @@ def measured(
     return Measurement(
         aperture=aperture,
         settings=DoubleFrustum(near=near, depth=depth),
-        comparison={
-            "judged": 3072,
-            "covered": 1000,
-            "surface": {"fraction": surface},
-            "displacement_px": None if p99 is None else {"p99": p99, "rms": p99 / 2},
-        },
-        certainty={},
+        comparison=comparison_numbers(3072, 1000, surface, p99),
         predicted=Prediction(
             displacement_px=Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3),
             silhouettes=0.1,
@@ -406,7 +401,8 @@ def measured(
             depth=0.2,
             separation=Separations(c=1e-3, c_star=None),
         ),
-        times_s={},
+        times_s=TIMES,
+        parts_s=PARTS,
     )
 
 
@@ -416,7 +412,7 @@ def test_least_surface_error_is_best_whatever_the_displacement() -> None:
 
 
 def test_among_equal_surfaces_least_displacement_is_best() -> None:
-    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE, 0.05)]
+    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE_FRACTION, 0.05)]
     assert best_setting(rows).settings.near == 0.1
     # 30 and 90 of 3,072 pixels.
     rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.03, 0.05)]

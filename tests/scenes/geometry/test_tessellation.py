@@ -90,8 +90,8 @@ def test_the_triangle_measure_does_depend_on_it() -> None:
     at = [n for n, row in enumerate(coarse) if 1e-3 < row.settings.near / 150 < 1e-2]
     assert at
     for n in at:
-        fractions = [row[n].comparison["triangle"]["fraction"] for row in (coarse, fine)]
-        assert fractions[1] > 1.5 * fractions[0]
+        few, many = (row[n].comparison.triangle for row in (coarse, fine))
+        assert few and many and many.fraction > 1.5 * few.fraction
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ def explain(
 
     opened = light.applied(options.open_scene(scene))
     settings = DoubleFrustum(
-        near=effects_plan.NEAR * opened.frustum.longest_reach,
+        near=effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach,
         slabs=slabs or (),
         camera=camera or Camera.BOTH,
     )
