@@ -18,7 +18,7 @@ POINT_SIZE = 2.0**-24
 the rounding with which images store points."""
 
 
-MOST = 6000
+MAX_HOGEL_CLAIMS = 6000
 """Claims of one hogel."""
 
 
@@ -122,9 +122,9 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
 
 def _some(count: int) -> Indices:
     """Return which of a hogel's claims are taken: no hogel outvotes the others."""
-    if count <= MOST:
+    if count <= MAX_HOGEL_CLAIMS:
         return np.arange(count)
-    return np.sort(np.random.default_rng(count).choice(count, MOST, replace=False))
+    return np.sort(np.random.default_rng(count).choice(count, MAX_HOGEL_CLAIMS, replace=False))
 
 
 def outlines(labels: NDArray[np.integer]) -> Mask:

@@ -18,7 +18,7 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
-TELLING = 20
+MIN_DIFFERING_PIXELS = 20
 """Pixels in which two ways of putting the halves together must differ, before images can tell them
 apart: fewer may be outlines that rounding has moved."""
 
@@ -47,7 +47,7 @@ WAYS = (
 )
 """The right one first; of those that images cannot tell apart, the first is named first."""
 
-ALIKE_PART = 0.98
+MIN_ALIKE_FRACTION = 0.98
 """Part of the pixels that the best way makes right which another must make right too, to be called alike: of
 closed bodies, the surface nearest to the plate remains when faces toward the viewer are left out."""
 
@@ -70,7 +70,7 @@ def find_composition(
         As found, naming triangles or objects, or with colors.
     """
     right = sum(int(_differ(*_shown(reference, model, WAYS[0], image)).sum()) for image in images)
-    if right < TELLING:
+    if right < MIN_DIFFERING_PIXELS:
         return (WAYS[0].of(model),)
     wrong, differing = np.zeros(len(WAYS)), np.zeros(len(WAYS))
     for image in images:
@@ -79,10 +79,10 @@ def find_composition(
         differing += [np.count_nonzero(_differ(picture, ways[0])) for picture in ways]
     gained = wrong[0] - wrong
     # Where the other way holds, each pixel that differs is wrong by the right one; half of them suffice.
-    telling = (differing >= TELLING) & (gained > differing / 2)
+    telling = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)
     if not telling.any():
         return (WAYS[0].of(model),)
-    alike = np.flatnonzero(telling & (gained >= ALIKE_PART * gained[telling].max()))
+    alike = np.flatnonzero(telling & (gained >= MIN_ALIKE_FRACTION * gained[telling].max()))
     return tuple(WAYS[index].of(model) for index in alike.tolist())
 
 
@@ -177,6 +177,6 @@ def _eroded(labels: Numbers) -> Numbers:
 
 
 def _correlation(pairs: NDArray[np.floating]) -> float:
-    if pairs.shape[1] < TELLING or min(np.ptp(pairs, axis=1)) == 0:
+    if pairs.shape[1] < MIN_DIFFERING_PIXELS or min(np.ptp(pairs, axis=1)) == 0:
         return float("nan")
     return float(np.corrcoef(pairs)[0, 1])

@@ -17,7 +17,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 
-CROSSING = 0.5
+MIN_DEPTH_PER_NEAR = 0.5
 """Surfaces closer to a camera than this part of near are not seen by it: halfway between the near
 plane, where drawing ends, and the camera, where projection does."""
 
@@ -99,5 +99,5 @@ def _one_camera(corners: Floats, films: _Films, model: DrawnModel, side: int) ->
         depth = volume / values.sum(axis=0)
     distance *= np.sign(volume)
     outside = np.maximum(0.0, -distance.min(axis=0))
-    seen = np.isfinite(outside) & (depth > CROSSING * model.near)
+    seen = np.isfinite(outside) & (depth > MIN_DEPTH_PER_NEAR * model.near)
     return distance.T, np.where(seen, outside, np.inf)

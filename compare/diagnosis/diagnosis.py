@@ -9,7 +9,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.claims import claims_of
 from xfrustum.compare.diagnosis.composition import exchanged_light, find_composition, unconjugated_share
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.diagnosis.faults import CONVENTIONS, MISTAKEN_UNITS, Fault, faults_of, lights_fault
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
@@ -20,11 +20,11 @@ from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-ENOUGH = 100
+MIN_FITTED_CLAIMS = 100
 """Claims that it takes to fit seven numbers and two symmetries, with some to spare."""
 
 
-TRIED_DEPTHS = (0.1, 0.3, 0.5, 0.7, 0.9)
+TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Shares of the scene's vertices below the heights at which pictures are tried to be explained otherwise."""
 
 
@@ -98,7 +98,7 @@ def _of_wrong(test: ExplanationTest) -> Diagnosis:
     guess = fit
     model, fit = _best(test, fit)
     faults, share = _named(test, model, fit), test.share(model)
-    if share is None or (faults and share >= LEAST_EXPLAINED):
+    if share is None or (faults and share >= MIN_EXPLAINED_FRACTION):
         if share is None or not test.pays(model):
             # What is wrong is excused as it is.
             model, faults = nominal, ()
@@ -129,7 +129,7 @@ def _fitted(
     claiming = [image for image in images if _claims(image)]
     claims = claims_of(reference.scene, claiming) if claiming else None
     pictures = [image for image in images if image.color is not None or _names_objects(image)]
-    if claims is not None and len(claims) >= ENOUGH:
+    if claims is not None and len(claims) >= MIN_FITTED_CLAIMS:
         fit = fit_geometry(claims, reference.scene, nominal)
         means = f"{len(claims):,} claims of {len(claiming)} hogels"
         means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
@@ -177,7 +177,7 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
     return best, _unbounded(fit, nominal, best, others)
 
 
-SAME_FACTOR = 1e-3
+MAX_PITCH_DIFFERENCE = 1e-3
 """Difference between the pitches of columns and rows that is none: a tenth of a percent."""
 
 
@@ -196,7 +196,7 @@ def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnM
     factor, other = model.scene_scale, model.pitch[0]
     if factor != nominal.scene_scale and model.pitch == nominal.pitch:
         found.append(replace(model, scene_scale=1.0, pitch=(other / factor, other / factor)))
-    elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= SAME_FACTOR:
+    elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
         found.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
     return tuple(found)
 
@@ -223,7 +223,7 @@ def _composed(test: ExplanationTest, model: DrawnModel) -> list[DrawnModel]:
 
 
 def _enough(share: float | None) -> bool:
-    return share is None or share >= LEAST_EXPLAINED
+    return share is None or share >= MIN_EXPLAINED_FRACTION
 
 
 def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[DrawnModel, ...]:
@@ -235,7 +235,7 @@ def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tup
     nominal, scene = test.nominal, test.reference.scene
     if not fit.by_color or model.parameters.tolist() == nominal.parameters.tolist():
         return ()
-    heights = np.quantile(scene.vertices[:, 2], TRIED_DEPTHS)
+    heights = np.quantile(scene.vertices[:, 2], TRIED_VERTEX_FRACTIONS)
     plain = model.with_parameters(nominal.parameters)
     factor = float(np.mean(model.fov))
     _, half = film_window(scene.frustum, scene.plate.middle)

@@ -59,40 +59,40 @@ ENCODING = "encoding"
 ACCEPTABLE = (*CONVENTIONS, ENCODING)
 """What a renderer's author may declare, so that images are judged by what was found."""
 
-NUMBERED = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
+NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
 
-HELD_PX = 0.05
+MAX_HELD_MISFIT_PX = 0.05
 """Mean distance by which claims of a reading that is right may fail: 20 times what rasterizers snap edges
 by."""
 
-FAILED_PX = 1.0
+MIN_FAILED_MISFIT_PX = 1.0
 """Mean distance beyond which claims fail altogether: then even those at a triangle's other side do not
 hold."""
 
-CAP_PX = 8.0
+MISFIT_CAP_PX = 8.0
 """How much one claim counts at most; so much counts a claim of what does not exist."""
 
-FAR_BETTER = 4.0
+MIN_IMPROVEMENT = 4.0
 """How many times less another reading must leave than the stated one. A wrong number is most often that of a
 triangle within a pixel or two, so that even the wrong one of two readings leaves little on a fine mesh; but
 the right one leaves what rounding leaves."""
 
-VALID = 0.99
+MIN_VALID_FRACTION = 0.99
 """Share of stored integers that must exist under a reading that is right; the others are damage."""
 
-SEARCHED_CLAIMS = 600
+MAX_SEARCHED_CLAIMS = 600
 """Claims that are looked at under every orientation and order; more do not change which reading is best."""
 
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
 """The right one first, then OpenCV's: of those that cannot be told apart, the first is named first."""
 
-FEWEST_CLAIMS = 100
+MIN_CLAIMS = 100
 """Claims that it takes to tell readings apart."""
 
-NEARS = (0.0, 1e-3, 1e-2, 1e-1)
+NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
 """Near offsets that claims are tried with, as parts of the reach."""
 
-AGREEING, AGREEING_OBJECTS = 0.9, 0.6
+MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
 """Share of pixels that must agree with the truth to within a pixel, under a reading that is right: of
 triangles, and of objects, which near offsets and moved scenes change."""
 
@@ -119,7 +119,7 @@ class FoundEncoding:
     @property
     def as_colors(self) -> bool:
         """Whether pixels that should be numbers are colors."""
-        return self.reading is not None and self.reading.encoding not in NUMBERED
+        return self.reading is not None and self.reading.encoding not in NUMBER_ENCODINGS
 
     def read(self, image: HogelImage) -> HogelImage:
         """Return an image as it is read now; the image itself where nothing was found."""
@@ -148,7 +148,7 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
     told = [image for image in images if (stored_integers(image, stated) != 0).any()]
     if not told:
         return FoundEncoding()
-    if stated.encoding in NUMBERED:
+    if stated.encoding in NUMBER_ENCODINGS:
         found = _numbers(reference, told, nominal, stated)
     else:
         found = _numbers_as_colors(reference, told, nominal)
@@ -181,10 +181,10 @@ def _numbers(
     truth = StoredTruth(reference, images)
     if stated.encoding is Encoding.TRIANGLE_ID:
         left = _misfit(scene, images, stated, nominal)
-        if left <= HELD_PX:
+        if left <= MAX_HELD_MISFIT_PX:
             return None
         found = _by_claims(scene, images, nominal, stated, left)
-        if found is None and left <= FAILED_PX:
+        if found is None and left <= MIN_FAILED_MISFIT_PX:
             # Enlarged pictures claim triangles beside the right ones.
             repeated = repeated_pixels(truth, stated)
             return None if repeated is None else FoundEncoding(faults=repeated[:1], restoring=repeated[1])
@@ -192,7 +192,7 @@ def _numbers(
             return found
     else:
         agreeing = truth.agreement(stated)
-        if agreeing.share >= AGREEING:
+        if agreeing.share >= MIN_AGREEING_FRACTION:
             return None
         found = _by_objects(scene, images, truth, stated, agreeing.share)
         if found is None and any(_is_picture(image) for image in images):
@@ -217,7 +217,10 @@ def _by_truth(
         fault, restoring = spoiled
         return FoundEncoding(faults=(fault,), restoring=restoring)
     # Numbers that exist are numbers, though they be the wrong ones.
-    if any(_is_picture(image) for image in images) and _valid_share(scene, images, stated) < VALID:
+    if (
+        any(_is_picture(image) for image in images)
+        and _valid_share(scene, images, stated) < MIN_VALID_FRACTION
+    ):
         colors = truth.colors()
         if colors is not None:
             return FoundEncoding(faults=_faults(stated, colors, ()), reading=colors)
@@ -248,13 +251,13 @@ def _by_claims(
     readings = [
         reading
         for reading in _others(scene, images, start, include=stated is not None)
-        if len(claims_of(scene, [read_again(image, reading) for image in images])) >= FEWEST_CLAIMS
+        if len(claims_of(scene, [read_again(image, reading) for image in images])) >= MIN_CLAIMS
     ]
     if not readings:
         return None
     ranked = [(_misfit(scene, images, reading, nominal), reading) for reading in readings]
     least = min(misfit for misfit, _ in ranked)
-    if least > min(FAILED_PX * FAR_BETTER, left):
+    if least > min(MIN_FAILED_MISFIT_PX * MIN_IMPROVEMENT, left):
         return None
     best = next(reading for misfit, reading in ranked if misfit == least)
     claims = claims_of(scene, [read_again(image, best) for image in images])
@@ -265,7 +268,7 @@ def _by_claims(
     if stated is None and valid > 0.5:
         before = claims_of(scene, [read_again(image, start) for image in images])
         noise = fit_geometry(before, scene, nominal).noise_px
-        if max(fit.noise_px, HELD_PX) * FAR_BETTER > noise and least * FAR_BETTER > left:
+        if max(fit.noise_px, MAX_HELD_MISFIT_PX) * MIN_IMPROVEMENT > noise and least * MIN_IMPROVEMENT > left:
             return None
     same = _indistinct(images, best, readings)
     return FoundEncoding(faults=_faults(stated or start, best, same), reading=best)
@@ -285,8 +288,8 @@ def _by_objects(
         return None
     shares = [truth.agreement(reading).share for reading in readings]
     best = readings[int(np.argmax(shares))]
-    least = AGREEING_OBJECTS if stated is None else AGREEING
-    if max(shares) < least or (1 - max(shares)) * FAR_BETTER > 1 - agreeing:
+    least = MIN_AGREEING_OBJECTS_FRACTION if stated is None else MIN_AGREEING_FRACTION
+    if max(shares) < least or (1 - max(shares)) * MIN_IMPROVEMENT > 1 - agreeing:
         return None
     same = _indistinct(images, best, readings)
     return FoundEncoding(faults=_faults(stated or start, best, same), reading=best)
@@ -298,7 +301,7 @@ def _numbers_as_colors(
     """Find numbers in pictures that are stated to hold colors."""
     scene, stated = reference.scene, Reading(encoding=Encoding.RGB)
     triangles = replace(stated, encoding=Encoding.TRIANGLE_ID)
-    found = _by_claims(scene, images, nominal, triangles, HELD_PX * FAR_BETTER, stated)
+    found = _by_claims(scene, images, nominal, triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT, stated)
     if found is not None:
         return found
     objects = replace(stated, encoding=Encoding.OBJECT_ID)
@@ -319,7 +322,7 @@ def _others(
                 reading = replace(plain, background=background)
                 if reading == start and not include:
                     continue
-                if _valid_share(scene, images, reading) >= VALID:
+                if _valid_share(scene, images, reading) >= MIN_VALID_FRACTION:
                     yield reading
 
 
@@ -351,20 +354,20 @@ def _misfit(scene: Scene, images: Sequence[HogelImage], reading: Reading, nomina
     """Return by how much claims fail on the average, px, under the best conventions and near offset."""
     valid = _valid_share(scene, images, reading)
     read = [read_again(image, reading) for image in images]
-    claims = claims_of(scene, read).thinned(SEARCHED_CLAIMS) if valid else None
+    claims = claims_of(scene, read).thinned(MAX_SEARCHED_CLAIMS) if valid else None
     if claims is None or not len(claims):
-        return CAP_PX
-    held = float(outside_px(claims, scene, nominal, CAP_PX).mean())
-    if held > HELD_PX:
+        return MISFIT_CAP_PX
+    held = float(outside_px(claims, scene, nominal, MISFIT_CAP_PX).mean())
+    if held > MAX_HELD_MISFIT_PX:
         several = len(np.unique(claims.hogel, axis=0)) > 1
         orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
         reach = scene.frustum.longest_reach
-        nears = sorted({nominal.near, *(part * reach for part in NEARS)})
+        nears = sorted({nominal.near, *(part * reach for part in NEAR_FRACTIONS)})
         for orientation, order in itertools.product(orientations(claims.size), orders):
             for near in nears:
                 model = replace(nominal, orientation=orientation, order=order, near=near)
-                held = min(held, float(outside_px(claims, scene, model, CAP_PX).mean()))
-    return valid * held + (1 - valid) * CAP_PX
+                held = min(held, float(outside_px(claims, scene, model, MISFIT_CAP_PX).mean()))
+    return valid * held + (1 - valid) * MISFIT_CAP_PX
 
 
 def _indistinct(
@@ -388,7 +391,7 @@ def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[F
     faults = []
     if found.encoding is not stated.encoding:
         words = (
-            f"pixels hold {_MEANINGS[found.encoding]}, not {_MEANINGS[stated.encoding]}: "
+            f"pixels hold {_ENCODING_WORDS[found.encoding]}, not {_ENCODING_WORDS[stated.encoding]}: "
             f"--encoding {found.encoding}"
         )
         faults.append(Fault(fault=WRONG_ENCODING, value=str(found.encoding), words=words))
@@ -413,7 +416,7 @@ def _letters(reading: Reading) -> str:
     return "".join("RGB"[channel] for channel in reading.channels)
 
 
-_MEANINGS = {
+_ENCODING_WORDS = {
     Encoding.TRIANGLE_ID: "numbers of triangles",
     Encoding.OBJECT_ID: "numbers of objects",
     Encoding.RGB: "colors",

@@ -15,7 +15,7 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
-LEAST_EXPLAINED = 0.9
+MIN_EXPLAINED_FRACTION = 0.9
 """Share of the wrong pixels that a diagnosis must explain to be a finding.
 
 Under the renderer's true conventions all pixels are right but those that rounding moves across outlines, and
@@ -27,12 +27,12 @@ MAX_TESTED_HOGELS = 9
 """Largest number of hogels that a diagnosis is tested on, spread over the sample: each has thousands of
 pixels, and tells within a few percent what the others would."""
 
-DOUBT = 2.0
+MIN_GAIN_DEVIATIONS = 2.0
 """A fault pays for itself when it makes more pixels right than wrong by this many standard deviations of the
 difference, had each of these pixels been decided by a coin."""
 
 
-MOSTLY_WRONG = 0.5
+GROSS_WRONG_FRACTION = 0.5
 """Wrong pixels, as a part of those that images show, from which on gross mistakes are tried: a scene of ten
 times the size is wrong nearly everywhere."""
 
@@ -71,7 +71,7 @@ class ExplanationTest:
         """Whether images that name surfaces or colors show some, most of which are wrong."""
         telling = [image for image in self.tested if _tells(image)]
         shown = sum(int(_covered(image).sum()) for image in telling)
-        return bool(shown) and self.wrong(self.nominal) > MOSTLY_WRONG * shown
+        return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def wrong(self, model: DrawnModel) -> int:
         """Return how many pixels are wrong by a guess, whatever the cause."""
@@ -120,7 +120,7 @@ class ExplanationTest:
         for mine, other in zip(self._wrong(model), self._wrong(simpler), strict=True):
             gained += int((other & ~mine).sum())
             lost += int((mine & ~other).sum())
-        return bool(gained - lost > DOUBT * np.sqrt(gained + lost))
+        return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
 
     def _count(self, model: DrawnModel, *, explained: bool) -> int:
         return sum(int(mask.sum()) for mask in self._wrong(model, explained=explained))

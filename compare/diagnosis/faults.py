@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.geometry_fit import CORNER, GeometryFit
+from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, GeometryFit
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
 from xfrustum.compare.renderer_model.parameters import Kind
@@ -249,7 +249,7 @@ def _aperture_words(axis: int, scene: Scene, value: float) -> str:
     side = (("to the left", "to the right"), ("downward", "upward"))[axis][value > 0]
     words = f"all apertures are moved by {abs(value):.5g} {scene.units} {side}"
     half = scene.plate.size[axis] / scene.plate.hogels[axis] / 2
-    if abs(abs(value) - half) <= CORNER * 2 * half:
+    if abs(abs(value) - half) <= CORNER_PITCHES * 2 * half:
         words += ": half a pitch, as at the corners of hogels instead of their centers"
     return words
 

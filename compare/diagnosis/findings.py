@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, diagnose, doubtful
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reference import Reference
@@ -39,7 +39,7 @@ def find_out(
     """Find out how a renderer's images are to be read, and how it draws.
 
     A reading is put to the test together with the diagnosis of what is read by it: of the pixels that are
-    wrong as stated, both must explain `LEAST_EXPLAINED`. Else neither is a finding.
+    wrong as stated, both must explain `MIN_EXPLAINED_FRACTION`. Else neither is a finding.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def find_out(
     wrong = before.wrong(nominal)
     share = max(0.0, 1.0 - after.unexplained(diagnosis.model) / wrong) if wrong else 0.0
     faults = tuple(replace(fault, explains=share) for fault in (*encoding.faults, *diagnosis.faults))
-    if share >= LEAST_EXPLAINED:
+    if share >= MIN_EXPLAINED_FRACTION:
         return Findings(encoding=encoding, diagnosis=replace(diagnosis, faults=faults), judging=judged)
     stated = diagnose(reference, images, nominal, judging)
     doubted = (*map(doubtful, faults), *stated.does_not_explain)

@@ -26,24 +26,24 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 
-SEARCHED, FITTED, BOUNDED = 1200, 2500, 16000
+MAX_SEARCHED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 2500, 16000
 """Claims that the search, the fit and the intervals look at: enough for either, and quick."""
 
-MISPLACED = 0.01
+MAX_MISPLACED_FRACTION = 0.01
 """Share of claims that may fail under the right guess, for reasons of their own."""
 
-ALIKE = 2.0
+NOISE_FACTOR = 2.0
 """A simpler guess is as good when its claims fail by no more than this many times what the best
 leaves: two noises of one size, the guess's and the measure's."""
 
-FAR_OFF_PX, SPOILED = 1.0, 0.1
+MAX_NOISE_PX, MIN_SPOILED_FRACTION = 1.0, 0.1
 """A hogel is left out when more than this share of its claims fail by more than a pixel; and where that
 holds of all that is left, no convention explains the images."""
 
-MAX_SPOILED_HOGELS = 0.5
+MAX_SPOILED_HOGEL_FRACTION = 0.5
 """Largest part of the hogels that may be left out: what holds in fewer than half of them is no convention."""
 
-NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
+START_NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
 """Starting points for near, parts of the reach."""
 
 START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
@@ -59,17 +59,17 @@ USUAL_GROUPS = ("shift", "fov", "pitch", "near")
 MAX_GROUPS = 4
 """Groups that may be off nominal together: with more of them free, noise is fitted too."""
 
-SCREENED, SCREENING = 600, 2.0
+MAX_SCREENED_CLAIMS, SCREENING_FACTOR = 600, 2.0
 """Claims that a guess is tried on first, and how far above the limit it may stay there: two fits of fewer
 claims differ by noise of the limit's own size."""
 
 ATTRACTION_PX = 1.0
 """Failures of claims up to which the first fit counts their squares, to find the second one's start."""
 
-CORNER = 0.01
+CORNER_PITCHES = 0.01
 """Part of a pitch within which apertures are taken to be at the corners of their hogels."""
 
-STARTS = 4
+MAX_STARTS = 4
 """Best starting points of the search that are fitted."""
 
 
@@ -86,7 +86,7 @@ class GeometryFit:
     free
         Names of the groups that had to be off their nominal values.
     noise_px
-        By how much all claims but `MISPLACED` fail under it, at most.
+        By how much all claims but `MAX_MISPLACED_FRACTION` fail under it, at most.
     alternatives
         Other guesses, as simple, with other groups off nominal, under which the claims hold as well.
     spoiled
@@ -107,7 +107,7 @@ class GeometryFit:
     @property
     def holds(self) -> bool:
         """Whether the claims hold at all."""
-        return self.noise_px <= FAR_OFF_PX
+        return self.noise_px <= MAX_NOISE_PX
 
 
 def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryFit:
@@ -122,29 +122,29 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
     nominal
         What the renderer's author says of it, `DrawnModel()` if nothing.
     """
-    few, some = claims.thinned(SEARCHED), claims.thinned(FITTED)
+    few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
     found = _Found(model=nominal, free=(), alternatives=())
     spoiled: frozenset[tuple[int, int]] = frozenset()
     # The plain guess is nearly always right or nearly right: it spares the search.
     if _noise(some, scene, nominal) > SNAP_PX:
         starts = _search(few, scene, nominal)
-        limit = ALIKE * SNAP_PX
+        limit = NOISE_FACTOR * SNAP_PX
         one = _simplest(some, scene, nominal, starts, range(2), limit)
         if one is None:
             freest = _freest(few, scene, nominal, starts)
             claims, spoiled = _without_spoiled(claims, scene, freest)
-            some = claims.thinned(FITTED)
+            some = claims.thinned(MAX_FITTED_CLAIMS)
             freest = _fitted(some, scene, nominal, freest, _freest_groups(claims))
             noise = _noise(some, scene, freest)
-            if noise <= FAR_OFF_PX:
-                limit, counts = ALIKE * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
+            if noise <= MAX_NOISE_PX:
+                limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
                 one = _simplest(some, scene, nominal, [freest], counts, limit)
             starts = [freest, *starts]
         found = one or _least_wrong(some, scene, nominal, starts)
     best = found.model
     noise = _noise(some, scene, best)
     index = [place for name in found.free for place in parameters.places(name)]
-    values, low, high = feasible_interval(claims.thinned(BOUNDED), scene, best, index, noise)
+    values, low, high = feasible_interval(claims.thinned(MAX_BOUNDING_CLAIMS), scene, best, index, noise)
     return GeometryFit(
         model=best.with_parameters(values),
         low=low,
@@ -173,18 +173,18 @@ def _without_spoiled(
     One file of noise must not decide about the others; but where most hogels would be left out, the
     guess is wrong and not they: all are kept.
     """
-    off = outside_px(claims, scene, model, np.inf) > FAR_OFF_PX
+    off = outside_px(claims, scene, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
     which = which.reshape(-1)
-    spoiled = np.bincount(which, off) / np.bincount(which) >= SPOILED
-    if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGELS:
+    spoiled = np.bincount(which, off) / np.bincount(which) >= MIN_SPOILED_FRACTION
+    if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGEL_FRACTION:
         return claims, frozenset()
     return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
 
 
 def _noise(claims: Claims, scene: Scene, model: DrawnModel) -> float:
     outside = outside_px(claims, scene, model, max(claims.size))
-    return float(np.quantile(outside, 1 - MISPLACED)) if len(outside) else 0.0
+    return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
 
 
 def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnModel]:
@@ -197,7 +197,9 @@ def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnMode
     orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
     for orientation, order in itertools.product(orientations(claims.size), orders):
         upright = replace(nominal, orientation=orientation, order=order)
-        tried = [replace(upright, near=near) for near in {nominal.near, *(reach * n for n in NEARS[::4])}]
+        tried = [
+            replace(upright, near=near) for near in {nominal.near, *(reach * n for n in START_NEARS[::4])}
+        ]
         tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
         tried += [replace(upright, fov=(film, film)) for film in START_FILMS]
         ranked += [(float(outside_px(claims, scene, model, cap).mean()), model) for model in tried]
@@ -206,13 +208,13 @@ def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnMode
     finely = [
         (float(outside_px(claims, scene, fine, cap).mean()), fine)
         for model in conventions.values()
-        for near in {nominal.near, *(reach * part for part in NEARS)}
+        for near in {nominal.near, *(reach * part for part in START_NEARS)}
         for fine in (replace(model, near=near),)
     ]
     finely.sort(key=lambda pair: pair[0])
     scaled = [model for _, model in ranked if model.scene_scale != nominal.scene_scale]
     filmed = [model for _, model in ranked if model.fov != nominal.fov]
-    best = [model for _, model in finely[:STARTS]]
+    best = [model for _, model in finely[:MAX_STARTS]]
     # Of each group that is searched for, at least one.
     return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1], *filmed[:1]]))
 
@@ -242,7 +244,7 @@ def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[
         for start in starts:
             fits.append(_fitted(claims, scene, nominal, start, free))
             kept, _ = _without_spoiled(claims, scene, fits[-1])
-            if _noise(kept, scene, fits[-1]) <= ALIKE * SNAP_PX:
+            if _noise(kept, scene, fits[-1]) <= NOISE_FACTOR * SNAP_PX:
                 return fits[-1]
         fits.sort(key=lambda model: _misfit(claims, scene, model))
         starts = [*fits[:1], *starts[:1]]
@@ -273,17 +275,17 @@ def _simplest(
     Where several sets of so many groups will do, the images cannot tell them apart: the preferred one is
     returned, with the others as alternatives.
     """
-    few = claims.thinned(SCREENED)
+    few = claims.thinned(MAX_SCREENED_CLAIMS)
     for count in counts:
         passing: dict[tuple[str, ...], tuple[tuple[float, ...], DrawnModel]] = {}
         for free in itertools.combinations(_groups(claims), count):
             for start in _variants(scene, nominal, starts, free):
                 # Most sets are far off, which little work on few claims shows.
                 model = _fitted(few, scene, nominal, start, free, roughly=True)
-                if _noise(few, scene, model) > max(FAR_OFF_PX, limit_px):
+                if _noise(few, scene, model) > max(MAX_NOISE_PX, limit_px):
                     continue
                 model = _fitted(few, scene, nominal, model, free)
-                if _noise(few, scene, model) > SCREENING * limit_px:
+                if _noise(few, scene, model) > SCREENING_FACTOR * limit_px:
                     continue
                 model = _fitted(claims, scene, nominal, model, free)
                 if _noise(claims, scene, model) > limit_px:
@@ -326,8 +328,8 @@ def at_corner(scene: Scene, model: DrawnModel) -> bool:
     """Return whether a guess has apertures at corners or edges of hogels, half a pitch from their centers."""
     offset = np.abs(model.aperture_offset)
     pitch = np.asarray(scene.plate.size) / scene.plate.hogels
-    off = np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER * pitch
-    return bool(off.all() and (offset > CORNER * pitch).any())
+    off = np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch
+    return bool(off.all() and (offset > CORNER_PITCHES * pitch).any())
 
 
 def _oddity(scene: Scene, model: DrawnModel, nominal: DrawnModel) -> tuple[int, int]:

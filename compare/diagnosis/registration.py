@@ -24,37 +24,37 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 
-FINER = 8
+SUPERSAMPLING = 8
 """Reference pixels for each pixel of an image, along each side: between them it is interpolated."""
 
-WIDER = 1.25
+PICTURE_FILMS = 1.25
 """How much farther than the film the reference looks, so that another field of view finds something there."""
 
-CONFIDENCE = 0.99
+INTERVAL_CONFIDENCE = 0.99
 """Of the intervals, over hogels."""
 
-SEVERAL = 3
+MIN_INTERVAL_HOGELS = 3
 """Hogels that it takes to say how far apart they lie."""
 
-REGISTERED = 16
+MAX_REGISTERED_HOGELS = 16
 """Hogels that are fitted: more would tell the same."""
 
-COARSE = 0.25
+DERIVATIVE_STEP_PX = 0.25
 """Steps of derivatives in pixels: outlines are steps themselves, whose slopes are seen from afar only."""
 
-SETTLED_PX = 1e-3
+SHIFT_TOLERANCE_PX = 1e-3
 """The search for the best shift ends when it moves by no more."""
 
 BLUR_PX = 1.5
 """Standard deviation of the filter under which outlines that lie pixels apart still attract each other."""
 
-SMALL_DIFFERENCE = 0.05
+MAX_BRIGHTNESS_DIFFERENCE = 0.05
 """Differences in brightness beyond which a pixel shows another surface, and by how much says nothing."""
 
-AWAY = 1e3
+PARAMETER_OFFSET = 1e3
 """Where the scaled parameters start: steps of derivatives are relative to values, and shall all be one."""
 
-NOMINAL = np.array([0.0, 0.0, 1.0, 1.0])
+NOMINAL_SHIFT_AND_FOV = np.array([0.0, 0.0, 1.0, 1.0])
 """Shift and fov where nothing is wrong."""
 
 
@@ -74,7 +74,7 @@ class _Pair:
         """Return both under the same filter."""
         return _Pair(
             image=gaussian_filter(self.image, BLUR_PX),
-            wide=gaussian_filter(self.wide, BLUR_PX * FINER),
+            wide=gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING),
             offset=self.offset,
         )
 
@@ -99,16 +99,16 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
         return unknown
     images, grays = [images[index] for index in told], [grays[index] for index in told]
     model = _conventions(reference, images, grays, nominal)
-    chosen = np.unique(np.linspace(0, len(images) - 1, REGISTERED).astype(int))
+    chosen = np.unique(np.linspace(0, len(images) - 1, MAX_REGISTERED_HOGELS).astype(int))
     # Halton's sequence in two dimensions: even, and without a period.
-    offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / FINER
+    offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / SUPERSAMPLING
     pairs = [
         _pair(reference, model, images[index], grays[index], offset)
         for index, offset in zip(chosen, offsets, strict=True)
     ]
     blurred = [pair.blurred() for pair in pairs]
-    best = _least(blurred, _start(pairs), COARSE)
-    best = _closest(pairs, _least(pairs, best, COARSE))
+    best = _least(blurred, _start(pairs), DERIVATIVE_STEP_PX)
+    best = _closest(pairs, _least(pairs, best, DERIVATIVE_STEP_PX))
     values, low, high = model.parameters, model.parameters, model.parameters
     half = _uncertainty(pairs, best)
     low[:4], high[:4] = best - half, best + half
@@ -154,7 +154,7 @@ def _correlation(a: Floats, b: Floats) -> float:
 def _pair(reference: Reference, model: DrawnModel, image: HogelImage, gray: Floats, offset: Floats) -> _Pair:
     aperture = model.answers(reference.scene, image.camera.aperture)
     shifted = replace(model, shift=(float(offset[0]), float(offset[1])))
-    wide = picture_of(reference, shifted, aperture, FINER, WIDER)
+    wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
     if image.color is None:
         wide = replace(wide, color=None)
     return _Pair(image=model.orientation.upright(gray), wide=as_gray(wide), offset=offset)
@@ -164,7 +164,7 @@ def _start(pairs: Sequence[_Pair]) -> Floats:
     """Return shift (columns, rows) and fov (x, y) to begin with, the shift by phase correlation."""
     moved = np.array(
         [
-            phase_cross_correlation(pair.image, _sampled(pair, NOMINAL), upsample_factor=20)[0]
+            phase_cross_correlation(pair.image, _sampled(pair, NOMINAL_SHIFT_AND_FOV), upsample_factor=20)[0]
             for pair in pairs
         ]
     )
@@ -180,7 +180,7 @@ def _least(pairs: Sequence[_Pair], start: Floats, step_px: float) -> Floats:
     scales = step_px / np.array([1.0, 1.0, width / 2, height / 2])
 
     def at(units: Floats) -> Floats:
-        return np.asarray(start + (units - AWAY) * scales)
+        return np.asarray(start + (units - PARAMETER_OFFSET) * scales)
 
     def differences(units: Floats) -> Floats:
         values = at(units)
@@ -188,11 +188,11 @@ def _least(pairs: Sequence[_Pair], start: Floats, step_px: float) -> Floats:
 
     found = least_squares(
         differences,
-        np.full(4, AWAY),
+        np.full(4, PARAMETER_OFFSET),
         jac="3-point",
-        diff_step=1 / AWAY,
+        diff_step=1 / PARAMETER_OFFSET,
         loss="soft_l1",
-        f_scale=SMALL_DIFFERENCE,
+        f_scale=MAX_BRIGHTNESS_DIFFERENCE,
         max_nfev=20,
     )
     return at(found.x)
@@ -209,10 +209,10 @@ def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
     def different(units: Floats) -> float:
         values = start + units * scales
         errors = [np.abs(_sampled(pair, values, 0) - pair.image) for pair in pairs]
-        return float(np.mean([np.minimum(error, SMALL_DIFFERENCE).mean() for error in errors]))
+        return float(np.mean([np.minimum(error, MAX_BRIGHTNESS_DIFFERENCE).mean() for error in errors]))
 
-    simplex = np.vstack([np.zeros(4), COARSE * np.eye(4)])
-    settings = {"initial_simplex": simplex, "xatol": SETTLED_PX, "fatol": 1e-9, "maxfev": 300}
+    simplex = np.vstack([np.zeros(4), DERIVATIVE_STEP_PX * np.eye(4)])
+    settings = {"initial_simplex": simplex, "xatol": SHIFT_TOLERANCE_PX, "fatol": 1e-9, "maxfev": 300}
     found = minimize(different, np.zeros(4), method="Nelder-Mead", options=settings)
     return np.asarray(start + found.x * scales)
 
@@ -220,14 +220,14 @@ def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
 def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:
     """Return half the width of the intervals: the jackknife over hogels; infinite for too few."""
     count = len(pairs)
-    if count < SEVERAL:
+    if count < MIN_INTERVAL_HOGELS:
         return np.full(4, np.inf)
     without = np.array([_closest([*pairs[:out], *pairs[out + 1 :]], best) for out in range(count)])
     variance = (count - 1) / count * np.square(without - without.mean(axis=0)).sum(axis=0)
     height, width = pairs[0].image.shape
     # Each fine picture places outlines to half of its pixels, independently of the others.
-    grid = 1 / (2 * FINER * np.sqrt(count)) / np.array([1.0, 1.0, width / 2, height / 2])
-    return np.asarray(grid + student.ppf((1 + CONFIDENCE) / 2, count - 1) * np.sqrt(variance))
+    grid = 1 / (2 * SUPERSAMPLING * np.sqrt(count)) / np.array([1.0, 1.0, width / 2, height / 2])
+    return np.asarray(grid + student.ppf((1 + INTERVAL_CONFIDENCE) / 2, count - 1) * np.sqrt(variance))
 
 
 def _sampled(pair: _Pair, values: Floats, order: int = 1) -> Floats:
@@ -239,6 +239,6 @@ def _sampled(pair: _Pair, values: Floats, order: int = 1) -> Floats:
     ):
         # Pixels from the film's middle, where factors act; then the fine picture's own pixels.
         place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
-        fine.append(place * FINER + total / 2 - 0.5)
+        fine.append(place * SUPERSAMPLING + total / 2 - 0.5)
     rows, columns = np.meshgrid(*fine, indexing="ij")
     return np.asarray(map_coordinates(pair.wide, (rows, columns), order=order, mode="nearest"))

@@ -17,39 +17,39 @@ from xfrustum.scenes.files.foreign_images import Encoding, ForeignImage, Reading
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
-FIRST = "first"
+FIRST_NUMBER = "first"
 """What is lost where number 0 and nothing are stored alike."""
 
-COMPARED_HOGELS = 3
+MAX_COMPARED_HOGELS = 3
 """Hogels that are compared with the truth; more do not change what kind of damage it is."""
 
-COMPARED_PX = 100
+COMPARED_LINES = 100
 """Columns and rows of each that are looked at, at most, evenly spread."""
 
-EXPLAINED = 0.9
+MIN_ACCOUNTED_FRACTION = 0.9
 """Share of the pixels that show something which a kind of damage must account for."""
 
-REPEATED = 0.15
+MIN_REPEATED_FRACTION = 0.15
 """Share of columns and of rows that repeat the ones before, from which on pictures were enlarged, by about a
 sixth or more: of what is drawn at its own size, few lines are alike."""
 
-BLENDED = 0.01
+MIN_MIXED_FRACTION = 0.01
 """Share of pixels between the numbers around them from which on pictures are resampled: fewer are
 accidents."""
 
-NEW_VALUES = 1.2
+MIN_VALUES_FACTOR = 1.2
 """How many times as many different integers as the truth has, mixed or compressed pictures store at least:
 what lies between two numbers is new. Numbers that are merely wrong, as of objects in another order, are as
 many as the right ones."""
 
-LOSSY_STEPS = 24
+MAX_LOSSY_STEPS = 24
 """How far lossy compression may move a byte: the coarsest quantization that JPEG's quality 75 has for
 brightness, its low frequencies, is 16; chroma adds half of its own."""
 
-SHADES = 3
+MIN_SHADES = 3
 """Different gray values that a shaded picture has, at least."""
 
-CORRELATED = 0.5
+MIN_CORRELATION = 0.5
 """Correlation of brightness with the truth's, within surfaces, from which on colored pixels are a picture."""
 
 
@@ -100,7 +100,7 @@ class StoredTruth:
 
     def __init__(self, reference: Reference, images: Sequence[HogelImage]) -> None:
         self.reference = reference
-        count = min(COMPARED_HOGELS, len(images))
+        count = min(MAX_COMPARED_HOGELS, len(images))
         chosen = np.unique(np.linspace(0, max(len(images) - 1, 0), count).astype(int)).tolist()
         self.images = [images[index] for index in chosen]
         self.several = len({image.camera.aperture.index for image in images}) > 1
@@ -145,7 +145,7 @@ class StoredTruth:
     ) -> _Beside:
         """Return an image's pixels beside the truth's."""
         truth = self.truth(order.index(image.camera.aperture.index, self.reference.scene.plate.hogels))
-        step = max(1, min(truth.triangle.shape) // COMPARED_PX) if thinned else 1
+        step = max(1, min(truth.triangle.shape) // COMPARED_LINES) if thinned else 1
         return _Beside(
             rgb=orientation.upright(stored_rgb(image))[::step, ::step],
             triangle=_around(truth.triangle, step),
@@ -156,17 +156,17 @@ class StoredTruth:
     def colors(self) -> Reading | None:
         """Return how to read pixels that are colors of the scene; None where they are not."""
         found = self.best(_covers)
-        if found.share < EXPLAINED:
+        if found.share < MIN_ACCOUNTED_FRACTION:
             return None
         parts = [self.beside(image, found.orientation, found.order) for image in self.images]
         inner = [(part.rgb != 0).any(axis=-1) & (part.triangle[0] != NOTHING) for part in parts]
         rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
         gray = np.concatenate([part.gray[some] for part, some in zip(parts, inner, strict=True)])
         shades = rgb.astype(np.float64).mean(axis=1)
-        if len(np.unique(shades)) < SHADES:
+        if len(np.unique(shades)) < MIN_SHADES:
             return None
-        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= EXPLAINED
-        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < CORRELATED):
+        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_ACCOUNTED_FRACTION
+        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
             return None
         return Reading(encoding=Encoding.RGB)
 
@@ -220,13 +220,13 @@ class Restoring:
         numbers = np.array(orientation.upright(getattr(as_read, name)))
         meant = beside.object if name == "object" else beside.triangle
         candidates: Iterable[tuple[Mask, Numbers]]
-        if self.kind == FIRST:
+        if self.kind == FIRST_NUMBER:
             first = self.reading.packed(beside.rgb) == self.reading.background
             candidates = [(first & (meant[0] == 0), meant[0])]
         elif self.kind == OVERFLOW:
             candidates = zip(_overflown(beside, self.reading, self.bits), meant, strict=True)
         else:
-            margin = LOSSY_STEPS if self.kind == LOSSY else 0
+            margin = MAX_LOSSY_STEPS if self.kind == LOSSY else 0
             candidates = zip([_between(beside, self.reading, margin)], meant[:1], strict=True)
         open_pixels = np.ones(numbers.shape, dtype=np.bool_)
         for explained, number in candidates:
@@ -240,7 +240,7 @@ class Restoring:
 
 def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
     """Return how to tell number 0 from nothing, where both are stored alike."""
-    return Restoring(truth=truth, kind=FIRST, reading=reading, agreement=truth.agreement(reading))
+    return Restoring(truth=truth, kind=FIRST_NUMBER, reading=reading, agreement=truth.agreement(reading))
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
@@ -263,7 +263,7 @@ def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
             return np.asarray(_overflown(beside, stated, kept).any(axis=0))
 
         found = truth.best(overflown)
-        if found.share >= EXPLAINED:
+        if found.share >= MIN_ACCOUNTED_FRACTION:
             words = (
                 f"only the low {bits} bits of each number are stored, of {count:,} triangles: others are lost"
             )
@@ -277,7 +277,7 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
     named_lossy = any(
         isinstance(i, ForeignImage) and i.stored is not None and i.stored.lossy for i in truth.images
     )
-    for kind, margin in ((RESAMPLED, 0), (LOSSY, LOSSY_STEPS)):
+    for kind, margin in ((RESAMPLED, 0), (LOSSY, MAX_LOSSY_STEPS)):
         if kind == RESAMPLED and named_lossy:
             continue
         space = margin
@@ -291,8 +291,8 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
         mixed = 1 - float(np.concatenate(exact).mean()) if parts else 0.0
         stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
         should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
-        new = len(np.unique(stored)) >= NEW_VALUES * len(np.unique(should))
-        explained = found.share >= EXPLAINED and mixed >= BLENDED and new
+        new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
+        explained = found.share >= MIN_ACCOUNTED_FRACTION and mixed >= MIN_MIXED_FRACTION and new
         if explained or (kind == LOSSY and named_lossy):
             words = {
                 RESAMPLED: f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
@@ -317,7 +317,10 @@ def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
     images = [stated.packed(stored_rgb(image)) for image in truth.images]
     expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
     repeated = [_repeated(images, axis) for axis in (0, 1)]
-    if any(mine < REPEATED or _repeated(expected, axis) > mine / 2 for axis, mine in enumerate(repeated)):
+    if any(
+        mine < MIN_REPEATED_FRACTION or _repeated(expected, axis) > mine / 2
+        for axis, mine in enumerate(repeated)
+    ):
         return None
     share = float(np.mean(repeated))
     words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"

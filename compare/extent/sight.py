@@ -19,10 +19,10 @@ FILM_MARGIN_PX = 1e-6
 """Added around what a triangle covers on the film. Film coordinates are a dozen roundings of doubles, good
 to 1e-12 px on films of any size; what is nearer than this to a pixel's center counts as in sight."""
 
-FIRST_LOOK = 1 << 14
+IN_SIGHT_CHUNK_TRIANGLES = 1 << 14
 """Triangles looked at together when any that is in sight will do: most meshes show one among the first."""
 
-FINE_TRIANGLES = 50_000
+MAX_SPLIT_TRIANGLES = 50_000
 """Coarse meshes are split up to about this many triangles before apertures are counted, because a large
 triangle's apertures are counted by the rectangle about them."""
 
@@ -35,7 +35,7 @@ def in_sight(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
     """
     return any(
         bool(_can_be_shown(triangles, layer, frustum, aperture).any())
-        for triangles in triangles_in_chunks(part, FIRST_LOOK)
+        for triangles in triangles_in_chunks(part, IN_SIGHT_CHUNK_TRIANGLES)
         for layer in layers(triangles, frustum)
     )
 
@@ -135,8 +135,8 @@ def apertures_in_sight(part: SceneObject, frustum: Frustum, plate: Plate) -> Mas
 
 
 def _split_coarse(triangles: Floats, total: int) -> Floats:
-    """Return the triangles, each split in four until there are about `FINE_TRIANGLES` in all."""
-    while 4 * total <= FINE_TRIANGLES:
+    """Return the triangles, each split in four until there are about `MAX_SPLIT_TRIANGLES` in all."""
+    while 4 * total <= MAX_SPLIT_TRIANGLES:
         a, b, c = triangles.transpose(1, 0, 2)
         ab, bc, ca = a / 2 + b / 2, b / 2 + c / 2, c / 2 + a / 2
         quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

@@ -14,13 +14,13 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.plate import Aperture
 
-OBJECTS_NAMED = 3
+MAX_NAMED_OBJECTS = 3
 """Objects that one sentence speaks of, so that it stays one line; the others are counted."""
 
-FEW_APERTURES = 4
+MAX_SINGLE_APERTURES = 4
 """Up to this many apertures are looked at one by one; of more, those that see nothing are left out first."""
 
-TINY_SHARE = 0.01
+MIN_SIZE_FRACTION = 0.01
 """An object smaller than this share of the plate's longer side is more likely one in other units, meters for
 millimeters or inches, than one made for the plate: a pixel of a hogel is a hundredth or more of that side."""
 
@@ -54,7 +54,7 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
         return None
     named = [
         f"{_name(number, part)} {_why_unseen(scene, part, apertures)}"
-        for number, part in enumerate(scene.objects[:OBJECTS_NAMED])
+        for number, part in enumerate(scene.objects[:MAX_NAMED_OBJECTS])
     ]
     more = len(scene.objects) - len(named)
     where = "; ".join([*named, f"and {more} more objects are not in sight"] if more else named)
@@ -74,10 +74,13 @@ def reach_warnings(scene: Scene) -> tuple[str, ...]:
 
 def _first(found: Sequence[str]) -> tuple[str, ...]:
     """Return the first few sentences, the last of them with the number of those that are left out."""
-    more = len(found) - OBJECTS_NAMED
+    more = len(found) - MAX_NAMED_OBJECTS
     if more <= 0:
         return tuple(found)
-    return (*found[: OBJECTS_NAMED - 1], f"{found[OBJECTS_NAMED - 1]}; and so for {more} more objects")
+    return (
+        *found[: MAX_NAMED_OBJECTS - 1],
+        f"{found[MAX_NAMED_OBJECTS - 1]}; and so for {more} more objects",
+    )
 
 
 def scale_warnings(scene: Scene) -> tuple[str, ...]:
@@ -86,7 +89,7 @@ def scale_warnings(scene: Scene) -> tuple[str, ...]:
     found = []
     for number, part in enumerate(scene.objects):
         low, high = box(part)
-        if max(np.subtract(high, low)) < TINY_SHARE * side:
+        if max(np.subtract(high, low)) < MIN_SIZE_FRACTION * side:
             found.append(
                 f"{_name(number, part)} is {_size(low, high, scene.units)}, and the plate is {length(side)} "
                 f"{scene.units} wide: give it a scale if it is in other units"
@@ -140,7 +143,7 @@ def _none_of(scene: Scene, apertures: Sequence[Aperture]) -> str:
 
 def _seen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> bool:
     """Return whether any of the apertures can show some of an object."""
-    if len(apertures) > FEW_APERTURES:
+    if len(apertures) > MAX_SINGLE_APERTURES:
         flags = apertures_in_sight(part, scene.frustum, scene.plate)
         apertures = [one for one in apertures if flags[one.row, one.column]]
     return any(in_sight(part, scene.frustum, one) for one in apertures)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
 from xfrustum.compare.diagnosis.claims import claims_of
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
 from xfrustum.compare.renderer_model.drawn_color import colored
@@ -60,7 +60,7 @@ def check(found: Verification, expected: Mapping[str, tuple[float, tuple[str, ..
         assert fault.alternatives == alternatives
         assert ("cannot tell" in fault.words) == bool(alternatives)
         assert fault.explains is not None
-        assert fault.explains >= LEAST_EXPLAINED
+        assert fault.explains >= MIN_EXPLAINED_FRACTION
     assert not found.passed
     corrected = found.summary()["corrected"]
     assert corrected["fraction"] < 0.01
@@ -114,7 +114,7 @@ def test_what_does_not_explain_is_no_finding() -> None:
     assert {fault.fault for fault in doubted} >= {"fov-x", "fov-y"}
     for fault in doubted:
         assert fault.explains is not None
-        assert fault.explains < LEAST_EXPLAINED
+        assert fault.explains < MIN_EXPLAINED_FRACTION
         assert f"would explain only {100 * fault.explains:.0f} %" in fault.words
     summary = found.summary()
     assert summary["diagnosis"] == []
@@ -176,7 +176,7 @@ def test_a_fault_that_adds_nothing_is_dropped() -> None:
     harmful = replace(shifted, front=Front.MISSING)
     assert test.reduced(harmful) == shifted
     assert test.share(shifted) == 1.0
-    assert (test.share(harmful) or 0.0) < LEAST_EXPLAINED
+    assert (test.share(harmful) or 0.0) < MIN_EXPLAINED_FRACTION
     assert (test.share(DrawnModel()) or 0.0) < 0.5
 
 

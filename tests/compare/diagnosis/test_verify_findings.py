@@ -11,7 +11,7 @@ import pytest
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
@@ -50,7 +50,7 @@ def test_numbers_without_plus_one_do_not_take_the_viewers_half_away() -> None:
     (fault,) = found.summary()["diagnosis"]
     assert fault["fault"] == "id-offset"
     assert set(fault) == KEYS
-    assert fault["explains"] >= LEAST_EXPLAINED
+    assert fault["explains"] >= MIN_EXPLAINED_FRACTION
     assert fault["alternatives"] == []
     assert found.summary()["corrected"]["causes"]["unexplained"] == 0
 
@@ -142,7 +142,7 @@ def test_a_guess_that_shows_nothing_does_not_explain_what_is_shown() -> None:
     nowhere = np.full_like(image.position, np.nan)
     dark = replace(image, triangle=few, object=np.full_like(few, NOTHING), position=nowhere, color=None)
     test = ExplanationTest(reference=reference, images=[dark], nominal=DrawnModel())
-    assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < LEAST_EXPLAINED
+    assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < MIN_EXPLAINED_FRACTION
 
 
 def test_what_is_wrong_for_no_known_reason_is_not_called_as_asked() -> None:

@@ -12,7 +12,7 @@ from tests.support.views import at, soup, view
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
-from xfrustum.compare.prediction.share import DRAW_ORDER, chances, depth_wrong_share, slabs
+from xfrustum.compare.prediction.share import MAX_ORDER_FACTOR, chances, depth_wrong_share, slabs
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -50,9 +50,9 @@ def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
 def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
     height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Near of a tenth of the reach: nothing is lost, and half of all is `DRAW_ORDER` times less than all."""
+    """Near of a tenth of the reach: nothing is lost, and half of all is `MAX_ORDER_FACTOR` times less than all."""
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
-    assert chance(height, 0.0, settings) == pytest.approx(1 / DRAW_ORDER, abs=1e-3)
+    assert chance(height, 0.0, settings) == pytest.approx(1 / MAX_ORDER_FACTOR, abs=1e-3)
     assert chance(height, 5.0, settings) < 1e-9
     assert chance(height, math.inf, settings) < 1e-9
 
@@ -68,8 +68,8 @@ def test_at_the_smallest_separation_about_a_percent_is_wrong(
     reach = FRUSTUM.reach[0] if height > 0 else FRUSTUM.reach[1]
     w = np.array([abs(height) + 10.0])
     smallest = float(smallest_separation(w, 10.0, 10.0 + reach, depth, mapping)[0])
-    assert DRAW_ORDER * chance(height, smallest, settings) < 5 * MISORDERED
-    assert DRAW_ORDER * chance(height, smallest / 2, settings) > MISORDERED
+    assert MAX_ORDER_FACTOR * chance(height, smallest, settings) < 5 * MISORDERED
+    assert MAX_ORDER_FACTOR * chance(height, smallest / 2, settings) > MISORDERED
 
 
 def test_surfaces_in_different_slabs_are_never_misordered() -> None:
@@ -102,7 +102,7 @@ def test_no_more_than_all_pixels_are_wrong_however_unlucky_the_draw_order() -> N
     likely, worst = (
         depth_wrong_share(Stacks.of(truth, close), FRUSTUM, settings, unlucky=u) for u in (False, True)
     )
-    assert likely > 0.05 and worst == pytest.approx(DRAW_ORDER * likely, rel=0.01)
+    assert likely > 0.05 and worst == pytest.approx(MAX_ORDER_FACTOR * likely, rel=0.01)
 
 
 @pytest.mark.parametrize("height", [-50.0, 50.0])
