@@ -1,12 +1,10 @@
-"""What do the pixels of a picture mean? Found by reading them in other ways, and comparing with the scene.
+"""The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
 
-As `xfrustum.compare.diagnosis.geometry_fit` finds orientations: by trying. Numbers of triangles are
-compared by what
-their pixels claim (`xfrustum.compare.diagnosis.containment`), which holds whatever lies in front; all else
-is compared
-with the truth in `xfrustum.compare.diagnosis.stored_truth`. Another reading is found only where the one
-that was stated
-fails and it holds.
+Readings are found by trying, as `xfrustum.compare.diagnosis.geometry_fit` finds orientations. Numbers of
+triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.containment`), which hold
+whatever lies in front. Everything else is compared with the truth in
+`xfrustum.compare.diagnosis.stored_truth`. Another reading is a finding only where it holds and the stated
+reading fails.
 """
 
 from __future__ import annotations
@@ -54,62 +52,67 @@ CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING = (
 ENCODING_FAULTS = (CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY)
 
 ENCODING = "encoding"
-"""What `accept` calls all of them; numbers that are lost cannot be accepted."""
+"""Name under which `accept` takes all faults of encoding; lost numbers cannot be accepted."""
 
 ACCEPTABLE = (*CONVENTIONS, ENCODING)
-"""What a renderer's author may declare, so that images are judged by what was found."""
+"""Conventions that a renderer's author may declare, so that images are judged by the values found."""
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
+"""Encodings whose pixels hold numbers and not colors."""
 
 MAX_HELD_MISFIT_PX = 0.05
-"""Mean distance by which claims of a reading that is right may fail: 20 times what rasterizers snap edges
-by."""
+"""Largest mean distance by which the claims of a right reading fail: about 20 times the distance by which
+rasterizers snap edges (`feasible.SNAP_PX`)."""
 
 MIN_FAILED_MISFIT_PX = 1.0
-"""Mean distance beyond which claims fail altogether: then even those at a triangle's other side do not
-hold."""
+"""Mean distance beyond which the claims of a reading fail altogether: a pixel off, even the claims at the
+other side of a triangle do not hold."""
 
 MISFIT_CAP_PX = 8.0
-"""How much one claim counts at most; so much counts a claim of what does not exist."""
+"""Largest distance that one claim counts with; the claim of a triangle that does not exist counts with it."""
 
 MIN_IMPROVEMENT = 4.0
-"""How many times less another reading must leave than the stated one. A wrong number is most often that of a
-triangle within a pixel or two, so that even the wrong one of two readings leaves little on a fine mesh; but
-the right one leaves what rounding leaves."""
+"""Smallest ratio of the misfit of the stated reading to the misfit of a better one. Most wrong numbers belong
+to a triangle within a pixel or two, so that even a wrong reading has a small misfit on a fine mesh; but the
+misfit of the right reading is that of rounding alone."""
 
 MIN_VALID_FRACTION = 0.99
-"""Share of stored integers that must exist under a reading that is right; the others are damage."""
+"""Smallest share of the stored integers that name something in the scene under a right reading; one in a
+hundred may be damaged."""
 
 MAX_SEARCHED_CLAIMS = 600
-"""Claims that are looked at under every orientation and order; more do not change which reading is best."""
+"""Largest number of claims that are tried under every orientation and order; more do not change which reading
+is best."""
 
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
-"""The right one first, then OpenCV's: of those that cannot be told apart, the first is named first."""
+"""Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the one that
+comes first here is named first."""
 
 MIN_CLAIMS = 100
-"""Claims that it takes to tell readings apart."""
+"""Smallest number of claims by which readings are told apart."""
 
 NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
-"""Near offsets that claims are tried with, as parts of the reach."""
+"""Near offsets that are tried, as parts of the reach."""
 
 MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
-"""Share of pixels that must agree with the truth to within a pixel, under a reading that is right: of
-triangles, and of objects, which near offsets and moved scenes change."""
+"""Smallest shares of pixels that agree with the truth to within a pixel under a right reading. The second one
+applies to objects of a renderer that may draw with another near offset or a moved scene, which change
+them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEncoding:
-    """How images are to be read.
+    """The way to read a renderer's images.
 
     Attributes
     ----------
     faults
-        What is otherwise than stated.
+        Differences between the reading that was found and the stated one.
     reading
-        How to read the stored pixels; None where they are as stated.
+        The reading that was found; None where the stated one holds.
     restoring
-        Where numbers were lost, all or only the first one, which looks like nothing: how to tell which were
-        meant, for the figures after correction.
+        The way to restore lost numbers for the figures after correction; None where none are lost. All
+        numbers may be lost, or only number 0, where it is stored like nothing.
     """
 
     faults: tuple[Fault, ...] = ()
@@ -122,25 +125,25 @@ class FoundEncoding:
         return self.reading is not None and self.reading.encoding not in NUMBER_ENCODINGS
 
     def read(self, image: HogelImage) -> HogelImage:
-        """Return an image as it is read now; the image itself where nothing was found."""
+        """Return an image read in this way, with lost numbers restored."""
         return self.plainly(image) if self.restoring is None else self.restoring.read(image)
 
     def plainly(self, image: HogelImage) -> HogelImage:
-        """Return an image as it is read now, without telling which numbers were meant that are lost."""
+        """Return an image read in this way, without restoring lost numbers."""
         return image if self.reading is None else read_again(image, self.reading)
 
 
 def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> FoundEncoding:
-    """Find out what the pixels of a renderer's images mean, where they do not mean what was stated.
+    """Find the way to read a renderer's images, where the stated way does not hold.
 
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     images
         Some of the renderer's hogels as found.
     nominal
-        What its author says of it.
+        Model of the renderer by its author's statements.
     """
     stated = _stated(images)
     if stated is None:
@@ -159,7 +162,7 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
 
 
 def _stated(images: Sequence[HogelImage]) -> Reading | None:
-    """Return how images are read as stated; None where there is nothing to be read in another way."""
+    """Return the stated reading of images; None where no other reading is possible."""
     if any((image.triangle != NOTHING).any() for image in images):
         return Reading(encoding=Encoding.TRIANGLE_ID)
     if any((image.object != NOTHING).any() for image in images):
@@ -176,7 +179,7 @@ def _is_picture(image: HogelImage) -> bool:
 def _numbers(
     reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel, stated: Reading
 ) -> FoundEncoding | None:
-    """Find how numbers are to be read that are stated to be numbers."""
+    """Find the reading of pixels that are stated to be numbers."""
     scene = reference.scene
     truth = StoredTruth(reference, images)
     if stated.encoding is Encoding.TRIANGLE_ID:
@@ -185,7 +188,7 @@ def _numbers(
             return None
         found = _by_claims(scene, images, nominal, stated, left)
         if found is None and left <= MIN_FAILED_MISFIT_PX:
-            # Enlarged pictures claim triangles beside the right ones.
+            # Enlarged pictures claim triangles beside the right ones: their claims fail by less than a pixel.
             repeated = repeated_pixels(truth, stated)
             return None if repeated is None else FoundEncoding(faults=repeated[:1], restoring=repeated[1])
         if found is not None:
@@ -206,7 +209,7 @@ def _numbers(
 def _by_truth(
     scene: Scene, images: Sequence[HogelImage], truth: StoredTruth, stated: Reading
 ) -> FoundEncoding | None:
-    """Find what else the pixels hold that should be numbers."""
+    """Find by comparison with the truth what pixels hold that should be numbers."""
     if stated.encoding is Encoding.TRIANGLE_ID:
         objects = replace(stated, encoding=Encoding.OBJECT_ID)
         found = _by_objects(scene, images, truth, objects, 0.0, stated)
@@ -216,7 +219,7 @@ def _by_truth(
     if spoiled is not None:
         fault, restoring = spoiled
         return FoundEncoding(faults=(fault,), restoring=restoring)
-    # Numbers that exist are numbers, though they be the wrong ones.
+    # Pixels that name things in the scene are numbers, right or wrong, and not colors.
     if (
         any(_is_picture(image) for image in images)
         and _valid_share(scene, images, stated) < MIN_VALID_FRACTION
@@ -240,13 +243,13 @@ def _by_claims(
     Parameters
     ----------
     scene, images, nominal
-        As for `find_encoding`.
+        Scene, hogels and model, as for `find_encoding`.
     start
-        A reading as triangles; others are made from it.
+        A reading as triangle numbers, from which the others are derived.
     left
-        What claims leave under it.
+        Misfit of the claims under this reading, px.
     stated
-        What the author says, where that is something else.
+        The stated reading where it is another one than `start`.
     """
     readings = [
         reading
@@ -313,7 +316,7 @@ def _numbers_as_colors(
 def _others(
     scene: Scene, images: Sequence[HogelImage], start: Reading, *, include: bool
 ) -> Iterator[Reading]:
-    """Yield readings under which nearly all that is stored exists: `start` only if asked, and first."""
+    """Yield readings under which nearly all stored numbers exist; `start` comes first, if `include` asks."""
     pictures = all(_is_picture(image) for image in images)
     for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
         for offset in (1, 0, 2):
@@ -327,7 +330,7 @@ def _others(
 
 
 def _common_strange(scene: Scene, images: Sequence[HogelImage], reading: Reading) -> int:
-    """Return the stored integer that most pixels have of those that do not exist; 0 where all exist."""
+    """Return the most frequent stored integer that names nothing in the scene; 0 where all name something."""
     strange = []
     for image in images:
         packed = stored_integers(image, reading)
@@ -341,7 +344,7 @@ def _count(scene: Scene, reading: Reading) -> int:
 
 
 def _valid_share(scene: Scene, images: Sequence[HogelImage], reading: Reading) -> float:
-    """Return the share of pixels that name something which exists, of those that name something."""
+    """Return the share of pixels whose number exists in the scene, among all pixels with a number."""
     named, valid = 0, 0
     for image in images:
         numbers = reading.numbers(stored_integers(image, reading))
@@ -351,7 +354,7 @@ def _valid_share(scene: Scene, images: Sequence[HogelImage], reading: Reading) -
 
 
 def _misfit(scene: Scene, images: Sequence[HogelImage], reading: Reading, nominal: DrawnModel) -> float:
-    """Return by how much claims fail on the average, px, under the best conventions and near offset."""
+    """Return the mean distance by which claims fail under the best conventions and near offset, px."""
     valid = _valid_share(scene, images, reading)
     read = [read_again(image, reading) for image in images]
     claims = claims_of(scene, read).thinned(MAX_SEARCHED_CLAIMS) if valid else None
@@ -373,7 +376,7 @@ def _misfit(scene: Scene, images: Sequence[HogelImage], reading: Reading, nomina
 def _indistinct(
     images: Sequence[HogelImage], best: Reading, readings: Sequence[Reading]
 ) -> tuple[Reading, ...]:
-    """Return the other readings that read every pixel alike."""
+    """Return the readings that differ from the best one in channels, and give the same numbers."""
     return tuple(
         reading
         for reading in readings
@@ -387,7 +390,7 @@ def _indistinct(
 
 
 def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Fault, ...]:
-    """Name what a reading has that the stated one has not."""
+    """Return the differences between a reading and the stated one as faults."""
     faults = []
     if found.encoding is not stated.encoding:
         words = (
