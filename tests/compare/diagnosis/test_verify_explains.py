@@ -33,7 +33,7 @@ Offset = tuple[float, float, float]
 
 
 def moved(scene: Scene, scale: float = 1.0, offset: Offset = (0.0, 0.0, 0.0)) -> Scene:
-    """Return what a renderer draws that has the scene elsewhere: the vertices themselves are moved."""
+    """Return the hogels of a renderer that has the scene elsewhere: the vertices themselves are moved."""
     parts = [replace(part, vertices=part.vertices * scale + np.asarray(offset)) for part in scene.objects]
     return replace(scene, objects=tuple(parts))
 
@@ -106,7 +106,7 @@ def test_a_scene_so_small_that_one_hogel_sees_it_is_known_by_its_units() -> None
 
 
 def test_what_does_not_explain_is_no_finding() -> None:
-    # An offset of 5 mm widens the picture, more so what is near the plate: no field of view does that.
+    # An offset of 5 mm widens the picture most near the plate, which no field of view does.
     found = verified(CENTERED, near=5.0, shown="color")
     assert not found.passed
     assert found.diagnosis.faults == ()
@@ -189,7 +189,7 @@ def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int
     named = by_name(found)
     assert "scene-offset-x" in named
     assert "aperture-offset-x" in named["scene-offset-x"].alternatives
-    # No NaN, whatever is left open.
+    # Numbers that are left open are null in JSON, and never NaN.
     json.dumps(found.summary(), allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""What is found out rests on what is wrong: nothing where nothing is, and all of it together must explain."""
+"""Findings rest on wrong pixels: none without them, and all findings together must explain them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KEYS = set(Fault(fault="", value="", words="").summary())
 
 
 def of_objects(image: HogelImage, added: int = 0) -> HogelImage:
-    """Return what names objects only, with something added to their numbers; below 0 nothing is shown."""
+    """Return an image of object numbers with a constant added; numbers below 0 show nothing."""
     nothing = np.full_like(image.triangle, NOTHING)
     named = np.where(image.object == NOTHING, NOTHING, np.maximum(image.object + added, NOTHING))
     nowhere = np.full_like(image.position, np.nan)

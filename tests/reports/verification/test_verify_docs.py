@@ -18,7 +18,7 @@ import pytest
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 
-# Untyped, and needed here only.
+# This library is untyped, and needed here only.
 yaml: Any = import_module("yaml")
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "verify.md"

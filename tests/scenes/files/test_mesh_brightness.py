@@ -26,7 +26,7 @@ from xfrustum.scenes.files.meshes.meshes import load_mesh
 
 DIFFUSE = 0.5
 FLOAT32_ROUNDING = 1e-5
-"""Relative: the rasterizer shades in some ten operations of 32-bit floats, 6e-8 each, far below."""
+"""Largest relative error: the rasterizer shades in some ten operations of 32-bit floats, 6e-8 each."""
 
 CORNERS = ((-40.0, -40.0, 0.0), (40.0, -40.0, 0.0), (40.0, 40.0, 0.0), (-40.0, 40.0, 0.0))
 COORDINATES = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
