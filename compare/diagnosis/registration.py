@@ -25,7 +25,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 SUPERSAMPLING = 8
-"""Reference pixels for each pixel of an image, along each side: between them it is interpolated."""
+"""Reference pixels for each pixel of an image, along each side; values between them are interpolated."""
 
 PICTURE_FILMS = 1.25
 """Width of the reference's picture in widths of the film: a wider field of view finds surfaces there."""

@@ -57,7 +57,7 @@ class Contours:
         (N,) length of the contour that the step stands for, px. Steps along both axes, weighted by their
         normals, add up to the contour's length, however it leans.
     kind
-        (N,) `Kind`.
+        (N,) kind of the contour at each step, `Kind`.
     resolution
         W, H in pixels.
     """
@@ -85,7 +85,7 @@ class _Steps:
     before, after
         (N,) pixels before and after each step, as indices of the flattened image.
     kind
-        (N,) `Kind`.
+        (N,) kind of the contour at each step, `Kind`.
     oriented
         (N,) +1 where the normal points on along the axis, -1 where it points back. The rule must stay the
         same all along a contour. "From the front to the back" would not: where two objects meet, their
@@ -179,8 +179,8 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> Floats:
             if not weight.any():
                 continue
             # Each of a step's two pixels takes half of it.
-            spread = np.bincount(step.before, weight, size) + np.bincount(step.after, weight, size)
-            smooth = gaussian_filter(spread.reshape(shape), CONTOUR_SIGMA_PX, mode="constant")
+            halves = np.bincount(step.before, weight, size) + np.bincount(step.after, weight, size)
+            smooth = gaussian_filter(halves.reshape(shape), CONTOUR_SIGMA_PX, mode="constant")
             gradients[kind, :, axis] = smooth.ravel()
     return gradients
 

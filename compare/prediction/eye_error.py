@@ -1,4 +1,4 @@
-"""What the bent eye vector costs at an image's surface points: predicted and measured.
+"""The error of the bent eye vector at an image's surface points, predicted and measured.
 
 See docs/method.md, "Light".
 """

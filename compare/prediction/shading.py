@@ -1,4 +1,4 @@
-"""What a bent eye vector does to highlights and reflections, to first order (docs/method.md, "Light").
+"""The effect of a bent eye vector on highlights and reflections, to first order (docs/method.md, "Light").
 
 With E the unit eye vector and d a line, E = -d / |d|. A bend D of the line (`eye_vector.bend`) turns E by
 

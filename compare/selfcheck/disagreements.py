@@ -32,7 +32,7 @@ class Disagreement:
     Attributes
     ----------
     row, column
-        The pixel.
+        Row and column of the pixel.
     about
         Kind of disagreement: "triangle", "certainty", "companions" or "position".
     expected, got

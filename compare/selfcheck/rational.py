@@ -21,7 +21,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 Integers = tuple[int, int, int]
-"""Three coordinates."""
+"""Three coordinates of a point or vector as integers."""
 
 Ratio = tuple[int, int]
 """Numerator and positive denominator."""

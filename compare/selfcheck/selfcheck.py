@@ -101,7 +101,7 @@ class SelfCheck:
 
 
 def table(check: SelfCheck) -> str:
-    """Return a self-check in words: one row per scene, the sphere, every disagreement, the conclusion."""
+    """Return a self-check in words: one row per scene, the sphere, every disagreement, the result."""
     counts = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong")
     titles = ("pixels", "covered", "proven", "exact", "ties", "wrong", "float32 wrong")
     of_scene: dict[str, list[ViewCheck]] = {}
@@ -120,11 +120,11 @@ def table(check: SelfCheck) -> str:
         for view in check.views
         for at in view.disagreements
     ]
-    verdict = "agree" if check.agrees else "DISAGREE"
+    result = "agree" if check.agrees else "DISAGREE"
     return "\n".join(
         [
             *lines,
-            f"reference and integers {verdict} on {check.total('pixels'):,} pixels ({check.seconds:.0f} s)",
+            f"reference and integers {result} on {check.total('pixels'):,} pixels ({check.seconds:.0f} s)",
         ]
     )
 
