@@ -306,5 +306,5 @@ def test_a_grating_in_the_plane_of_the_screen_stays_sharp() -> None:
         sharp = raster.render(middle, exact)
         averaged = raster.render(middle, exact, sampling=Sampling(aperture=16))
     assert sharp.color is not None and averaged.color is not None
-    # But for bars whose edges meet a pixel's center to within the rasterizer's roundings.
+    # Bars are left out whose edges meet a pixel's center to within the rasterizer's roundings.
     assert (np.abs(averaged.color - sharp.color) > SINGLE).mean() < 0.02

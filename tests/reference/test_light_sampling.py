@@ -160,7 +160,7 @@ class TestSmoothPicture:
             for y, of_y in zip(nodes * 10.0, weights / 2, strict=True):
                 dx = -(screen.center[0] - x) / screen.height + u * screen.size[0] / 2 / screen.height
                 dy = -(screen.center[1] - y) / screen.height + v * screen.size[1] / 2 / screen.height
-                # Of the eye vector -d, the part along the card's normal stays and the rest turns over.
+                # The eye vector's part along the card's normal stays; the rest of -d changes its sign.
                 mirrored = np.stack(np.broadcast_arrays(dx, dy[:, None], 1.0), axis=-1)
                 along = mirrored @ np.array(SUN.direction) / np.linalg.norm(mirrored, axis=-1)
                 total += of_x * of_y * np.maximum(along, 0.0) ** self.PAINT.exponent

@@ -15,7 +15,7 @@ from xfrustum.reference.tracers.entry import CLEARANCE, ray_origins
 from xfrustum.scenes import NOTHING, Certainty, Frustum
 
 LOG = logging.getLogger(__name__)
-"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 EDGE_PX = 1e-5
 SECOND_SURFACE = 1e-6

@@ -22,7 +22,7 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin
 
 LOG = logging.getLogger(__name__)
-"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 OTHER_TRIANGLES = 1e-3
 """Share of pixels where float32 and subpixel snapping may show another triangle than exact lines do."""

@@ -17,7 +17,7 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, HogelImage
 
 LOG = logging.getLogger(__name__)
-"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 NEARS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 """Near offsets as fractions of the reach."""

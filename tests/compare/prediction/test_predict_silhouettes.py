@@ -38,7 +38,7 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset
 
 LOG = logging.getLogger(__name__)
-"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 
 FOV = math.radians(60)

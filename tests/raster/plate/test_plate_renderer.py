@@ -280,10 +280,10 @@ def test_what_one_camera_cannot_see_is_not_drawn() -> None:
 
 @given(st.integers(0, 1 << 20), st.sampled_from([CENTERED, RECENTERED]))
 def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) -> None:
-    """Points instead of boxes: reached are those that both definitions of the film put on it."""
+    """With points instead of boxes, the points found are those on the film by both its definitions."""
     scene = soup(scattered(seed, 20, 1.0), frustum)
     aperture = scene.plate.aperture(5, 9)
-    # So small a step back moves nothing by a visible amount, and float32 knows no far plane with it.
+    # A step back this small moves nothing visibly, and leaves no far plane that float32 could clip at.
     chosen = DoubleFrustum(near=1e-9)
     points = np.random.default_rng(seed).uniform(-1, 1, (200, 3)) * (40, 40, 20)
     boxes = Boxes.of(points, points)

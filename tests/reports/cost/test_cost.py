@@ -134,7 +134,7 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     spread = Spread.of(values)
     low, high = spread.interval
     assert spread.lowest <= low <= spread.median <= high <= spread.highest
-    # Of n distinct values the ends are the i-th smallest and largest: fewer than i heads of n, or of tails.
+    # The ends are the i-th smallest and largest of n distinct values: fewer than i heads of n, or of tails.
     ordered = Spread.of(range(len(values)))
     outside = int(ordered.interval[0])
     beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)

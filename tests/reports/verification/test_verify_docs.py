@@ -97,7 +97,7 @@ def steps_of_the_job() -> tuple[dict[str, Any], list[str]]:
 
 
 def test_the_job_installs_from_a_repository_that_the_project_is() -> None:
-    """What pip fetches is a checkout; that a checkout installs and runs is tests/test_wheel.py's."""
+    """The job's pip fetches a checkout; tests/test_wheel.py tests that a checkout installs and runs."""
     environment, commands = steps_of_the_job()
     (install,) = [command for command in commands if "pip" in command]
     words = shlex.split(string.Template(install).substitute(environment))

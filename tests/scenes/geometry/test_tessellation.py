@@ -15,7 +15,7 @@ from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.geometry.refine import refine
 
 LOG = logging.getLogger(__name__)
-"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 SURFACE_CHANGE = 1e-3
 
