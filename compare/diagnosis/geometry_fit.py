@@ -62,7 +62,8 @@ START_FILMS = (0.5, 2.0, 3.0)
 """Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
 
 USUAL_GROUPS = ("shift", "fov", "pitch", "near")
-"""Groups of parameters that are fitted first, because they are wrong most often."""
+"""Groups of parameters that are fitted first: where they suffice, fewer and better-conditioned numbers are
+fitted."""
 
 MAX_GROUPS = 4
 """Largest number of groups that may be off nominal together; with more of them free, the fit follows
