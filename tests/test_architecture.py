@@ -1,4 +1,4 @@
-"""What neither ruff nor import-linter counts: the size of things, who ends the process, what leaks in."""
+"""Rules that neither ruff nor import-linter checks: sizes, ways to end the process, forbidden names."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ SOURCES = sorted(path for folder in (*FOLDERS, "src") for path in (CHECKOUT / fo
 COMMAND_LINE = re.compile(r"src/xfrustum/(cli/.*|__main__)\.py")
 LONGEST_MODULE = 500
 LARGEST_ROOM = 14
-"""Modules in a folder: what a listing shows at a glance."""
+"""Largest number of modules in a folder, so that a listing shows them at a glance."""
 LONGEST_FUNCTION = 60
-"""Lines; what can be read in one sitting, and on one screen."""
+"""Largest numbers of lines: a module is read in one sitting, a function on one screen."""
 
 OF_ONE_MACHINE = re.compile(r"(?<![\w.~/-])/(home|root|tmp|work|Users|mnt)/")
 
@@ -31,7 +31,7 @@ def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionD
 
 
 def own_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Lines of a function without those of classes that it defines: their methods count for themselves."""
+    """Count the lines of a function without those of classes that it defines: their methods count apart."""
     inner = sum((c.end_lineno or 0) - c.lineno for c in function.body if isinstance(c, ast.ClassDef))
     return (function.end_lineno or 0) - function.lineno - inner
 

@@ -12,15 +12,15 @@ from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
 
 LINKS = ("near offset", "pivot and fit", "slabs", "rasterization", "depth")
-"""What each link changes; link k leads from image k to image k + 1 of the chain."""
+"""Name of what each link changes; link k leads from image k to image k + 1 of the chain."""
 
 RASTERIZATION, DEPTH = 3, 4
-"""The links that round, and must explain themselves."""
+"""Numbers of the links that round: every wrong pixel of theirs needs a cause."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """T0, T1, T2, T3, R0 and R1 of one aperture.
+    """The six images T0, T1, T2, T3, R0 and R1 of one aperture.
 
     Attributes
     ----------
@@ -28,9 +28,9 @@ class Chain:
         T0 the true crossed frustum; T1 with the near offset; T2 with pivot and fit; T3 with slabs, all
         traced and certified; R0 rasterized with linear depth; R1 with the depth format and mapping.
     settings
-        Those of R1.
+        Settings of R1.
     subpixel_bits
-        Of the device that drew R0 and R1.
+        Subpixel bits of the device that drew R0 and R1.
     """
 
     images: tuple[HogelImage, HogelImage, HogelImage, HogelImage, HogelImage, HogelImage]
@@ -41,7 +41,7 @@ class Chain:
 def traced_settings(
     settings: DoubleFrustum, frustum: Frustum
 ) -> tuple[DoubleFrustum, DoubleFrustum, DoubleFrustum]:
-    """Return the settings of T1, T2 and T3: what is asked for, taken back one thing at a time."""
+    """Return the settings of T1, T2 and T3: the near offset alone, then pivot and fit, then everything."""
     fit = settings.fitted_height(frustum)
     whole = replace(settings, slabs=(), fit=Fit.ANGLE if fit is None else fit)
     return replace(whole, pivot=Pivot.APERTURE, fit=Fit.ANGLE), whole, settings

@@ -147,7 +147,7 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
 def test_images_of_different_size_are_both_named_with_their_sizes(
     silent: str | None, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whichever of them, if any, says nothing of its camera."""
+    """One of the two images, if any, has no camera."""
     Path("boxes.toml").write_text(SCENE.replace("[48, 32]", "[40, 36]"))
     assert main(["raster", "boxes.toml", "--near", "0.5", "--out", "raster.exr"]) == 0
     if silent is not None:
@@ -163,7 +163,7 @@ def test_images_of_different_size_are_both_named_with_their_sizes(
 def test_of_a_scene_moved_and_broken_compare_tells_what_is_wrong_with_it(
     images: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Not that the place that the image names has no such file."""
+    """The message is about the image, and not about a missing file at the place that it names."""
     (tmp_path / "moved").mkdir()
     Path("boxes.toml").unlink()
     (tmp_path / "moved/boxes.toml").write_text("plate = 1\n")
@@ -237,7 +237,7 @@ def test_report_says_the_best_setting_and_where_the_page_is(
 
 
 LONG = 300 * "n"
-"""A name that no file system holds: 255 bytes are the most."""
+"""Name of a file that is longer than the 255 bytes that file systems allow."""
 
 BAD = [
     ("report missing.toml", "missing.toml"),
@@ -402,7 +402,7 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
 
 
 def signals_as_at_login() -> None:
-    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
+    """Restore Ctrl-C, which a shell makes its jobs in the background ignore."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
@@ -423,7 +423,7 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
         while process.poll() is None and not any(tmp_path.iterdir()):
             time.sleep(0.01)
         assert any(tmp_path.iterdir()), "the report has begun"
-        # As `timeout` does; the second must not stop the cleaning up.
+        # `timeout` sends two signals; the second must not stop the cleaning up.
         for _ in range(2 if stop is signal.SIGTERM else 1):
             os.kill(process.pid, stop)
         _, said = process.communicate()

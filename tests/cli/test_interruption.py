@@ -35,7 +35,7 @@ ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, 
 
 
 def signals_by_default() -> None:
-    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
+    """Restore Ctrl-C, which a shell makes its jobs in the background ignore."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
@@ -239,7 +239,7 @@ def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path)
 
 
 def test_what_runs_to_its_end_is_there_under_the_name_that_is_listed() -> None:
-    """A module or a function that moves elsewhere would be interrupted again."""
+    """Every listed name exists: a module or a function that moved would be interrupted again."""
     for name in cli_termination.UNINTERRUPTED_MODULES:
         import_module(name)
     listed = cli_termination.UNINTERRUPTED_FUNCTIONS | cli_termination.WAITING_FUNCTIONS
@@ -303,7 +303,7 @@ def traces_stopped_at_random_moments(count: int, seed: int, folder: Path) -> Non
             assert (said, left) == ("", ["x.exr"])
         else:
             assert (process.returncode, said) == ENDED[stop]
-            # What comes after the file has taken its place is no reason to take it away.
+            # A signal that comes after the file has taken its place does not remove the file.
             assert left in ([], ["x.exr"])
         assert list((folder / "temporary").iterdir()) == []
 

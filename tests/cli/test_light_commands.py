@@ -1,4 +1,4 @@
-"""Light on the command line: which effects, how many samples, which transport; and the paper's figure 7."""
+"""Light on the command line: effects, numbers of samples, transport; and the paper's figure 7."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_the_header_says_what_made_the_picture() -> None:
 
 @pytest.mark.parametrize("asked_by", ["option", "scene"])
 def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder: Path) -> None:
-    """As in `report` and `budget`, which never ask who traces."""
+    """The paper's light has no transport, as in `report` and `budget`."""
     options = ["--interreflection", "--samples", "2"]
     if asked_by == "scene":
         (folder / "boxes.toml").write_text(SCENE + "[transport]\ninterreflection = true\nsamples = 2\n")

@@ -1,4 +1,4 @@
-"""What a command says: one line of ours, escaped, whatever the standard streams are connected to."""
+"""A command's message is one line of ours, escaped, whatever the standard streams are connected to."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HOSTILE = "\x1b]0;owned\x07\x1b[31m\u202e\x9b\x7f"
 
 
 def run(line: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run a line of shell, in which X is xfrustum."""
+    """Run a line of shell in which X stands for xfrustum."""
     return subprocess.run(
         ["bash", "-c", f'X() {{ "$PYTHON" -m xfrustum "$@"; }}; {line}'],
         cwd=folder,

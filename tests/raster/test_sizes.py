@@ -124,6 +124,6 @@ def test_trace_says_it_on_standard_error_unless_it_is_to_be_quiet(
         told = [line for line in printed.err.splitlines() if line.startswith("xfrustum: note: 64 x 64 are")]
         assert len(told) == lines
         assert printed.out == ""
-    # What was foretold bounds what came: the header has no more than some kilobytes.
+    # The predicted size bounds the actual one: the header has no more than some kilobytes.
     image = read_image(out)
     assert out.stat().st_size < 64 * 64 * FILE_BYTES + len(json.dumps(str(image.camera))) + (1 << 12)

@@ -29,7 +29,7 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 
 NEARS = (1e-1, 1e-3, 1e-5, 1e-8)
-"""Fractions of the reach."""
+"""Near offsets as fractions of the reach."""
 
 
 def options(reach: float) -> list[dict[str, object]]:
@@ -126,9 +126,9 @@ def test_each_traced_link_is_as_predicted(name: str) -> None:
     links = budget.summary()["links"]
     for link in links[:3]:
         predicted, measured = link["predicted_displacement_rms_px"], link["displacement_rms_px"]
-        # Of first order in n / |z|, over the truth's pixels and not the drawn ones.
+        # The closed form is of first order in n / |z|, and averages over the truth's pixels.
         assert measured == pytest.approx(predicted, rel=0.1, abs=1e-9)
-        # A factor of two, and what chance makes of a few pixels.
+        # A factor of two, and the chance with which a few pixels vary.
         low, high = link["predicted_surface"] / 2, link["predicted_surface"] * 2
         assert low - 3 * low**0.5 - 1 <= link["surface"] <= high + 3 * high**0.5 + 1
     assert sum(link["surface"] for link in links[:3]) > 20
@@ -202,7 +202,7 @@ def test_the_page_of_a_budget_has_its_pictures_its_numbers_and_a_legend(tmp_path
 
 
 def test_the_command_of_a_budget_makes_it_again() -> None:
-    """What the page says can be given to the command line: the same aperture, the same settings."""
+    """The page names its aperture and settings as the command line takes them."""
     scene = view("asymmetric", (48, 36))
     settings = DoubleFrustum(
         near=0.1 + 0.2, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED, fit=3.5, pivot=Pivot.CAMERA

@@ -31,16 +31,16 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
     "covered": ({"overlaid": False}, {"not-overlaid": "back over front"}),
     "lights": ({"conjugated": False}, {}),
 }
-"""By name: what is put in, and what must be named."""
+"""By name of a case: the faults that are put in, and the faults that must be named, with their sizes."""
 
 EXACT = {"shift": 0.02, "fov": 5e-4, "pitch": 5e-4, "near": 0.02 * 1.5}
-"""How exactly sizes must be right: a tenth of a pixel and of a percent, and 2 % of near, and better."""
+"""Largest errors of the named sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near."""
 
 SIZE = 48
 OF_PAIRS = [
     (one, other)
     for one, other in itertools.combinations(FAULTS, 2)
-    # Each of these contradicts the other, or needs what the other takes away.
+    # These pairs contradict each other, or one needs a part that the other takes away.
     if not {one, other} <= {"near", "pivot", "fit"}
     and not {one, other} <= {"fov", "aspect"}
     # A fit to the screen scales the film as a field of view does: one number is not two.

@@ -1,4 +1,4 @@
-"""Hogels that a public double-frustum renderer drew, about which nothing is given."""
+"""Hogels of a public double-frustum renderer about which nothing is known in advance."""
 
 from __future__ import annotations
 

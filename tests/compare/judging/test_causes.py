@@ -1,4 +1,4 @@
-"""Which cause a wrong pixel of a foreign renderer has: by hand on one triangle, cut by the film's border."""
+"""The cause of a foreign renderer's wrong pixel: by hand on one triangle, cut by the film's border."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ FRUSTUM = Frustum(resolution=(SIZE, SIZE), reach=(50.0, 50.0), fov=(math.pi / 2,
 CENTER = at(0.3, -0.2)
 
 PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
-"""Of the corners on the film, pixels from its left and upper border: one lies below it."""
+"""Places of the corners on the film, px from its left and upper border; one corner lies below the film."""
 
 CLEAR_PX = 0.5
-"""Far from whatever rounding explains: several times a subpixel."""
+"""Distance from every edge at which rounding explains nothing, px: several subpixels."""
 
 
 def scene_of_one_triangle() -> Scene:
@@ -38,7 +38,7 @@ def scene_of_one_triangle() -> Scene:
 
 
 def cut() -> tuple[Floats, Floats]:
-    """Return sides and diagonals of what is left on the film, by hand, (4, 2, 2) and (2, 2, 2)."""
+    """Return the sides and the diagonals of the part on the film, by hand, (4, 2, 2) and (2, 2, 2)."""
     a, b, c = PLACES
     on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
     polygon = np.array([a, b, on_bc, on_ca])

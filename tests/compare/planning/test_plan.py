@@ -126,7 +126,7 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(name: str
 
 
 def test_a_surface_through_the_aperture_itself_leaves_no_plan_and_nothing_else_would_do() -> None:
-    """Of such a surface the cameras draw what is closer than n, and no n is small enough."""
+    """The cameras draw only the part of such a surface that is closer than n: no n is small enough."""
     scene, requirement = view("crossing", SMALL), Requirement()
     made = plan(scene, [scene.plate.middle])
     assert (made.near, made.slabs, made.settings, made.within) == (None, (), None, False)

@@ -27,7 +27,7 @@ from xfrustum.scenes.arrays import Floats
 PIXELS, REACH, FOV = 64, 1000.0, math.radians(60)
 SLOPE = math.tan(FOV / 2)
 CELLS = 16
-"""Along each side of the film: 512 triangles a sheet."""
+"""Cells along each side of the film: a sheet has 512 triangles."""
 
 SETTINGS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
 PLACES = [(1.0, 3.0), (1.0, 400.0), (0.01, 3.0), (0.01, 50.0)]
@@ -98,7 +98,7 @@ def scene_of(sheet: Sheet, distance: float) -> Scene:
 
 def as_object(corners: Floats, near: float, side: int) -> SceneObject:
     u, v, w = np.moveaxis(corners, -1, 0)
-    # What is before the plate is seen upside down and mirrored.
+    # The film shows surfaces before the plate upside down and mirrored.
     points = np.stack((-side * u * SLOPE * w, -side * v * SLOPE * w, side * (w - near)), axis=-1)
     points = points.reshape(-1, 3)
     cells = np.arange(len(points)).reshape(-1, 4)
@@ -153,7 +153,7 @@ def random_tilts(count: int) -> list[tuple[float, float]]:
 def test_smallest_ordered_separation_is_as_predicted(
     near: float, height: float, tilt: tuple[float, float] | None, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Of twice the prediction all but a percent is ordered, of half of it less: for C and for C*."""
+    """Twice the predicted separation orders all but a percent, half of it less: for C and for C*."""
     sheet = Sheet(near=near, height=height, tilt=tilt)
     distance = predicted(sheet, depth, mapping)
     assert max(misordered(sheet, FACTOR * distance, depth, mapping).values()) <= MISORDERED

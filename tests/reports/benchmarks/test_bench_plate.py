@@ -74,7 +74,7 @@ def test_the_car_has_the_papers_counts_and_the_same_surface(paper: Database) -> 
     assert car.reflective[: np.count_nonzero(car.reflective)].all()
     for part, original in zip(car.scene.objects, builtin.build("car").objects, strict=True):
         assert area(part) == pytest.approx(area(original), rel=1e-12)
-        # Neither cracks nor vertices in the middle of somebody's edge.
+        # The mesh has neither cracks nor vertices in the middle of an edge.
         assert boundary(part) == pytest.approx(boundary(original), rel=1e-12)
         assert euler(part) == euler(original)
 
@@ -91,7 +91,7 @@ def edges_of(part: SceneObject) -> tuple[np.ndarray, np.ndarray]:
 
 
 def boundary(part: SceneObject) -> float:
-    """Length of all edges that bound one face only."""
+    """Return the length of all edges that bound one face only."""
     edges, uses = edges_of(part)
     ends = part.vertices[edges[uses == 1]]
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum())
@@ -117,7 +117,7 @@ def test_table_1_is_measured_in_the_papers_terms(capsys: pytest.CaptureFixture[s
         assert set(row["paper"]) == {"RealityEngine2", "Maximum Impact"}
         for name, machine in row["paper"].items():
             assert row["factors"][name] == pytest.approx(rate / machine["frames_per_second"])
-        # Somewhere in the frusta, and nothing more than twice.
+        # Every triangle is somewhere in the frusta, and none is drawn more than twice.
         assert 0 < row["submitted_polygons_per_second"] < 2 * row["polygons_per_second"]
     assert found["antialiasing"] is False
 

@@ -1,4 +1,4 @@
-"""What growth and crossovers are, of curves that are known; how fast anything is, is no test's business."""
+"""Growth and crossovers of known curves are found; how fast anything is, is no test's business."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_every_contestant_has_an_expectation_along_each_of_its_axes() -> None:
 def test_globes_have_exactly_as_many_triangles_as_they_say(triangles: int) -> None:
     scene = globes(triangles, (8, 8))
     assert len(scene.faces) == triangles
-    # Neither slivers without area nor anything beyond the reach.
+    # There are neither slivers without area nor triangles beyond the reach.
     assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
     assert np.abs(scene.vertices[:, 2]).max() < REACH
 
@@ -309,7 +309,7 @@ def test_a_contestant_that_does_not_run_here_is_named_and_left_out(monkeypatch: 
     monkeypatch.setattr(bench_scaling, "measure_apart", pretend)
     measured = bench_scaling.bench_scaling(replace(QUICK, axes=QUICK.axes[:1]))
     assert measured.unavailable == {"mitsuba": "not on this machine"}
-    # Size by size, and nobody is asked again who is not here.
+    # Sizes follow each other, and a missing contestant is not asked again.
     others = ["raster", "embree", "certified", "truth"]
     assert asked == ["raster", "embree", "mitsuba", "certified", "truth", *others]
     assert "mitsuba" not in measured.axes[0].measured

@@ -1,4 +1,4 @@
-"""What accuracy costs: the front, the answers, and that nothing else can be had for less."""
+"""The cost of accuracy: the front, the answers, and that no other way has less error for less time."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
     assert said.startswith("The fastest way to stay under 0.5 px is one of these 2, 43 to 99.5 ms a picture")
     assert "5 repetitions do not tell apart" in said
     assert ". The least error among them is that of careful, 99.5 ms" in said
-    # Further repetitions leave the outlier out of the interval.
+    # With further repetitions the interval leaves the outlier out.
     quick, careful = timed("quick", [43.0] * 8 + [120], 0.4), timed("careful", [99.5] * 9, 0.01)
     assert answers([careful, quick], 0.5)[0].sentence.startswith(
         "The fastest way to stay under 0.5 px: quick, 43 ms (43 to 43) a picture"
@@ -143,7 +143,7 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
     spread = Spread.of(values)
     low, high = spread.interval
     assert spread.lowest <= low <= spread.median <= high <= spread.highest
-    # Of n distinct values the ends are the i-th smallest and largest: fewer than i heads of n, or of tails.
+    # The ends are the i-th smallest and largest of n distinct values: fewer than i heads of n, or of tails.
     ordered = Spread.of(range(len(values)))
     outside = int(ordered.interval[0])
     beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
@@ -152,7 +152,7 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
 
 
 class Clock:
-    """A clock that goes on only when somebody works."""
+    """A clock that advances only while a worker works."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0.0
@@ -285,7 +285,7 @@ def test_cost_prints_one_object_and_writes_a_page(
 
 
 def test_all_that_are_not_clearly_slower_take_every_turn() -> None:
-    """A way told apart in one round may be fast in the next, and goes on; one thrice as slow does not."""
+    """A way that is slower in one round may be fast in the next, and goes on; one thrice as slow does not."""
     noisy, slow = [1.0, 1.0, 1.2, 1.0, 1.0], [1.4, 1.4, 1.5, 1.4, 1.4]
     spreads = [Spread.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
     assert spreads[0].told_below(spreads[2])

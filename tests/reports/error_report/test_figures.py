@@ -1,4 +1,4 @@
-"""What figures promise: curves told apart, labels that can be read and stand where they belong."""
+"""Figures tell curves apart, and have readable labels in their right places."""
 
 from __future__ import annotations
 

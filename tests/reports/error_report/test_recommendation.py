@@ -1,4 +1,4 @@
-"""What a report recommends: a window of nears that nothing measured decides between, and where it ends."""
+"""A report recommends a window of nears between which no measurement decides."""
 
 from __future__ import annotations
 
@@ -138,13 +138,13 @@ def test_the_paired_test_is_the_exact_one_of_a_coin(here: int, there: int) -> No
     total = here + there
     certain = total > 0 and binomtest(here, total, alternative="greater").pvalue < 1 - CONFIDENCE
     assert is_worse(here, there) == (certain and here > there)
-    # Of many comparisons each has to be surer.
+    # With many comparisons each one has to be surer.
     assert is_worse(here, there) or not is_worse(here, there, comparisons=10)
 
 
 @pytest.mark.parametrize("comparisons", [1, 100])
 def test_equally_wrong_pictures_are_called_worse_no_more_often_than_it_says(comparisons: int) -> None:
-    """All throws of a coin, weighed: no sample, and no luck."""
+    """All outcomes of the coin are counted with their chances, so that the test depends on no sample."""
     total = 50
     chances = [binomtest(k, total, alternative="greater").pvalue for k in range(total + 1)]
     called = [p for k, p in enumerate(chances) if is_worse(k, total - k, comparisons)]

@@ -197,7 +197,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
         with pytest.raises(InputError, match="No space left on device"):
             write_plate(scene, SETTINGS, out)
     finished = len(chunks(out))
-    # Up to the one that failed; one that was under way behind it may have been written.
+    # All hogels before the failed one are there, and one after it that was under way may be.
     assert 23 <= finished < 35
     files = write_plate(scene, SETTINGS, out)
     assert (files.drawn, files.found) == (35 - finished, finished)
@@ -206,7 +206,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
 def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Drawn or asked for, and not yet written."""
+    """The hogels in memory are those asked for or drawn, and not yet written."""
     scene = replace(view("asymmetric", (16, 12)), plate=Plate(size=(80.0, 60.0), hogels=(40, 10)))
     taken, written, most = 0, 0, 0
     hogels, write = PlateRenderer.hogels, PlateStore.write
@@ -264,7 +264,7 @@ def assert_kills_do_no_harm(tmp_path: Path, rows: str, count: int, delays: Itera
     kills = 0
     for number, delay in enumerate(delays):
         before = chunks(out)
-        # Sometimes while everything is still being set up.
+        # Some kills come while the command is still starting.
         kills += killed(out, rows, delay, from_first_hogel=number % 4 != 3)
         after = chunks(out)
         assert before.items() <= after.items(), "a finished hogel was lost or drawn again"

@@ -177,7 +177,7 @@ def test_the_planner_cuts_as_often_and_draws_no_fewer_slabs(
     case = Case(side=Camera.C, ratio=ratio, resolution=resolution, buffer=buffer)
     found = answers(tiny.rows)[case].slabs or ()
     assert len(planned.slabs) == len(found)
-    # Its first cut may lie a little above the nearest surface, and then the first slab is drawn too.
+    # The first cut may lie a little above the nearest surface; then the first slab is drawn too.
     drawn = drawing_order(scene, scene.plate.middle, replace(planned.settings, camera=Camera.C))
     assert len(drawn) >= max(1, len(found))
 
@@ -323,7 +323,7 @@ def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> N
     found = results(folder)
     assert kept.items() <= found.items()
     assert set(measured).isdisjoint(kept)
-    # For each row a picture and sheets: in one scene no two rows share theirs.
+    # Each row has a picture and sheets of its own: in one scene no two rows share theirs.
     assert len(found) == 2 * len(uninterrupted)
     assert without_times(resumed.rows) == without_times(uninterrupted)
 

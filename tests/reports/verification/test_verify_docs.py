@@ -18,7 +18,7 @@ import pytest
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 
-# Untyped, and needed here only.
+# This library is untyped, and needed here only.
 yaml: Any = import_module("yaml")
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "verify.md"
@@ -97,7 +97,7 @@ def steps_of_the_job() -> tuple[dict[str, Any], list[str]]:
 
 
 def test_the_job_installs_from_a_repository_that_the_project_is() -> None:
-    """What pip fetches is a checkout; that a checkout installs and runs is tests/test_wheel.py's."""
+    """The job's pip fetches a checkout; tests/test_wheel.py tests that a checkout installs and runs."""
     environment, commands = steps_of_the_job()
     (install,) = [command for command in commands if "pip" in command]
     words = shlex.split(string.Template(install).substitute(environment))

@@ -1,4 +1,4 @@
-"""What a file is put in the place of, and what killed processes leave behind."""
+"""Finished files replace old ones as a whole, and killed processes leave nothing in sight."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_a_pipe_is_written_into(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link"])
 def test_standard_output_is_written_into_whatever_it_is(name: str, folder: Path) -> None:
-    """A file that it is sent to keeps what was printed before and gets what is printed after."""
+    """A file that standard output goes to keeps all text, printed before and after."""
     (folder / "link").symlink_to("/dev/stdout")
     with (folder / "log").open("w") as log:
         log.write("before\n")
@@ -270,7 +270,7 @@ def test_a_new_folder_of_outputs_has_the_permissions_of_new_folders(tmp_path: Pa
 def test_nothing_has_its_name_before_it_is_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both its content and, once it is renamed, the folder that holds its name."""
+    """Both the content and, after the renaming, the folder with the name are forced to the disk."""
     path, seen = tmp_path / "x", []
     fsync = os.fsync
 

@@ -43,7 +43,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene, its truth, and what is drawn of it."""
+    """A folder with a scene, its truth, and its raster."""
     folder = tmp_path_factory.mktemp("disk")
     (folder / "scene.toml").write_text(SCENE)
     with pytest.MonkeyPatch.context() as patched:
@@ -106,7 +106,7 @@ def test_whole_or_absent_at_every_size(command: str, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_report_is_whole_or_absent(folder: Path) -> None:
-    """It tells times, so that no two are the same bytes."""
+    """A report has times, so that no two reports are the same bytes."""
     sizes = [0, 1000, 9000, 15_000, 20_000, 30_000, 100_000, 1_000_000, 4_000_000]
     for outcome in run(COMMANDS["report"].split(), [*sizes, UNLIMITED], folder):
         if outcome.status == 0:

@@ -26,7 +26,7 @@ from xfrustum.scenes.files.meshes.meshes import load_mesh
 
 DIFFUSE = 0.5
 FLOAT32_ROUNDING = 1e-5
-"""Relative: the rasterizer shades in some ten operations of 32-bit floats, 6e-8 each, far below."""
+"""Largest relative error: the rasterizer shades in some ten operations of 32-bit floats, 6e-8 each."""
 
 CORNERS = ((-40.0, -40.0, 0.0), (40.0, -40.0, 0.0), (40.0, 40.0, 0.0), (-40.0, 40.0, 0.0))
 COORDINATES = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
@@ -219,7 +219,7 @@ def test_a_material_library_gives_its_texture_and_not_its_colors(tmp_path: Path)
 
 
 def test_a_texture_that_looks_like_the_placeholder_is_a_texture(tmp_path: Path) -> None:
-    """What counts is that the file has it, not its pixels: 2 x 2 of 100 is what trimesh makes up."""
+    """A texture of 2 x 2 pixels of 100 counts if the file has one, although trimesh makes up the same."""
     Image.new("RGBA", (2, 2), (100, 100, 100, 255)).save(tmp_path / "gray.png")
     (tmp_path / "m.mtl").write_text("newmtl gray\nmap_Kd gray.png\n")
     name = write_obj(tmp_path / "gray.obj", coordinates=True, head="mtllib m.mtl", material="gray")

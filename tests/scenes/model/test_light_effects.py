@@ -1,4 +1,4 @@
-"""What a scene calls for, and why: every effect turned on and off by the one fact that decides it."""
+"""The effects that a scene calls for: each is turned on and off by the one fact that decides it."""
 
 from __future__ import annotations
 
