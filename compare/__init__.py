@@ -8,7 +8,8 @@ metrics/         Truth against image: what is measured, pixel by pixel and in nu
 planning/        Which settings to draw with: the fewest slabs, then the largest near
 prediction/      Closed forms of every error, from the truth's geometry alone
 renderer_model/  A model of somebody else's renderer: conventions, geometry, what it draws
-rounding/        How exactly a rasterizer can know edges, depths and positions
+rounding/        How exactly a rasterizer can know edges, depths and positions, and what may be wrong
+                 because of it
 selfcheck/       The truth against brute force in integers
 """
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.judging.causes import cause_masks
+from xfrustum.compare.judging.foreign_cameras import foreign_cameras
 from xfrustum.compare.judging.outline_shift import (
     Steps,
     contrast,
@@ -27,11 +27,13 @@ from xfrustum.compare.renderer_model.pictures import (
     reference_colors,
     shows_something,
 )
+from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.tracers.visibility import hidden
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -213,7 +215,7 @@ def judge(
     if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
         radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
     spread, measured_by = _displacement(reference, question, answer, upright, by)
-    masks = seen.causes(reference, question) if explained else None
+    causes = seen.causes(reference.scene, question) if explained else None
     return Figures(
         shown=int(shown.sum()),
         by=by,
@@ -224,7 +226,7 @@ def judge(
         displacement_px=spread,
         measured_by=measured_by,
         radiance=None if radiance is None else int(radiance.sum()),
-        causes=None if masks is None else {name: int(mask.sum()) for name, mask in masks.items()},
+        causes=None if causes is None else causes.counts(),
         answer=answer,
         image=upright,
         error=(seen.differs if surface is None else surface) | (False if radiance is None else radiance),
@@ -251,8 +253,8 @@ def wrong_pixels(
     # Which surface a pixel shows is asked, not how far its point has moved.
     nowhere = np.full((*image.triangle.shape, 3), np.nan)
     seen = _compared(reference, question, image, nowhere, judging or Judging())
-    masks = seen.causes(reference, question) if explained else None
-    return seen.differs if masks is None else masks["unexplained"]
+    causes = seen.causes(reference.scene, question) if explained else None
+    return seen.differs if causes is None else causes.unexplained
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -266,11 +268,12 @@ class _Compared:
     shown: Mask
     differs: Mask
 
-    def causes(self, reference: Reference, question: DrawnModel) -> dict[str, Mask] | None:
-        """Return which of the wrong pixels have which cause; None where images name no triangles."""
+    def causes(self, scene: Scene, question: DrawnModel) -> Causes | None:
+        """Return the causes of the wrong pixels; None where images name no triangles."""
         if self.by != "triangle":
             return None
-        return cause_masks(reference.scene, question, self.answer, self.upright, self.differs)
+        cameras = foreign_cameras(scene, question, self.answer.camera.aperture)
+        return find_causes(scene.triangles, cameras, self.answer, self.upright, self.differs)
 
 
 def _compared(

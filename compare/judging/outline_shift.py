@@ -1,4 +1,4 @@
-"""How far have the outlines of a picture moved? Registration step by step, where no pixel names a triangle.
+"""Displacement of a picture's outlines by registration, where no pixel names a triangle.
 
 An outline runs between two neighboring pixels: a step. The picture's contrast is looked up at the truth's
 steps, moved by every whole number of pixels up to `FARTHEST_PX`; where it is largest, the outlines lie.

@@ -22,8 +22,9 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 MISORDERED = 0.01
 """Share of pixels in which the wrong surface may show, for a separation to count as ordered."""
 
-CLIP_ROUNDINGS = 3
-"""Of clip depth's product and sum, and of clip w: relative to w."""
+CLIP_DEPTH_ROUNDINGS = 3
+"""Independent roundings, relative to w, of clip depth's product and sum, and of clip w. Their variances
+add."""
 
 PLANE_ROUNDINGS = 2
 """The steps of a triangle's plane equation along x and y."""
@@ -97,7 +98,7 @@ def depth_variance(w: Floats, stored: Floats, n: float, f: float, mapping: Depth
         return np.asarray((W_ROUNDINGS * position + after) / 12)
     # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
     largest = f * n / ((f - n) * w) if mapping is DepthMapping.REVERSED else f / (f - n)
-    clip = CLIP_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
+    clip = CLIP_DEPTH_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
     if mapping is DepthMapping.GL:
         # What is rounded from -1 to 1 is halved, and once more rounded when it is moved by a half.
         divided = float32_spacing(2 * stored - 1) ** 2

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines import Pencil, pixel_places
+from xfrustum.reference.lines.planes import plane_places, triangle_normals
 from xfrustum.reference.tracers.visibility import distance_to_triangles
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -40,7 +41,10 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     best, off = np.full((len(rows), 3), np.nan), np.full(len(rows), np.inf)
     for side in (1, -1):
         pencil = model.pencil(scene, aperture, side)
-        met = _met(corners, np.asarray(pencil.center), pencil.directions()[rows, columns])
+        directions, center = pencil.directions()[rows, columns], np.asarray(pencil.center)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = plane_places(corners, triangle_normals(corners), center, directions)
+            met: Floats = center + s[:, None] * directions
         ahead = np.isfinite(met).all(axis=1) & (side * (met[:, 2] - model.plate_height) <= 0)
         distance = np.full(len(rows), np.inf)
         distance[ahead] = distance_to_triangles(met[ahead], corners[ahead])
@@ -54,16 +58,6 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     best[missed] = _drawn_nearest(corners[missed], pencils, cells, reach)
     points[rows, columns] = best
     return np.asarray(model.orientation.applied(points))
-
-
-def _met(corners: Floats, center: Floats, directions: Floats) -> Floats:
-    """Return where lines through a center meet the planes of triangles, one each, (N, 3)."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.einsum("ij,ij->i", normals, corners[:, 0] - center)
-        s /= np.einsum("ij,ij->i", normals, directions)
-        met: Floats = center + s[:, None] * directions
-    return met
 
 
 def _drawn_nearest(corners: Floats, pencils: Sequence[Pencil], cells: Floats, reach: float) -> Floats:
@@ -102,9 +96,7 @@ def _nearest_of_edge(
     cut = ends[:, 0] + t[:, None] * (ends[:, 1] - ends[:, 0])
     kept = np.where((ahead < closest)[..., None], cut[:, None], ends)
     s = center[2] - kept[..., 2]
-    half_px = np.array(pencil.resolution) / 2
-    film = ((kept[..., :2] - center[:2]) / s[..., None] - pencil.shear) / pencil.half_extent
-    drawn = (film * (1, -1) + 1) * half_px - 0.5
+    drawn = pixel_places(kept, pencil)
     along = drawn[:, 1] - drawn[:, 0]
     part = np.einsum("ij,ij->i", cells - drawn[:, 0], along) / np.einsum("ij,ij->i", along, along)
     part = np.clip(np.nan_to_num(part), 0.0, 1.0)[:, None]
