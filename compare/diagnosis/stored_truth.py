@@ -13,7 +13,14 @@ from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation, o
 from xfrustum.compare.renderer_model.pictures import as_gray
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
-from xfrustum.scenes.files.foreign_images import Encoding, ForeignImage, Reading, read_again, stored_rgb
+from xfrustum.scenes.files.foreign_images import (
+    Encoding,
+    ForeignImage,
+    Reading,
+    radiance,
+    read_again,
+    stored_rgb,
+)
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
@@ -168,7 +175,12 @@ class StoredTruth:
         colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= EXPLAINED
         if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < CORRELATED):
             return None
-        return Reading(encoding=Encoding.RGB)
+        # Both readings are tried; where neither is nearer to the truth's colors, the plainer one is taken.
+        off = {
+            encoding: float(np.abs(radiance(rgb, encoding).mean(axis=-1) - gray).mean())
+            for encoding in (Encoding.RGB, Encoding.SRGB)
+        }
+        return Reading(encoding=min(off, key=lambda encoding: off[encoding]))
 
 
 def _around(numbers: Numbers, step: int) -> Numbers:

@@ -1,9 +1,19 @@
-"""One hogel of a foreign renderer, judged by a question: the truth, or what its author declares."""
+"""One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
+
+The arithmetic is that of `xfrustum.compare.metrics`: which pixels are judged, which show another surface or a
+hidden point, where the film shows a point and how far that is from the pixel's center. The two judges are not
+one function, because they are asked different things. `compare_images` has a truth and an image that answer
+the same question, name surfaces and say where these lie; it also knows that the true frustum sees the plate
+through the aperture only. A foreign image may be turned, may name triangles that do not exist, or show
+colors alone, and its question may be two offset cameras, which do see the plate, and of which the front one
+covers the other. Here colors are right or wrong within a tolerance; there their error is measured.
+"""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +29,8 @@ from xfrustum.compare.judging.outline_shift import (
 )
 from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.film import pixel_centers
+from xfrustum.compare.metrics.surface import covered_by, existing_triangles, hidden_pixels, other_surfaces
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.compare.renderer_model.pictures import (
@@ -28,7 +40,6 @@ from xfrustum.compare.renderer_model.pictures import (
     shows_something,
 )
 from xfrustum.compare.rounding.causes import Causes, find_causes
-from xfrustum.compare.rounding.positions import position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.tracers.visibility import hidden
 from xfrustum.scenes.arrays import Floats, Mask
@@ -316,10 +327,8 @@ def _displacement(
 ) -> tuple[Spread | None, MeasuredBy]:
     """Return how far what an image shows has moved, and what that was measured by."""
     if by == "triangle" or np.isfinite(image.position[..., :2]).any():
-        moved = question.project(reference.scene, answer.camera.aperture, image.position.astype(np.float64))
-        height, width = image.triangle.shape
-        moved -= np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-        length = lengths(moved)
+        places = question.project(reference.scene, answer.camera.aperture, image.position.astype(np.float64))
+        length = lengths(places - pixel_centers(answer.camera))
         known = np.isfinite(length)
         # What most pixels do not say, the others do not say for them.
         if 2 * known.sum() < covered_by(image).sum():
@@ -369,8 +378,7 @@ def turned(
     # A number below every number is as strange as one above them, and safer to look up.
     named = np.where(image.triangle < NOTHING, len(scene.faces), image.triangle).astype(np.int32)
     triangle = upright(named)
-    known = np.where((triangle >= 0) & (triangle < len(scene.faces)), triangle, NOTHING)
-    by_triangle = np.append(scene.object_of_triangle, np.int32(NOTHING))[known]
+    by_triangle = np.append(scene.object_of_triangle, np.int32(NOTHING))[existing_triangles(triangle, scene)]
     objects = upright(image.object)
     return HogelImage(
         camera=reference.camera(aperture),
@@ -394,11 +402,6 @@ def _named_by(image: HogelImage, compared: Compared) -> str:
     return "color" if compared is Compared.COLOR else "outlines"
 
 
-def covered_by(image: HogelImage) -> Mask:
-    """Return the pixels that show a surface, by whichever number or position an image has."""
-    return np.asarray(image.covered | (image.object != NOTHING))
-
-
 def wrong_surfaces(reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage) -> Mask:
     """Return the pixels that show the wrong surface, (H, W): see `xfrustum.compare.metrics.surface`.
 
@@ -406,31 +409,31 @@ def wrong_surfaces(reference: Reference, question: DrawnModel, answer: HogelImag
     the plate and the answer has the viewer's half where the point is drawn. A triangle that neither
     camera draws anywhere shows no point, and is wrong.
     """
-    covered = covered_by(image)
-    # What an image does not say of its objects is taken from the answer.
-    objects = np.where(covered & (image.object == NOTHING), answer.object, image.object)
-    wrong: Mask = np.asarray((answer.covered != covered) | (answer.object != objects))
-    known = np.isfinite(image.position).all(axis=-1) & ~wrong & covered
-    named_only = (image.triangle != NOTHING) & ~np.isfinite(image.position).all(axis=-1)
-    wrong |= named_only & (image.triangle != answer.triangle)
+    scene, plate = reference.scene, question.plate_height
+    wrong = other_surfaces(answer, image, scene)
+    pointed = np.isfinite(image.position).all(axis=-1)
+    known = pointed & ~wrong & covered_by(image)
+    wrong |= (image.triangle != NOTHING) & ~pointed & (image.triangle != answer.triangle)
     if not question.plain:
         return wrong
-    scene, aperture = reference.scene, answer.camera.aperture
-    plate = question.plate_height
     sides = [(0, known & (image.height != plate))]
     if question.near:
         sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
     for side, asked in sides:
-        position, number = image.position[asked].astype(np.float64), image.triangle[asked]
-        known_number = (number >= 0) & (number < len(scene.faces))
-        number = np.where(known_number, number, NOTHING).astype(np.int32)
-        points = SurfacePoints(
-            position=position, triangle=number, tolerance=position_tolerance(scene, number, position)
-        )
-        wrong[asked] |= hidden(reference.tracer, scene, question.pencil(scene, aperture, side), points)
-        if side == 1:
-            wrong[asked] |= _covered_by_front(question, reference, answer, position)
+        hides = partial(_hides, reference, question, answer, side)
+        wrong |= hidden_pixels(asked, image, scene, hides)
     return wrong
+
+
+def _hides(
+    reference: Reference, question: DrawnModel, answer: HogelImage, side: int, points: SurfacePoints
+) -> Mask:
+    """Return which surface points a camera, or for C the viewer's half in front of it, does not show."""
+    pencil = question.pencil(reference.scene, answer.camera.aperture, side)
+    behind = hidden(reference.tracer, reference.scene, pencil, points)
+    if side == 1:
+        behind |= _covered_by_front(question, reference, answer, points.position)
+    return behind
 
 
 def _covered_by_front(question: DrawnModel, reference: Reference, answer: HogelImage, points: Floats) -> Mask:
