@@ -340,8 +340,8 @@ def _displacement(
     return spread, MeasuredBy.NOTHING if spread is None else MeasuredBy.OUTLINES
 
 
-SEEN_CONTRAST = 0.1
-"""Contrast beyond which one edge counts no more than another, of the square root of the radiance."""
+MAX_EDGE_CONTRAST = 0.1
+"""Contrast, of the square root of the radiance, beyond which one edge counts no more than another."""
 
 
 def _outlines(answer: HogelImage, image: HogelImage, by: str) -> tuple[Steps, Steps]:
@@ -349,13 +349,14 @@ def _outlines(answer: HogelImage, image: HogelImage, by: str) -> tuple[Steps, St
     if by in PLAIN:
         seen = contrast(image)
         capped = Steps(
-            across=np.minimum(seen.across, SEEN_CONTRAST), down=np.minimum(seen.down, SEEN_CONTRAST)
+            across=np.minimum(seen.across, MAX_EDGE_CONTRAST), down=np.minimum(seen.down, MAX_EDGE_CONTRAST)
         )
         if by == "outlines":
             return true_outlines(answer), capped
         expected = contrast(answer)
         return Steps(
-            across=np.minimum(expected.across, SEEN_CONTRAST), down=np.minimum(expected.down, SEEN_CONTRAST)
+            across=np.minimum(expected.across, MAX_EDGE_CONTRAST),
+            down=np.minimum(expected.down, MAX_EDGE_CONTRAST),
         ), capped
     if by == "object":
         return steps_of(answer.object), steps_of(image.object)

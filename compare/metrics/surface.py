@@ -5,9 +5,9 @@ is not a wrong surface.
 
 A pixel can be wrong in two ways. It shows a surface where there is none, no surface where there is one, or
 that of another object (`other_surfaces`); or the point that it shows is hidden behind something else
-(`hidden_pixels`). Every judge of surfaces is made of these two. Along which lines points are hidden depends on
-the question: along those of the true frustum here, along those of a renderer's own cameras in
-`xfrustum.compare.judging.judged`.
+(`hidden_pixels`). Every judge of surfaces is made of these two. The lines along which points are hidden
+depend on the question: here they are those of the true frustum, in `xfrustum.compare.judging.judged` those of
+a renderer's own cameras.
 """
 
 from __future__ import annotations
