@@ -23,7 +23,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.scene import Scene
 
 RIGHT = -1
-"""In a map of charges: the pixel is right in the end, or not judged."""
+"""Value in a map of charges of a pixel that is right in the end, or not judged."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

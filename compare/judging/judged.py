@@ -49,22 +49,22 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 class Compared(StrEnum):
-    """What pictures without numbers are compared by."""
+    """Property by which pictures without numbers are compared."""
 
     COLOR = "color"
     GEOMETRY = "geometry"
-    """Where they show something, and where outlines run; their shading may be any."""
+    """Places where pictures show something, and where outlines run; their shading may be any."""
 
 
 class MeasuredBy(StrEnum):
-    """What a displacement was measured by."""
+    """Means by which a displacement was measured."""
 
     POINTS = "surface points"
-    """Of a pixel that names a triangle which its line misses, the point of that triangle drawn nearest to
-    it."""
+    """The surface point of each pixel; where a pixel's line misses the triangle that it names, the point of
+    that triangle drawn nearest to it."""
     OUTLINES = "registration of outlines"
     NOTHING = "nothing"
-    """It cannot be known."""
+    """The displacement cannot be known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,9 +74,9 @@ class Judging:
     Attributes
     ----------
     compared
-        What pictures without numbers are compared by.
+        Property by which pictures without numbers are compared.
     color_tolerance
-        Difference of linear radiance that is no error.
+        Largest difference of linear radiance that is no error.
     """
 
     compared: Compared = Compared.COLOR
@@ -90,10 +90,10 @@ WRONG_WORDS = {
     "color": "wrong colors",
     "outlines": "wrong outlines",
 }
-"""What `Figures.wrong` counts, by `Figures.by`."""
+"""Words for what `Figures.wrong` counts, by `Figures.by`."""
 
-PLAIN = ("color", "outlines")
-"""What pictures are judged by that name no surfaces."""
+COLOR_ONLY = ("color", "outlines")
+"""Values of `Figures.by` of pictures that name no surfaces."""
 
 SURFACES = "wrong surfaces"
 
@@ -105,31 +105,31 @@ class Figures:
     Attributes
     ----------
     shown
-        Judged pixels where image or answer shows a surface.
+        Number of judged pixels where image or answer shows a surface.
     by
-        What `wrong` counts: triangle, object, color, outlines, or coverage.
+        Property that `wrong` counts: triangle, object, color, outlines, or coverage.
     wrong
-        Of these, the ones that differ.
+        Number of shown pixels that differ in it.
     surface
-        Of these, the ones with the wrong surface; None where the image does not say.
+        Number of shown pixels with the wrong surface; None where the image does not say.
     claimed, invalid
-        Pixels where the image shows something, and of these the ones that name a triangle or an object which
-        the scene does not have.
+        Number of shown pixels where the image shows something, and of those that name a triangle or an object
+        which the scene does not have.
     displacement_px
-        Of what the image shows; None where it cannot be known.
+        Spread of the displacement of what the image shows; None where it cannot be known.
     measured_by
-        What the displacement was measured by.
+        Means by which the displacement was measured.
     radiance
-        Pixels with the right surface in another color; None where the image does not say both, or colors are
-        not compared.
+        Number of pixels with the right surface in another color; None where the image does not say both, or
+        colors are not compared.
     causes
-        Why pixels are wrong; None where that was not asked.
+        Number of wrong pixels by cause; None where that was not asked.
     answer
-        What should be shown.
+        Image that should be shown.
     image
         The image as the question turns it.
     error
-        (H, W) pixels that are wrong: of the surface, or whatever can be told.
+        (H, W) pixels with a wrong surface or color, or that differ in `by` where the image says no surfaces.
     """
 
     shown: int
@@ -158,12 +158,12 @@ class Figures:
 
     @property
     def limited_words(self) -> str:
-        """What that counts, in words."""
+        """Words for what `limited` counts."""
         return WRONG_WORDS[self.by] if self.surface is None else SURFACES
 
     @property
     def judged_fraction(self) -> float:
-        """The same as a share."""
+        """Share of shown pixels that `limited` counts."""
         return self.limited / self.shown if self.shown else 0.0
 
     @property
@@ -204,23 +204,23 @@ def judge(
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     question
         How the renderer is supposed to draw: `DrawnModel()` is the true crossed frustum.
     image, points
         As found, and the (H, W, 3) surface points that it shows, as found (`shown_points`). Its camera is
         that of the aperture that its file is named after.
     judging
-        What is compared, and how exactly.
+        Property that is compared, and how exactly.
     explained
-        Whether to find causes, by triangles.
+        Whether to find causes, which needs triangle numbers.
     """
     judging = judging or Judging()
     seen = _compared(reference, question, image, points, judging)
     answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
     invalid = invalid_claims(reference, question, image) & shown
     surface = None
-    if by not in PLAIN:
+    if by not in COLOR_ONLY:
         surface = (wrong_surfaces(reference, question, answer, upright) & shown) | invalid
     radiance = None
     if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
@@ -294,9 +294,9 @@ def _compared(
     answer = trace_drawn(reference, question, aperture)
     upright = turned(reference, question, image, aperture, points)
     by = _named_by(image, judging.compared)
-    if by in PLAIN:
+    if by in COLOR_ONLY:
         answer = reference_colors(reference, question, answer)
-    covered: Mask = shows_something(upright) if by in PLAIN else covered_by(upright)
+    covered: Mask = shows_something(upright) if by in COLOR_ONLY else covered_by(upright)
     shown = judged_pixels(answer) & (answer.covered | covered)
     differs = _differing(answer, upright, covered, by, judging.color_tolerance) & shown
     return _Compared(answer=answer, upright=upright, by=by, covered=covered, shown=shown, differs=differs)
@@ -346,7 +346,7 @@ MAX_EDGE_CONTRAST = 0.1
 
 def _outlines(answer: HogelImage, image: HogelImage, by: str) -> tuple[Steps, Steps]:
     """Return where an answer has outlines, and where an image has."""
-    if by in PLAIN:
+    if by in COLOR_ONLY:
         seen = contrast(image)
         capped = Steps(
             across=np.minimum(seen.across, MAX_EDGE_CONTRAST), down=np.minimum(seen.down, MAX_EDGE_CONTRAST)

@@ -46,7 +46,8 @@ def shown_objects(expected: HogelImage, shown: HogelImage, scene: Scene) -> Numb
 def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mask:
     """Return the pixels (H, W) that show a surface where none is expected, none, or another object's."""
     wrong: Mask = expected.covered != covered_by(shown)
-    return wrong | (expected.covered & (expected.object != shown_objects(expected, shown, scene)))
+    wrong |= expected.covered & (expected.object != shown_objects(expected, shown, scene))
+    return wrong
 
 
 def hidden_pixels(

@@ -7,7 +7,7 @@ measure       Is a requirement met? Measured, by drawing the scene, and sheets a
               surfaces
 numbers       Lengths of three significant digits: what a plan is made of, so that it can be read and typed
 plan          The planner: the fewest slabs, and then the largest near, that keep what is required
-reason        Why a plan is what it is, or why there is none, in words
+reason        Reasons of a plan, or for having none, in words
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
 sheets        Two parallel sheets at the farthest visible surface of every camera and slab, to be drawn
               and counted

@@ -10,5 +10,5 @@ parameters    The numbers of a guess about a renderer, in groups that go wrong t
               all who use them
 pictures      Pictures without numbers of triangles: the reference's own color, and how far another may
               be off
-shown_points  Which surface point does a pixel show, when an image says only which triangle?
+shown_points  The surface point that a pixel shows, when an image says only which triangle
 """

@@ -1,4 +1,4 @@
-"""Which surface point does a pixel show, when an image says only which triangle?"""
+"""The surface point that a pixel shows, when an image says only which triangle."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-FROM_CAMERA = 1e-6
-"""How near to a camera's own plane points of triangles are looked for, as a part of the reach: at it they
-have no place."""
+CAMERA_DISTANCE_PER_REACH = 1e-6
+"""Smallest distance from a camera's own plane at which points of triangles are looked for, as a part of the
+reach: in that plane they have no place on the film."""
 
-ON_TRIANGLE = 1e-9
-"""How far from a triangle a point may lie that is on it, as a part of the reach: a million roundings of
+TRIANGLE_TOLERANCE_PER_REACH = 1e-9
+"""Largest distance from a triangle of a point that is on it, as a part of the reach: a million roundings of
 doubles, and a thousandth of what a pixel of 1000 sees at a thousandth of the reach."""
 
 
 def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
     """Return the surface points (H, W, 3) that an image as found shows, NaN where it says nothing.
 
-    Its own where it has them; else where the line that a pixel has by a guess meets the triangle
-    that it names. Where the line misses that triangle, the pixel shows no point of it that can be known; the
-    one that the guess draws nearest to the pixel's center is taken. A displacement is then at least what it
-    is found to be, and it is not zero.
+    They are the image's own where it has them; else they lie where the line that a pixel has by a model
+    meets the triangle that it names. Where the line misses that triangle, the pixel shows no point of it
+    that can be known; the one that the model draws nearest to the pixel's center is taken. A displacement is
+    then at least what it is found to be, and it is not zero.
     """
     if np.isfinite(image.position[..., :2]).any():
         return np.asarray(image.position, dtype=np.float64)
@@ -52,7 +52,7 @@ def shown_points(scene: Scene, model: DrawnModel, image: HogelImage) -> Floats:
         best[nearer], off[nearer] = met[nearer], distance[nearer]
     # The scene's own lengths: where a guess has it larger, the reach is so much shorter in them.
     reach = scene.frustum.longest_reach / model.scene_scale
-    missed = np.flatnonzero(off > ON_TRIANGLE * reach)
+    missed = np.flatnonzero(off > TRIANGLE_TOLERANCE_PER_REACH * reach)
     cells = np.stack((columns[missed], rows[missed]), axis=1).astype(np.float64)
     pencils = [model.pencil(scene, aperture, side) for side in (1, -1)]
     best[missed] = _drawn_nearest(corners[missed], pencils, cells, reach)
@@ -66,20 +66,20 @@ def _drawn_nearest(corners: Floats, pencils: Sequence[Pencil], cells: Floats, re
     Parameters
     ----------
     corners
-        (N, 3, 3) of triangles that the pixels' lines miss.
+        (N, 3, 3) corners of triangles that the pixels' lines miss.
     pencils
-        Of C and of C*.
+        Lines of C and of C*.
     cells
         (N, 2) column and row of the pixels.
     reach
-        How far surfaces are imaged, which sets the scale.
+        Distance to which surfaces are imaged, which sets the scale.
     """
     best, least = np.full((len(corners), 3), np.nan), np.full(len(corners), np.inf)
     for side, pencil in zip((1, -1), pencils, strict=True):
         for first in range(3):
             ends = corners[:, [first, (first + 1) % 3]]
             with np.errstate(divide="ignore", invalid="ignore"):
-                point, apart = _nearest_of_edge(ends, pencil, side, cells, FROM_CAMERA * reach)
+                point, apart = _nearest_of_edge(ends, pencil, side, cells, CAMERA_DISTANCE_PER_REACH * reach)
             nearer = apart < least
             best[nearer], least[nearer] = point[nearer], apart[nearer]
     return best
@@ -88,10 +88,10 @@ def _drawn_nearest(corners: Floats, pencils: Sequence[Pencil], cells: Floats, re
 def _nearest_of_edge(
     ends: Floats, pencil: Pencil, side: int, cells: Floats, closest: float
 ) -> tuple[Floats, Floats]:
-    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to cells, and how many pixels from these."""
+    """Return the points (N, 3) of edges (N, 2, 3) drawn nearest to cells, and their distances in pixels."""
     center = np.asarray(pencil.center)
     ahead = side * (center[2] - ends[..., 2])
-    # What lies behind the camera is cut off.
+    # The part of the edge behind the camera is cut off.
     t = np.clip((closest - ahead[:, 0]) / (ahead[:, 1] - ahead[:, 0]), 0.0, 1.0)
     cut = ends[:, 0] + t[:, None] * (ends[:, 1] - ends[:, 0])
     kept = np.where((ahead < closest)[..., None], cut[:, None], ends)

@@ -214,7 +214,7 @@ def _sampled(pixels: PixelIndex, shift: tuple[float, float]) -> Floats:
 
 
 def _any(masks: Iterator[Mask]) -> Mask:
-    return np.logical_or.reduce(list(masks))
+    return np.asarray(np.logical_or.reduce(list(masks)))
 
 
 def _scattered(where: Mask, values: Mask) -> Mask:
