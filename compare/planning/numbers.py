@@ -6,6 +6,7 @@ A plan in round numbers is also the same for meshes that differ by rounding alon
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 
 _FIRST_OF_DECADE, _PER_DECADE = 100, 900
@@ -61,10 +62,4 @@ def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
     holds
         False up to some length, true beyond it.
     """
-    while low < high:
-        middle = (low + high) // 2
-        if holds(round_number(middle)):
-            high = middle
-        else:
-            low = middle + 1
-    return low
+    return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))

@@ -1,4 +1,4 @@
-"""What a plan must hold for: a requirement, and what some apertures of a scene truly show."""
+"""The requirement that a plan must keep, and what some apertures of a scene truly show."""
 
 from __future__ import annotations
 

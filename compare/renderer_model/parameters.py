@@ -95,7 +95,7 @@ FAULT_NAMES = tuple(fault for group in GROUPS for fault in group.faults)
 KINDS = tuple(group.kind for group in GROUPS for _ in group.faults)
 
 PREFERENCE = ("shift", "fov", "near", "scene-offset", "aperture-offset", "pitch", "scene-scale")
-"""Which of several groups that explain images equally well is named, the first one first."""
+"""Order in which groups are named that explain images equally well."""
 
 
 def places(name: str) -> tuple[int, ...]:
