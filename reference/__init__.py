@@ -9,7 +9,8 @@ transport/   Light transport: shadows and interreflection, by light paths
 averages     Color averaged over the boxes of pixels and over apertures; every line of it is certified
 convergence  The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6:
              band limiting)
-pictures     What is decided along lines, as the image of an aperture: points, normals, objects, light
+layers       Layers: what single cameras show, and how they overlay
+pictures     Images made of decisions along lines: surface points, normals, objects, light
 rates        Who answers how fast: the certified truth beside what others would have called one
 truth        The reference: true images, every pixel proven, decided exactly or named a tie
 """

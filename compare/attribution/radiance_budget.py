@@ -50,8 +50,8 @@ LOCAL_LINKS = (*LINKS, EYE_VECTOR, SHADING)
 double precision: the device interpolates normals, colors and texture coordinates, and evaluates the light
 model."""
 
-MOST_PIXELS = 1 << 22
-"""Of a chain's six images: bounds the memory, some 500 bytes a pixel."""
+MAX_CHAIN_PIXELS = 1 << 22
+"""Largest number of pixels of each of a chain's six images: it bounds the memory, some 500 bytes a pixel."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,17 +61,17 @@ class RadianceBudget:
     Attributes
     ----------
     links
-        Names, in order.
+        Names of the links, in order.
     change
-        What each link adds, (links, H, W, 3) linear RGB, and their total; nothing is left out, for a pixel
-        that shows no surface is black.
+        Radiance that each link adds, (links, H, W, 3) linear RGB, and their total; nothing is left out, for a
+        pixel that shows no surface is black.
     judged
         (H, W) pixels whose truth is no tie.
     same
         (H, W) judged pixels that show the same triangle in all images of the chain.
     errors
-        By link: root mean square over the pixels of the standard error of what it is measured against,
-        where that is known from samples.
+        Standard error of the image that a link is measured against, root mean square over the pixels, by the
+        name of the link; only for links that are measured against samples.
     """
 
     links: tuple[str, ...]
@@ -112,9 +112,9 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     Parameters
     ----------
     scene, chain
-        The one that the other shows.
+        Scene, and images that show it.
     side
-        Each color is the mean over so many by so many of the chain's pixels.
+        Number of the chain's pixels along each side of the square over which a color is the mean.
     """
     shader, drawn = Shader(scene), chain.images[-1]
     if drawn.color is None:
@@ -141,9 +141,9 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | N
     Parameters
     ----------
     scene
-        With the sampling and the light transport that are asked for.
+        Scene with the sampling and the light transport that are asked for.
     chain
-        Of one aperture, sampled once per pixel.
+        Images of one aperture, sampled once per pixel.
     done
         Called `steps` times on the way.
     """
@@ -202,14 +202,14 @@ def averaged_colors(
     Raises
     ------
     InputError
-        A chain would have more than `MOST_PIXELS`.
+        A chain would have more than `MAX_CHAIN_PIXELS`.
     """
     side = points_per_side(scene.sampling)
     width, height = scene.frustum.resolution
-    if side * side * width * height > MOST_PIXELS:
+    if side * side * width * height > MAX_CHAIN_PIXELS:
         raise InputError(
             f"{width} x {height} pixels with {side} x {side} points each are too many to take apart; "
-            f"lower frustum.resolution or sampling, to {MOST_PIXELS:,} points at most"
+            f"lower frustum.resolution or sampling, to {MAX_CHAIN_PIXELS:,} points at most"
         )
     fine = replace(
         scene, frustum=replace(scene.frustum, resolution=(side * width, side * height)), sampling=Sampling()

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_color import colored
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
-from xfrustum.compare.renderer_model.drawn_trace import as_image, drawn_layers, overlaid, trace_drawn
+from xfrustum.compare.renderer_model.drawn_trace import as_image, drawn_layers, trace_drawn
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
 from xfrustum.reference import Reference
+from xfrustum.reference.layers import overlaid
 from xfrustum.scenes.arrays import Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from xfrustum.compare.judging.judged import Judging, covered_by, wrong_pixels
+from xfrustum.compare.judging.judged import Judging, wrong_pixels
+from xfrustum.compare.metrics.surface import covered_by
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import shows_something

@@ -10,10 +10,17 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation, orientations
-from xfrustum.compare.renderer_model.pictures import as_gray
+from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
-from xfrustum.scenes.files.foreign_images import Encoding, ForeignImage, Reading, read_again, stored_rgb
+from xfrustum.scenes.files.foreign_images import (
+    Encoding,
+    ForeignImage,
+    Reading,
+    radiance,
+    read_again,
+    stored_rgb,
+)
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
@@ -56,6 +63,12 @@ MIN_SHADES = 3
 MIN_CORRELATION = 0.5
 """Smallest correlation of brightness with the truth's within surfaces at which colored pixels count as a
 picture of the scene: that of numbers is random."""
+
+
+MIN_SAME_COLOR_FRACTION = 0.5
+"""Smallest share of pixels as bright as the truth for pictures to be read as sRGB. Under the right reading
+nearly all are, but for those beside outlines that have moved; a picture under another light, which is as
+bright in few, says nothing of its encoding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +203,15 @@ class StoredTruth:
         colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_ACCOUNTED_FRACTION
         if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
             return None
-        return Reading(encoding=Encoding.RGB)
+        linear, encoded = (_same_color(rgb, encoding, gray) for encoding in (Encoding.RGB, Encoding.SRGB))
+        is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
+        return Reading(encoding=Encoding.SRGB if is_encoded else Encoding.RGB)
+
+
+def _same_color(rgb: Bytes, encoding: Encoding, gray: Floats) -> float:
+    """Return the share of pixels (N, 3) that are as bright as the truth (N,) when read in some encoding."""
+    off = radiance(rgb, encoding).mean(axis=-1) - np.clip(gray, 0.0, 1.0)
+    return float((np.abs(off) <= COLOR_TOLERANCE).mean())
 
 
 def _around(numbers: Numbers, step: int) -> Numbers:

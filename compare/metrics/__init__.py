@@ -5,7 +5,7 @@ comparison    The judge: truth against raster, pixel by pixel and in numbers (do
 displacement  Displacement: how far the picture moved, pixel by pixel (docs/method.md, "What is compared")
 display       How pictures are shown on every page: clipped to what a screen has, sRGB, 8 bits
 error_maps    Each error as an image, pixel by pixel (docs/method.md, "What is compared")
-film          The place of a surface point on the true film (CONVENTIONS.md, film coordinates)
+film          Places on the film: of surface points, and of the centers of pixels (CONVENTIONS.md, "Film")
 left_out      What a rasterizer leaves out: shadows and interreflection, measured by light paths
 noise         A test of whether a picture is what a noisy reference converges to, per pixel, corrected for
               their number

@@ -1,10 +1,11 @@
-"""The place of a surface point on the true film (CONVENTIONS.md, film coordinates)."""
+"""Places on the film: of surface points, and of the centers of pixels (CONVENTIONS.md, "Film")."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.reference.lines.lines import Pencil, pixel_places
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera
 
@@ -24,15 +25,14 @@ def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
     (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
     points in the plane of the plate, which have no place on the film.
     """
-    points = np.asarray(points, dtype=np.float64)
-    z = points[..., 2]
-    depth = np.where(z == 0, np.nan, -z)
-    u = ((points[..., 0] - camera.aperture.x) / depth - camera.shear[0]) / camera.half_extent[0]
-    v = ((points[..., 1] - camera.aperture.y) / depth - camera.shear[1]) / camera.half_extent[1]
-    width, height = camera.resolution
-    place = np.empty((*z.shape, 2))
-    place[..., 0], place[..., 1] = (u + 1) * width / 2 - 0.5, (1 - v) * height / 2 - 0.5
-    return place
+    pencil = Pencil(
+        center=(camera.aperture.x, camera.aperture.y, 0.0),
+        shear=camera.shear,
+        half_extent=camera.half_extent,
+        resolution=camera.resolution,
+        s_range=(-camera.reach[0], camera.reach[1]),
+    )
+    return pixel_places(points, pencil)
 
 
 def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> Floats:

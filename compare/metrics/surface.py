@@ -2,9 +2,17 @@
 
 Their number does not depend on how finely a mesh is tessellated: reports put it first. A picture that is
 merely displaced shows no wrong surface.
+
+A pixel can be wrong in two ways. It shows a surface where there is none, no surface where there is one, or
+that of another object (`other_surfaces`); or the point that it shows is hidden behind something else
+(`hidden_pixels`). Every judge of surfaces is made of these two. The lines along which points are hidden
+depend on the question: here they are those of the true frustum, in `xfrustum.compare.judging.judged` those of
+a renderer's own cameras.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,12 +23,56 @@ from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 
-def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> Numbers:
-    """Return the object that each raster pixel shows; the truth's where the raster image names none."""
-    objects = np.where(raster.object != NOTHING, raster.object, truth.object)
-    unnamed = np.flatnonzero((raster.object == NOTHING) & (raster.triangle != NOTHING))
-    objects.flat[unnamed] = scene.object_of_triangle[raster.triangle.ravel()[unnamed]]
+def covered_by(image: HogelImage) -> Mask:
+    """Return the pixels that show a surface, by whichever number or position an image has."""
+    return np.asarray(image.covered | (image.object != NOTHING))
+
+
+def existing_triangles(numbers: Numbers, scene: Scene) -> Numbers:
+    """Return triangle numbers of any shape; `NOTHING` where a number is not one of the scene's."""
+    return np.where((numbers >= 0) & (numbers < len(scene.faces)), numbers, np.int32(NOTHING))
+
+
+def shown_objects(expected: HogelImage, shown: HogelImage, scene: Scene) -> Numbers:
+    """Return the object that each pixel shows; where the image does not say it, the expected one."""
+    objects = np.where(shown.object != NOTHING, shown.object, expected.object)
+    unnamed = np.flatnonzero((shown.object == NOTHING) & (shown.triangle != NOTHING))
+    number = existing_triangles(shown.triangle.ravel()[unnamed], scene)
+    exists = number != NOTHING
+    objects.flat[unnamed[exists]] = scene.object_of_triangle[number[exists]]
     return objects
+
+
+def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mask:
+    """Return the pixels (H, W) that show a surface where none is expected, none, or another object's."""
+    wrong: Mask = expected.covered != covered_by(shown)
+    wrong |= expected.covered & (expected.object != shown_objects(expected, shown, scene))
+    return wrong
+
+
+def hidden_pixels(
+    asked: Mask, shown: HogelImage, scene: Scene, hides: Callable[[SurfacePoints], Mask]
+) -> Mask:
+    """Return which of the asked pixels show a hidden point, (H, W).
+
+    Parameters
+    ----------
+    asked
+        (H, W) pixels that show a surface point off the plate.
+    shown
+        Image that is judged.
+    scene
+        Scene that it shows.
+    hides
+        Says which of some surface points (N,) are hidden.
+    """
+    pixels = np.flatnonzero(asked)
+    position = shown.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
+    number = existing_triangles(shown.triangle.ravel()[pixels], scene)
+    tolerance = position_tolerance(scene, number, position)
+    found = np.zeros_like(asked)
+    found.flat[pixels] = hides(SurfacePoints(position=position, triangle=number, tolerance=tolerance))
+    return found
 
 
 def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
@@ -30,21 +82,15 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     and where the true frustum does not see the surface point: something else is in front of it on its own
     true line. The true frustum sees a point in the plate only in the aperture's center, where all lines meet.
     """
-    objects = shown_objects(truth, raster, reference.scene)
-    wrong: Mask = truth.covered != raster.covered
-    wrong |= (truth.object != objects) & truth.covered
+    scene = reference.scene
+    wrong = other_surfaces(truth, raster, scene)
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
-
     asked = raster.off_plate & ~wrong
-    asked.flat[_surely_seen(truth, raster, asked, reference.scene)] = False
-    other = np.flatnonzero(asked)
-    position = raster.position.reshape(-1, 3).take(other, axis=0).astype(np.float64)
-    number = raster.triangle.ravel()[other]
-    tolerance = position_tolerance(reference.scene, number, position)
-    points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
-    wrong.flat[other] = reference.hidden(truth.camera.aperture, points)
-    return wrong
+    asked.flat[_surely_seen(truth, raster, asked, scene)] = False
+    return wrong | hidden_pixels(
+        asked, raster, scene, lambda points: reference.hidden(truth.camera.aperture, points)
+    )
 
 
 def _surely_seen(truth: HogelImage, raster: HogelImage, asked: Mask, scene: Scene) -> Indices:

@@ -1,4 +1,4 @@
-"""Which settings to draw with: the fewest slabs, then the largest near.
+"""The planner: settings to draw with, the fewest slabs, then the largest near.
 
 cuts          Where to cut: each height as near to the plate as a separation allows
 displacement  How far the drawn picture is displaced, from the truth: a bound in closed form, and the
@@ -7,9 +7,9 @@ measure       Is a requirement met? Measured, by drawing the scene, and sheets a
               surfaces
 numbers       Lengths of three significant digits: what a plan is made of, so that it can be read and typed
 plan          The planner: the fewest slabs, and then the largest near, that keep what is required
-reason        Why a plan is what it is, or why there is none, in words
+reason        Reasons of a plan, or for having none, in words
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
 sheets        Two parallel sheets at the farthest visible surface of every camera and slab, to be drawn
               and counted
-views         What a plan must hold for: a requirement, and what some apertures of a scene truly show
+views         The requirement that a plan must keep, and what some apertures of a scene truly show
 """

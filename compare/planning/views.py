@@ -1,4 +1,4 @@
-"""What a plan must hold for: a requirement, and what some apertures of a scene truly show."""
+"""The requirement that a plan must keep, and what some apertures of a scene truly show."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 SEPARATION_PER_REACH = 1e-3
-"""Of the larger reach: the separation that is asked for where none is given."""
+"""Separation that is asked for where none is given, as a part of the larger reach."""
 
-SAME_HEIGHT = 1e-9
-"""Relative: a surface this close to a cut counts on both sides of it. Rounding moves the surfaces of a
-refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
+HEIGHT_TOLERANCE_RATIO = 1e-9
+"""Relative distance from a cut within which a surface counts on both sides of it. Rounding moves the surfaces
+of a refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class Requirement:
     tolerance_px
         Largest 99th percentile of displacement, pixels.
     separation
-        Of two sheets that must be ordered at the farthest visible surface, scene units; None for
+        Distance of two sheets that must be ordered at the farthest visible surface, scene units; None for
         `SEPARATION_PER_REACH` of the larger reach.
     max_wrong
         Largest share of judged pixels whose wrong surface is charged to depth.
@@ -137,8 +137,8 @@ class View:
     def farthest(self, camera: Camera, low: float, high: float) -> float | None:
         """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
         seen = self.seen[camera]
-        count = int(np.searchsorted(seen, high * (1 + SAME_HEIGHT), side="right"))
-        if not count or seen[count - 1] < low * (1 - SAME_HEIGHT):
+        count = int(np.searchsorted(seen, high * (1 + HEIGHT_TOLERANCE_RATIO), side="right"))
+        if not count or seen[count - 1] < low * (1 - HEIGHT_TOLERANCE_RATIO):
             return None
         return min(float(seen[count - 1]), high)
 

@@ -21,7 +21,7 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
 MISORDERED = 0.01
 """Largest share of pixels that may show the wrong surface at a separation that counts as ordered; equal to
-`scenes.tolerances.MAX_WRONG`."""
+`tolerances.MAX_WRONG`."""
 
 CLIP_DEPTH_ROUNDINGS = 3
 """Roundings of a vertex's depth, relative to w: clip depth is a product and a sum, and clip w is rounded."""

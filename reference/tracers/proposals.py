@@ -8,9 +8,10 @@ import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.planes import plane_places, triangle_normals
 from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.tracer import Tracer
-from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 
@@ -43,12 +44,7 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
     for pencil, directions, own in zip(pencils, lines, hits, strict=True):
         # Tracers know no far end here; whether a first hit lies beyond it is plain geometry.
         met = own != NOTHING
-        corners = scene.triangles[own[met]]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        slope = np.einsum("ij,ij->i", normals, directions[met])
-        offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            beyond = offset / slope > pencil.s_range[1]
+        beyond = _first_places(scene, pencil, own[met], directions[met]) > pencil.s_range[1]
         own[met] = np.where(beyond, NOTHING, own[met])
     return hits.reshape(len(pencils), len(rows), -1)
 
@@ -59,14 +55,16 @@ def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Fi
     directions = pencil.directions(slice(rows.start, rows.stop))
     s = np.full(triangle.shape, np.nan)
     met = triangle != NOTHING
-    corners = scene.triangles[triangle[met]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s[met] = offset / np.einsum("ij,ij->i", normals, directions[met])
+    s[met] = _first_places(scene, pencil, triangle[met], directions[met])
     return FirstSurfaces(
         triangle=triangle,
         s=s,
         certainty=np.full(triangle.shape, Certainty.UNEXAMINED, dtype=np.uint8),
         companions=np.zeros((0, 3), dtype=np.int64),
     )
+
+
+def _first_places(scene: Scene, pencil: Pencil, triangle: Numbers, directions: Floats) -> Floats:
+    """Return s at which lines (N, 3) of a pencil meet the planes of the triangles with numbers (N,)."""
+    corners = scene.triangles[triangle]
+    return plane_places(corners, triangle_normals(corners), np.asarray(pencil.center), directions)

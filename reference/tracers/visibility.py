@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.planes import cross_products, plane_places, triangle_normals
 from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
@@ -61,11 +62,8 @@ def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) 
     hits = tracer.first_hits(origins, directions, np.maximum(until, 0.0))
     met = np.flatnonzero((hits != NOTHING) & (hits != points.triangle))
     corners = scene.triangles[hits[met]]
-    normals = _normals(corners)
-    slope = np.einsum("ij,ij->i", normals, directions[met])
-    offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s_hit = offset / slope
+    normals = triangle_normals(corners)
+    s_hit = plane_places(corners, normals, np.asarray(pencil.center), directions[met])
     before = s_hit < s_point[met]
     met, corners = met[before], corners[before]
     behind = np.zeros(len(hits), dtype=np.bool_)
@@ -90,20 +88,9 @@ def _apart(points: Floats, corners: Floats, normals: Floats, tolerance: Floats) 
     return apart
 
 
-def _normals(corners: Floats) -> Floats:
-    """Return the cross product of the first two edges of triangles (N, 3, 3)."""
-    return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    # The same numbers as those of np.cross, in a third of the time.
-    (ax, ay, az), (bx, by, bz) = np.ascontiguousarray(a.T), np.ascontiguousarray(b.T)
-    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
-
-
 def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     """Return the distance of each point (N, 3) from its own triangle (N, 3, 3)."""
-    normals = _normals(corners)
+    normals = triangle_normals(corners)
     length = np.linalg.norm(normals, axis=1)
     unit = normals / np.where(length > 0, length, 1.0)[:, None]
     inside = length > 0
@@ -111,7 +98,7 @@ def distance_to_triangles(points: Floats, corners: Floats) -> Floats:
     for k in range(3):
         start, edge = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
         along = points - start
-        inside &= np.einsum("ij,ij->i", _cross(edge, along), normals) >= 0
+        inside &= np.einsum("ij,ij->i", cross_products(edge, along), normals) >= 0
         squared = np.einsum("ij,ij->i", edge, edge)
         share = np.einsum("ij,ij->i", along, edge) / np.where(squared > 0, squared, 1.0)
         foot = along - np.clip(share, 0.0, 1.0)[:, None] * edge

@@ -173,7 +173,7 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):
         mine |= {"triangle": nothing, "object": nothing}
-        mine["color"] = _colors(stored_rgb(image), reading.encoding)
+        mine["color"] = radiance(stored_rgb(image), reading.encoding)
         return type(image)(**mine)
     numbers = reading.numbers(stored_integers(image, reading))
     if isinstance(image, ForeignImage):
@@ -199,8 +199,8 @@ def stored_rgb(image: HogelImage) -> Bytes:
     return np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
 
 
-def _colors(rgb: Bytes, encoding: Encoding) -> Singles:
-    """Return the linear radiance (H, W, 3) of stored pixels."""
+def radiance(rgb: Bytes, encoding: Encoding) -> Singles:
+    """Return the linear radiance (.., 3) of stored pixels, `Encoding.RGB` or `Encoding.SRGB`."""
     color = (rgb / 255).astype(np.float32)
     if encoding is Encoding.SRGB:
         # IEC 61966-2-1, decoding.

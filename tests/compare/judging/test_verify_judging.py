@@ -98,6 +98,21 @@ def headlight(image: HogelImage) -> Bytes:
     return np.repeat(np.where(image.covered, 255 * gray, 0).astype(np.uint8)[..., None], 3, axis=-1)
 
 
+def gray(image: HogelImage) -> Bytes:
+    """Return the scene's own light without its colors, linear."""
+    assert image.color is not None
+    mean = np.clip(np.nan_to_num(image.color), 0, 1).mean(axis=-1, keepdims=True)
+    return np.repeat((mean * 255 + 0.5).astype(np.uint8), 3, axis=-1)
+
+
+def gray_for_screens(image: HogelImage) -> Bytes:
+    """Return the same, encoded as sRGB."""
+    assert image.color is not None
+    mean = np.clip(np.nan_to_num(image.color), 0, 1).mean(axis=-1, keepdims=True)
+    encoded = np.where(mean <= 0.0031308, 12.92 * mean, 1.055 * mean ** (1 / 2.4) - 0.055)
+    return np.repeat((encoded * 255 + 0.5).astype(np.uint8), 3, axis=-1)
+
+
 def colors(image: HogelImage) -> Bytes:
     assert image.color is not None
     return (np.clip(np.nan_to_num(image.color), 0, 1) * 255 + 0.5).astype(np.uint8)
@@ -136,6 +151,8 @@ ENCODED: dict[str, tuple[Paint, dict[str, float | str]]] = {
     ),
     "resampled": (resampled, {}),
     "shaded": (headlight, {"wrong-encoding": "rgb"}),
+    "shaded by the scene's light": (gray, {"wrong-encoding": "rgb"}),
+    "shaded for screens": (gray_for_screens, {"wrong-encoding": "srgb"}),
     "objects": (objects, {"wrong-encoding": "object-id"}),
 }
 """Ways to store triangle numbers wrongly: what is written, and what must be named with which value."""

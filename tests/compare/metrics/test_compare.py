@@ -183,6 +183,20 @@ def test_a_hit_against_a_miss_is_wrong_both_ways(asymmetric: Case) -> None:
     np.testing.assert_array_equal(asymmetric.wrong(changed(truth, speck, **shown)), speck)
 
 
+def test_an_image_that_names_objects_alone_is_judged_by_them(asymmetric: Case) -> None:
+    truth = asymmetric.truth
+    named = replace(
+        truth,
+        triangle=np.full_like(truth.triangle, NOTHING),
+        position=np.full_like(truth.position, np.nan),
+        certainty=None,
+    )
+    assert compare_images(truth, named, asymmetric.reference).surface_wrong == 0
+    emptied = replace(named, object=np.full_like(truth.object, NOTHING))
+    judged = truth.covered & (truth.certainty != Certainty.TIE)
+    assert compare_images(truth, emptied, asymmetric.reference).surface_wrong == judged.sum()
+
+
 def test_another_object_is_wrong_another_triangle_of_it_is_not(asymmetric: Case) -> None:
     truth = asymmetric.truth
     where = some_pixel(truth.object == 2)
