@@ -188,9 +188,10 @@ class Timed:
 
     def __call__(self) -> None:
         """Make a picture, and note what its stages took."""
-        self._contestant.picture()
-        if self._contestant.rasterizer is not None:
-            stages = self._contestant.rasterizer.times
+        if self._contestant.draw is None:
+            self._contestant.picture()
+        else:
+            stages = self._contestant.draw().times
             self._gpu_s.append(stages["draw"].gpu_s)
             self._read_s.append(stages["read"].wall_s)
 

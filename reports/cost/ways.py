@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from xfrustum.raster import Rasterizer
+from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.timing import Spread
@@ -47,15 +47,15 @@ class Contestant:
         As in `Option`.
     picture
         Makes it.
-    rasterizer
-        Who draws it, where somebody does.
+    draw
+        Makes it with the times of its stages, where it is drawn by a rasterizer.
     """
 
     renderer: str
     label: str
     configuration: dict[str, Any]
     picture: Callable[[], HogelImage]
-    rasterizer: Rasterizer | None = None
+    draw: Callable[[], Drawn] | None = None
 
 
 def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[Contestant]:
@@ -96,6 +96,10 @@ def _raster(
         label += f", {sampling.aperture} aperture samples"
     if family == "all effects":
         label += ", all effects"
+
+    def draw() -> Drawn:
+        return drawer.draw(aperture, settings, normals=False, sampling=sampling)
+
     return Contestant(
         renderer="raster",
         label=label,
@@ -108,8 +112,8 @@ def _raster(
             "aperture_samples": sampling.aperture,
             "effects": sorted(drawer.effects, key=list(Effect).index),
         },
-        picture=lambda: drawer.render(aperture, settings, normals=False, sampling=sampling),
-        rasterizer=drawer,
+        picture=lambda: draw().image,
+        draw=draw,
     )
 
 

@@ -15,7 +15,7 @@ from xfrustum.compare import Comparison, ErrorMaps, compare_images
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.prediction.predict import Prediction, Predictor
-from xfrustum.raster import Rasterizer
+from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, Spread, Stopwatch
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
@@ -156,14 +156,14 @@ class SweepBench:
         take_turns_until_settled(runs, seconds, _unsettled, left)
         return {setting: Spread.of(taken) for setting, taken in zip(settings, seconds, strict=True)}
 
-    def _render(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
-        return self._rasterizer.render(aperture, settings, normals=False, color=True)
+    def _render(self, aperture: Aperture, settings: DoubleFrustum) -> Drawn:
+        return self._rasterizer.draw(aperture, settings, normals=False, color=True)
 
     def _draw(self, aperture: Aperture, settings: DoubleFrustum) -> _Drawn:
         lap = Stopwatch()
         with lap.stage("raster"):
-            image = self._render(aperture, settings)
-        return _Drawn(image=image, lap=lap, gpu_s=self._rasterizer.times["draw"].gpu_s)
+            drawn = self._render(aperture, settings)
+        return _Drawn(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
 
     def _compare(self, drawn: _Drawn, shared: SharedStopwatch) -> Comparison:
         with shared.stage(drawn.lap, "compare"):
