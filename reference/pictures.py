@@ -1,4 +1,4 @@
-"""What is decided along lines, as the image of an aperture: points, normals, objects, light."""
+"""The image of an aperture, made of decisions along its lines: points, normals, objects, light."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ class Pictures:
     Parameters
     ----------
     scene
-        What is seen.
+        Scene that is seen.
     shader
-        Its light.
+        Shader of its surfaces.
     """
 
     def __init__(self, scene: Scene, shader: Shader) -> None:
         self._scene, self._shader = scene, shader
-        # By triangle number; the last, which `NOTHING` finds, is `NOTHING`.
+        # Indexed by triangle number: `NOTHING`, which is -1, finds the last entry, `NOTHING`.
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
 
     def camera(self, aperture: Aperture, settings: DoubleFrustum | None = None) -> HogelCamera:
-        """Return the true frustum of an aperture; with settings, as the offset cameras' image carries it."""
+        """Return the true frustum of an aperture; with settings, as the offset cameras' image has it."""
         pencil = crossed_frustum(self._scene.frustum, aperture)
         return HogelCamera(
             aperture=aperture,
@@ -51,7 +51,19 @@ class Pictures:
         layers: list[tuple[Pencil, FirstSurfaces]],
         settings: DoubleFrustum | None = None,
     ) -> HogelImage:
-        """Overlay decided layers of some rows, the last on top, and say what their surfaces are."""
+        """Return the image of some rows: layers of decisions, the last on top, with all that it shows.
+
+        Parameters
+        ----------
+        aperture
+            Aperture of the image.
+        rows
+            Rows that were decided.
+        layers
+            The lines of each layer and the decisions along them, from the back.
+        settings
+            Settings of the offset cameras; None for a true image.
+        """
         pencil = crossed_frustum(self._scene.frustum, aperture)
         some = slice(rows.start, rows.stop)
         directions = pencil.directions(some)
@@ -61,16 +73,16 @@ class Pictures:
         companions = np.zeros((0, 3), dtype=np.int64)
         for layer, decided in layers:
             on_top = decided.triangle != NOTHING
-            # Where a layer shows nothing, what is seen rests on both decisions.
+            # Where this layer shows nothing, the pixel depends on its decision and on those below.
             certainty = np.where(on_top, decided.certainty, np.maximum(certainty, decided.certainty))
             triangle = np.where(on_top, decided.triangle, triangle)
             along = layer.directions(some)
             points = np.asarray(layer.center) + decided.s[..., None] * along
             position = np.where(on_top[..., None], points, position)
-            # What a camera fitted to some height shows, it sees along lines of its own.
+            # A camera that is fitted to some height sees along lines of its own directions.
             if layer.half_extent != pencil.half_extent:
                 seen_along = np.where(on_top[..., None], along, seen_along)
-            # Ties of what is now covered are nobody's companions any more.
+            # Ties on surfaces that this layer covers no longer show.
             covered_now = on_top[companions[:, 0] - rows.start, companions[:, 1]]
             companions = np.concatenate((companions[~covered_now], decided.companions))
         normals, color = np.full(directions.shape, np.nan), np.zeros(directions.shape, dtype=np.float32)

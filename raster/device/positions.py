@@ -34,10 +34,8 @@ class Positions:
 
     Parameters
     ----------
-    context
-        The current context.
-    scene
-        Scene with at least one triangle.
+    context, scene
+        The current context, and a scene with at least one triangle.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:

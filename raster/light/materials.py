@@ -31,10 +31,8 @@ class Shading:
 
     Parameters
     ----------
-    context
-        The current context.
-    scene
-        Scene with at least one triangle.
+    context, scene
+        The current context, and a scene with at least one triangle.
     effects
         Effects that are simulated; textures are uploaded only if they are among them.
 

@@ -62,10 +62,8 @@ class PlateGeometry:
 
     Parameters
     ----------
-    context
-        The current context.
-    scene
-        Scene with at least one triangle.
+    context, scene
+        The current context, and a scene with at least one triangle.
     passes
         The cameras as they are for any one aperture; only what all apertures share is used.
     clip_control

@@ -51,10 +51,8 @@ class PlatePicture:
 
     Parameters
     ----------
-    context
-        The context that is current now, and whenever something is drawn.
-    scene
-        Scene with at least one triangle.
+    context, scene
+        The context that is current now and whenever something is drawn, and a scene with triangles.
     passes
         The cameras as they are for any one aperture; at least one.
     look

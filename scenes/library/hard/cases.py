@@ -28,7 +28,7 @@ def names(*, giants: bool = True) -> list[str]:
 
 
 def listing() -> list[Listing]:
-    """Return name, why it is hard and number of triangles of every case; giants are not built."""
+    """Return name, difficulty and number of triangles of every case; giants are not built."""
     return [
         Listing(
             name=name,
@@ -40,7 +40,7 @@ def listing() -> list[Listing]:
 
 
 def build(name: str) -> Scene:
-    """Return the scene of a hard case. Not kept: one of them takes hundreds of megabytes.
+    """Return the scene of a hard case, made anew each time: one of them takes hundreds of megabytes.
 
     Raises
     ------

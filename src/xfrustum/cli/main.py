@@ -20,6 +20,7 @@ from xfrustum.cli import termination as cli_termination
 from xfrustum.cli.commands import checks as cli_checks
 from xfrustum.cli.commands import cost as cli_cost
 from xfrustum.cli.commands import explain as cli_explain
+from xfrustum.cli.commands import figure7 as cli_figure7
 from xfrustum.cli.commands import plan as cli_plan
 from xfrustum.cli.commands import plate as cli_plate
 from xfrustum.cli.commands import scene as cli_scene
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 
 BAD_INPUT = 2
+"""Exit status where the user can mend what is wrong."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
@@ -128,12 +130,14 @@ def report(
         effects=light.effects,
         progress=not quiet,
     )
-    if as_json:
-        options.print_json(
-            {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
-        )
-    else:
-        click.echo("\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))))
+    options.tell(
+        as_json,
+        lambda: {
+            "files": {"html": files.html, "json": files.json, "parquet": files.parquet},
+            **files.content,
+        },
+        lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
+    )
 
 
 @cli.command()
@@ -212,10 +216,7 @@ def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
         say(f"note: {compared.note}")
     if out is not None:
         write_comparison(compared, out)
-    if as_json:
-        options.print_json(compared.comparison.summary())
-    else:
-        click.echo(table(compared.comparison))
+    options.tell(as_json, compared.comparison.summary, lambda: table(compared.comparison))
 
 
 @cli.command()
@@ -242,7 +243,7 @@ for _command in (
     cli_checks.bench,
     cli_cost.cost,
     cli_explain.explain,
-    cli_light.figure7,
+    cli_figure7.figure7,
     cli_plan.plan,
     cli_plate.plate,
     cli_scene.check,

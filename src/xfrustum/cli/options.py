@@ -15,6 +15,7 @@ import click
 
 from xfrustum.cli.numbers import Positive
 from xfrustum.cli.streams import say
+from xfrustum.scenes.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
@@ -276,6 +277,22 @@ def warn(warning: str) -> None:
     say(f"warning: {warning}")
 
 
+def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
+    """Print a command's result on standard output.
+
+    Parameters
+    ----------
+    as_json
+        Whether to print one JSON object instead of text.
+    summary, text
+        The functions that make the object and the text.
+    """
+    if as_json:
+        print_json(summary())
+    else:
+        click.echo(text())
+
+
 scene_argument = click.argument("scene")
 aperture_option = click.option(
     "--aperture", type=Index(), help="Column,row on the plate.  [default: the middle]"
@@ -287,6 +304,13 @@ free_tracer_option = click.option(
     "--tracer", type=Tracer(), help="Ray tracer.  [default: embree; mitsuba for light transport]"
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
+tolerance_option = click.option(
+    "--tolerance-px",
+    type=Positive(),
+    default=TOLERANCE_PX,
+    show_default=True,
+    help="Displacement that 99 % may have.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 
 
