@@ -1,6 +1,6 @@
 """The question: plate, frustum, meshes, settings, and the image that every renderer returns.
 
-appearance/  What surfaces look like: materials, lights, and how finely color is sampled
+appearance/  The look of surfaces: materials, lights, and the sampling of color
 disk/        Files on the disk: read within bounds, written whole or not at all
 files/       Scenes from files: tables, meshes, maps and images
 geometry/    Surfaces as triangles: shapes, patches, placement, refinement, normals

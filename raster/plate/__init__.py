@@ -10,6 +10,6 @@ program      The programs that draw many hogels at once, made of the same shader
 reflection   Mirror-like surfaces of many hogels at once, in a pass of its own per camera (paper,
              section 6)
 renderer     Many hogels per submission: the paper's double frustum for a whole plate, as a stream
-submissions  How many hogels are drawn at once, and the buffers that each submission owns until it is read
+submissions  Submissions of several hogels: their number, and the buffers that each owns until it is read
 targets      Framebuffers with a layer for each of several hogels, and their way back to the processor
 """

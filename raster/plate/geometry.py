@@ -47,7 +47,7 @@ class PassGeometry:
     Attributes
     ----------
     first, count
-        Where the indices of the triangles begin in the index buffer, and the number of triangles.
+        Place of the triangles' first index in the index buffer, and the number of triangles.
     boxes
         Boxes of the clusters of triangles.
     """

@@ -29,7 +29,7 @@ PICTURE, REFLECTION = 0, 1
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """How a plate is drawn.
+    """The way in which a plate is drawn.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class PlatePicture:
     passes
         The cameras as they are for any one aperture; at least one.
     look
-        How the plate is drawn.
+        Way in which the plate is drawn.
 
     Raises
     ------

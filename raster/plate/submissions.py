@@ -1,4 +1,4 @@
-"""How many hogels are drawn at once, and the buffers that each submission owns until it is read."""
+"""Submissions of several hogels: their number, and the buffers that each owns until it is read."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROUNDS = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Batching:
-    """How a stream of hogels is cut into submissions.
+    """The division of a stream of hogels into submissions and rounds.
 
     Attributes
     ----------

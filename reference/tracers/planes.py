@@ -1,6 +1,6 @@
-"""Where lines meet the planes of triangles, in double precision without bounds.
+"""Meetings of lines with the planes of triangles, in double precision without bounds.
 
-For what tracers propose, not for what is certified: `certify.narrow` bounds the same quotient.
+They serve the proposals of tracers, not the certificate: `certify.narrow` bounds the same quotient.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ def hidden(tracer: Tracer, scene: Scene, pencil: Pencil, points: SurfacePoints) 
     length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
     until = s_point + (origins[:, 2] - pencil.center[2]) - points.tolerance / (2 * length)
     hits = tracer.first_hits(origins, directions, np.maximum(until, 0.0))
-    # Of the other surfaces met before the point, those hide it that do not pass through it.
+    # Another surface that is met before the point hides it, unless it passes through it.
     met = np.flatnonzero((hits != NOTHING) & (hits != points.triangle))
     corners = scene.triangles[hits[met]]
     before = plane_places(corners, np.asarray(pencil.center), directions[met]) < s_point[met]

@@ -104,7 +104,7 @@ class LightPaths:
         Parameters
         ----------
         found
-            What `first` returned.
+            Triangle numbers, and whether there is one, as `first` returns them.
         line
             Origin and direction of the line along which the surface is seen, in double precision, scaled.
         transport

@@ -1,4 +1,4 @@
-"""Where light paths begin: at the reference's samples on the film, as lines of doubles.
+"""The lines on which light paths begin: those of the reference's samples on the film, as doubles.
 
 The sensor aims rays in float32, which find the surface; its light is computed along the same line in double
 precision that the reference decides.

@@ -1,4 +1,4 @@
-"""What surfaces look like: materials, lights, and how finely color is sampled.
+"""The look of surfaces: materials, lights, and the sampling of color.
 
 appearance  The appearance of a scene: its materials and lights, and the default where it names none
 light       Lights: directional, and an environment around everything

@@ -56,7 +56,7 @@ REFERENCE = ("effects", "supersample", "aperture", "shadows", "interreflection",
 
 @dataclass(frozen=True, kw_only=True)
 class Light:
-    """What the command line says about light; None leaves a setting as the scene has it."""
+    """Settings of light on the command line; None leaves a setting as the scene has it."""
 
     effects: str = "auto"
     supersample: int | None = None

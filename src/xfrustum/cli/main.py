@@ -1,4 +1,4 @@
-"""The command line: arguments in, exit status out, and nothing else.
+"""The command line: from arguments to a command and its exit status.
 
 Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
 a signal; all but the first two say why in one line on standard error.
@@ -64,7 +64,7 @@ def cli(
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
     """
-    del traceback  # `main` looks for it before anything else can fail
+    del traceback  # `main` reads this option before anything else can fail
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     elif max_input_memory is not None or max_hogels is not None:
@@ -260,7 +260,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments
-        Without the program's name; those of the process where None.
+        Arguments without the program's name; None for those of the process.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     with cli_termination.current() as termination:
@@ -268,7 +268,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # A signal may have come while the program was loaded.
             status = 0 if termination.received else termination.call(lambda: _invoke(given))
         except BaseException as error:
-            # An exception out of the midst of a library may be anything, once a signal has come.
+            # After a signal, a library that was interrupted may raise any exception.
             status = 0 if termination.received else _status_of(error, traceback="--traceback" in given[:1])
         if termination.received is not None:
             say(termination.word)
@@ -292,12 +292,12 @@ def _invoke(arguments: list[str]) -> int:
 
 
 def _status_of(error: BaseException, *, traceback: bool) -> int:
-    """Say what went wrong in one line and return the exit status."""
+    """Print the error in one line and return the exit status."""
     if isinstance(error, click.ClickException):
         return _refuse(error.format_message())
-    if isinstance(error, BrokenPipeError):  # nobody reads on, which is their right
+    if isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
         return 0
-    if isinstance(error, KeyboardInterrupt | click.Abort):  # of a program that handles its signals itself
+    if isinstance(error, KeyboardInterrupt | click.Abort):  # the program around this handles its signals
         say(cli_termination.WORD_OF_SIGNAL[signal.SIGINT])
         return cli_termination.STATUS_OF_SIGNAL[signal.SIGINT]
     if _is_input_error(error):
@@ -308,8 +308,8 @@ def _status_of(error: BaseException, *, traceback: bool) -> int:
 
 
 def _is_input_error(error: BaseException) -> bool:
-    """Return whether the user can mend it."""
-    # Importing the scenes for their one exception would cost `--help` a second.
+    """Return whether an error is one that the user can mend."""
+    # The class is looked up and not imported: where it is not loaded, nothing has raised it.
     errors = sys.modules.get("xfrustum.scenes.errors")
     return errors is not None and isinstance(error, errors.InputError)
 
