@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-_COUNT = Samples()
+
+def _count_option(flag: str, meaning: str) -> Callable[[Command], Command]:
+    """Return an option for a count of samples, whose default is the scene's."""
+    return click.option(flag, type=Samples(), help=f"{meaning}  [default: the scene's]")
+
+
 _OPTIONS = {
     "effects": click.option(
         "--effects",
@@ -27,18 +32,9 @@ _OPTIONS = {
         metavar="all|auto|NAME,..",
         help="What is simulated; `explain` lists the names.  [default: auto, what the scene calls for]",
     ),
-    "supersample": click.option(
-        "--supersample", type=_COUNT, help="Points along each side of a pixel.  [default: the scene's]"
-    ),
-    "multisample": click.option(
-        "--multisample", type=_COUNT, help="OpenGL's own samples per pixel.  [default: the scene's]"
-    ),
-    "aperture": click.option(
-        "--aperture-samples",
-        "aperture_samples",
-        type=_COUNT,
-        help="Points of the aperture's area (band limiting).  [default: the scene's]",
-    ),
+    "supersample": _count_option("--supersample", "Points along each side of a pixel."),
+    "multisample": _count_option("--multisample", "OpenGL's own samples per pixel."),
+    "aperture": _count_option("--aperture-samples", "Points of the aperture's area (band limiting)."),
     "shadows": click.option(
         "--shadows/--no-shadows", default=None, help="Light transport, by Mitsuba.  [default: the scene's]"
     ),
