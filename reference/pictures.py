@@ -1,4 +1,4 @@
-"""Images made of decisions along lines: surface points, normals, objects, light."""
+"""The image of an aperture, made of decisions along its lines: points, normals, objects, light."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ class Pictures:
     Parameters
     ----------
     scene
-        Scene that the images show.
+        Scene that is seen.
     shader
-        Light of the scene.
+        Shader of its surfaces.
     """
 
     def __init__(self, scene: Scene, shader: Shader) -> None:
         self._scene, self._shader = scene, shader
-        # By triangle number; the last, which `NOTHING` finds, is `NOTHING`.
+        # Indexed by triangle number: `NOTHING`, which is -1, finds the last entry, `NOTHING`.
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
 
     def camera(self, aperture: Aperture, settings: DoubleFrustum | None = None) -> HogelCamera:
-        """Return the true frustum of an aperture; with settings, as the offset cameras' image carries it."""
+        """Return the true frustum of an aperture; with settings, as the offset cameras' image has it."""
         pencil = crossed_frustum(self._scene.frustum, aperture)
         return HogelCamera(
             aperture=aperture,

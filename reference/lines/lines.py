@@ -23,7 +23,7 @@ class Pencil:
     """All lines of one image: each pixel's line passes through one common point.
 
     The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). The exact
-    meaning of an image starts at these doubles: nothing before them is rounded again.
+    meaning of an image starts at these doubles; how they were rounded makes no difference to it.
 
     Attributes
     ----------
@@ -126,9 +126,9 @@ class ModelCamera:
     Attributes
     ----------
     orthoscopic
-        Whether it is a C, else a C*.
+        True for C, False for C*.
     pencil
-        Its lines; s is the distance from its center along the axis, negative for a C*.
+        The camera's lines; s is the distance from its center along the axis, negative for C*.
     """
 
     orthoscopic: bool
@@ -136,7 +136,7 @@ class ModelCamera:
 
     @property
     def heights(self) -> tuple[float, float]:
-        """Lowest and highest z that it images."""
+        """Lowest and highest z that the camera images."""
         first, last = self.pencil.s_range
         return self.pencil.center[2] - last, self.pencil.center[2] - first
 
@@ -144,9 +144,9 @@ class ModelCamera:
 def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> tuple[ModelCamera, ...]:
     """Return the cameras that settings ask for, in drawing order, as exact lines (paper, section 4).
 
-    From the back: the slabs of C from the outermost inward, then those of C* from the innermost
-    outward; what comes later is nearer to the viewer and overlays. What these show is what a
-    rasterizer without any rounding would draw.
+    The order is from the back: the slabs of C from the outermost inward, then those of C* from the
+    innermost outward; each is nearer to the viewer than those before it and overlays them. Together they
+    show the picture that a rasterizer without any rounding would draw.
     """
     viewer, back = frustum.reach
     c = [_slab_camera(frustum, aperture, settings, section, 1) for section in settings.sections(back)]

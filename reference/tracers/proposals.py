@@ -1,4 +1,4 @@
-"""What the tracer alone would have shown: the second opinion on every pixel."""
+"""The image that the tracer alone would have shown: the second opinion on every pixel."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
     Parameters
     ----------
     tracer
-        In float32.
+        Tracer of the scene, in float32.
     scene
-        What may be met.
+        Scene with the triangles.
     pencils
-        At least one crossed frustum; all are as large.
+        Crossed frusta, at least one, all of the same resolution.
     rows
         Rows of each image.
 
     Returns
     -------
-    (P, rows, W) triangle numbers, `NOTHING` where the first hit lies beyond the reach or there is none.
+    numbers
+        (P, rows, W) triangle numbers, `NOTHING` where there is no hit or the first lies beyond the reach.
     """
     some = slice(rows.start, rows.stop)
     lines = [pencil.directions(some).reshape(-1, 3) for pencil in pencils]
@@ -42,7 +43,7 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
     ]
     hits = tracer.first_hits(np.concatenate(origins), np.concatenate(lines)).reshape(len(pencils), -1)
     for pencil, directions, own in zip(pencils, lines, hits, strict=True):
-        # Tracers know no far end here; whether a first hit lies beyond it is plain geometry.
+        # The tracer was given no far end: the planes of the triangles tell which hits lie beyond the reach.
         met = own != NOTHING
         beyond = _first_places(scene, pencil, own[met], directions[met]) > pencil.s_range[1]
         own[met] = np.where(beyond, NOTHING, own[met])
@@ -50,7 +51,7 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
 
 
 def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:
-    """Return what a tracer proposes as if it were decided: the places are those of the triangles' planes."""
+    """Return a tracer's proposal in the form of a decision; places are those of the triangles' planes."""
     (triangle,) = proposed(tracer, scene, [pencil], rows)
     directions = pencil.directions(slice(rows.start, rows.stop))
     s = np.full(triangle.shape, np.nan)

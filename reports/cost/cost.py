@@ -197,9 +197,10 @@ class TimedWay:
 
     def __call__(self) -> None:
         """Make a picture, and note what its stages took."""
-        self._way.picture()
-        if self._way.rasterizer is not None:
-            stages = self._way.rasterizer.times
+        if self._way.draw is None:
+            self._way.picture()
+        else:
+            stages = self._way.draw().times
             self._gpu_s.append(stages["draw"].gpu_s)
             self._read_s.append(stages["read"].wall_s)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from xfrustum.raster import Rasterizer
+from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.timing import Spread
@@ -73,8 +73,8 @@ class Way:
         Renderer and configuration, in words and values; see `trade_off.Option`.
     picture
         Function that makes the picture.
-    rasterizer
-        Rasterizer that draws the picture; None where it is traced.
+    draw
+        Function that draws the picture and returns the times of its stages besides; None where it is traced.
     """
 
     renderer: str
@@ -82,7 +82,7 @@ class Way:
     family: str
     configuration: Configuration
     picture: Callable[[], HogelImage]
-    rasterizer: Rasterizer | None = None
+    draw: Callable[[], Drawn] | None = None
 
 
 def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[Way]:
@@ -123,6 +123,10 @@ def _raster(
         label += f", {sampling.aperture} aperture samples"
     if family == "all effects":
         label += ", all effects"
+
+    def draw() -> Drawn:
+        return drawer.draw(aperture, settings, normals=False, sampling=sampling)
+
     family = family or settings.depth_label
     return Way(
         renderer="raster",
@@ -137,8 +141,8 @@ def _raster(
             aperture_samples=sampling.aperture,
             effects=tuple(sorted(drawer.effects, key=list(Effect).index)),
         ),
-        picture=lambda: drawer.render(aperture, settings, normals=False, sampling=sampling),
-        rasterizer=drawer,
+        picture=lambda: draw().image,
+        draw=draw,
     )
 
 

@@ -17,7 +17,7 @@ from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, decide
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.model.slabs import Slab, slabs
+from xfrustum.scenes.model.slabs import SlabContent, slab_contents
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -75,12 +75,12 @@ class EffectsPlan:
     settings: DoubleFrustum
     tracer: str
     rows: tuple[Row, ...]
-    slabs: tuple[Slab, ...]
+    slabs: tuple[SlabContent, ...]
     left_out: dict[str, Cost]
     repeat: int
 
     @property
-    def drawn(self) -> tuple[Slab, ...]:
+    def drawn(self) -> tuple[SlabContent, ...]:
         """The slabs that have something in them."""
         return tuple(slab for slab in self.slabs if slab.triangles)
 
@@ -147,7 +147,7 @@ def explain(
         settings=settings,
         tracer=tracer,
         rows=tuple(rows),
-        slabs=slabs(scene, settings),
+        slabs=slab_contents(scene, settings),
         left_out=left_out,
         repeat=repeat,
     )

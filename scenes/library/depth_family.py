@@ -1,7 +1,7 @@
 """Scenes whose depth alone changes: the same picture on the film, from shallow to deep.
 
-All lie on one side of the plate. For C* they are reflected through the middle aperture, which moves no
-point on the film and only changes who sees it: C keeps the nearest surface of a line, C* the farthest.
+All objects lie on one side of the plate. For C* they are reflected through the middle aperture, which moves
+no point on the film and only changes the camera: C keeps the nearest surface of a line, C* the farthest.
 """
 
 from __future__ import annotations
@@ -21,28 +21,29 @@ from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Plate
 
 REACH = 1000.0
-"""On both sides, scene units."""
+"""Reach on both sides, scene units."""
 
 FARTHEST = 0.999 * REACH
-"""Of any surface: nothing is cut by the reach."""
+"""Largest |z| of any surface, so that the reach cuts nothing."""
 
 CAR_RATIO = 1.5
-"""Farthest to nearest |z| of one car; no scene of cars is shallower."""
+"""Ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower."""
 
 CARS = 4
-"""One in each quarter of the film, so that none hides another at any depth."""
+"""Number of cars, one in each quarter of the film, so that none hides another at any depth."""
 
 SHEET_CELLS = 16
-"""Along each side of the film: 512 triangles a sheet."""
+"""Number of cells along each side of a sheet: 512 triangles a sheet."""
 
 SHEET_PHASE = 0.05
-"""A sheet's cells differ in height by up to this share, so that all their depths do not round alike."""
+"""Largest share by which the heights of a sheet's cells differ from the mean, so that their depths round
+differently."""
 
 SHEET_HEIGHT = FARTHEST / (1 + SHEET_PHASE)
-"""Mean |z| of the sheets: the cells of the farther one end at the farthest surface."""
+"""Mean |z| of the sheets: the farthest cell of the farther sheet lies at `FARTHEST`."""
 
 SHOWN_SHEET = {Camera.C: 1, Camera.C_STAR: 3}
-"""Object that belongs in every pixel of `sheet_pair`, by camera."""
+"""Number of the object that each camera must show in every pixel of `sheet_pair`."""
 
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
@@ -57,7 +58,8 @@ def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
     Parameters
     ----------
     ratio
-        Farthest to nearest |z| of all surfaces, at least `CAR_RATIO`. The farthest lies at `FARTHEST`.
+        Ratio of the farthest to the nearest |z| of all surfaces, at least `CAR_RATIO`. The farthest surface
+        lies at `FARTHEST`.
     camera
         `C` for cars behind the plate, `C_STAR` for cars before it.
     resolution
@@ -82,17 +84,17 @@ def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
 def sheet_pair(offset: float, separation: float, pixels: int) -> Scene:
     """Return two parallel sheets at the far end of either side, each covering the film of a camera.
 
-    Of each pair the sheet that must not show comes first, so that equal depths show it.
+    The sheet that must not show comes first in each pair, so that it shows where depths are equal.
 
     Parameters
     ----------
     offset
-        How far the cameras that draw the far end stand back from the aperture: n, or 0 where a slab's
-        own camera draws it.
+        Distance from the aperture to the cameras that draw the far end: n, or 0 where a slab's own camera
+        draws it.
     separation
-        Of the sheets along z, scene units.
+        Distance of the two sheets along z, scene units.
     pixels
-        W = H of the film.
+        Width and height of the film.
     """
     phases = np.random.default_rng(4).uniform(-SHEET_PHASE, SHEET_PHASE, (SHEET_CELLS**2, 1))
     farther = SHEET_HEIGHT * (1 + phases)
@@ -114,7 +116,7 @@ def _car_behind_plate() -> list[SceneObject]:
     turned = [place(part, placement(rotate_deg=(25.0, 20.0, 0.0))) for part in car()]
     corners = np.concatenate([part.vertices for part in turned])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    # From |z| = x to CAR_RATIO x over the car's own extent along z, and then to full size.
+    # The nearest point is put at |z| = x such that the farthest lies at CAR_RATIO x; then all is scaled.
     nearest = (high[2] - low[2]) / (CAR_RATIO - 1)
     size = FARTHEST / (CAR_RATIO * nearest)
     middle = (low + high) / 2
@@ -130,7 +132,7 @@ def _into_quarters(parts: list[SceneObject]) -> list[Floats]:
     for turn in np.array([(-1, 1), (1, 1), (-1, -1), (1, -1)]):
         middle = turn * math.tan(_FOV / 2) / 2
         shift = np.zeros(2)
-        # Depths differ by half, so that each step leaves less than half of what was missing.
+        # Depths differ by half at most, so that each step leaves less than half of the distance.
         for _ in range(60):
             seen = (corners[:, :2] + shift) / depth
             shift += (middle - (seen.min(axis=0) + seen.max(axis=0)) / 2) * depth.min()
@@ -155,5 +157,5 @@ def _on_side_of(camera: Camera, part: SceneObject) -> SceneObject:
     """Return a part as it is for C, reflected through the aperture for C*."""
     if camera is Camera.C:
         return part
-    # A point reflection turns insides out; the other winding turns them back.
+    # A point reflection reverses the winding as it is seen; reversing the corners restores it.
     return replace(part, vertices=-part.vertices, faces=part.faces[:, ::-1])

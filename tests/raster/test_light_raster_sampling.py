@@ -211,6 +211,7 @@ def test_finer_sampling_is_not_paid_for_where_nobody_asks(monkeypatch: pytest.Mo
     scene = dressed_scene("asymmetric", RESOLUTION)
     drawn = []
     with Rasterizer(scene) as raster:
+        assert raster._drawing is not None
         draw = raster._drawing.draw
 
         def counted(*arguments: Any, color: bool) -> None:

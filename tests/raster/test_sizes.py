@@ -72,6 +72,19 @@ def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
     assert not out.exists()
 
 
+def test_plan_refuses_an_image_that_nothing_has_room_for_before_it_searches(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def searched(*_: object, **__: object) -> None:
+        raise AssertionError("the search began")
+
+    monkeypatch.setattr("xfrustum.reports.commands.planning.make_plan", searched)
+    assert main(["plan", str(write_scene(tmp_path, longest_side()))]) == 2
+    said = capfd.readouterr().err
+    assert said.count("\n") == 1
+    assert "choose a smaller frustum.resolution" in said
+
+
 def test_the_largest_square_that_is_named_can_be_stored_and_one_more_cannot() -> None:
     context = open_context()
     with context:

@@ -1,13 +1,12 @@
-"""The command line: arguments in, exit status out, and nothing else.
+"""The command line: from arguments to a command and its exit status.
 
 commands/    the commands, a module for each use
 failure      An unexpected error: one line, exit status 70, and a traceback that can be sent in
-files        Errors of the file system in words: impossible names, and places without room
-light        Options about light, which several commands share: effects, samples, light transport
-main         `report`, `trace`, `raster`, `compare` and `scenes`, and the exit status of every command
-numbers      Types of numbers on the command line; their errors name the option
-options      Options that several commands share: apertures, near planes, settings of the double
-             frustum
-streams      Standard output and standard error, also where they are closed or full
+files        Errors of file systems in words: impossible names, and places without room
+light        Options of the command line about light: effects, numbers of samples, light transport
+main         The command line: from arguments to a command and its exit status
+numbers      Numbers on the command line, whose errors name the option that they were given to
+options      Options that commands share: apertures, near planes, settings of the double frustum
+streams      Standard output and standard error, also where they are closed, full or broken
 termination  Ctrl-C and SIGTERM end a command cleanly, whatever it is doing when they come
 """

@@ -47,6 +47,7 @@ class Samples(click.ParamType[int]):
 
 
 _UNITS = {"": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40}
+"""Bytes of each unit of size, by its letter."""
 
 
 class Size(click.ParamType[int]):

@@ -20,7 +20,7 @@ from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.raster.device.numbered_mesh import number_triangles
 from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.raster.plate.submissions import MOST_HOGELS
+from xfrustum.raster.plate.submissions import MAX_HOGELS
 from xfrustum.raster.races.plain_loop import PlainLoop
 from xfrustum.scenes import (
     Aperture,
@@ -335,6 +335,6 @@ def test_runs_cover_what_is_visible_and_bridge_single_gaps_only(rows: list[list[
 def test_a_submission_holds_as_many_hogels_as_stay_close_by() -> None:
     small, large = view("asymmetric", (16, 16)), view("asymmetric", (1024, 1024))
     with PlateRenderer(small, DoubleFrustum(near=0.1)) as plate:
-        assert plate.batching.hogels == MOST_HOGELS
+        assert plate.batching.hogels == MAX_HOGELS
     with PlateRenderer(replace(large, objects=()), DoubleFrustum(near=0.1)) as plate:
         assert plate.batching.hogels == 1

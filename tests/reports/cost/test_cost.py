@@ -256,9 +256,9 @@ def test_levels_from_a_table_are_those_of_the_curve() -> None:
 def test_the_device_s_time_is_part_of_the_frame() -> None:
     scene = builtin.build("sheets")
     with Rasterizer(scene) as rasterizer:
-        rasterizer.render(scene.plate.middle, DoubleFrustum(near=1.0))
-        assert list(rasterizer.times) == ["draw", "read"]
-        assert rasterizer.times["draw"].gpu_s > 0
+        times = rasterizer.draw(scene.plate.middle, DoubleFrustum(near=1.0)).times
+        assert list(times) == ["draw", "read"]
+        assert times["draw"].gpu_s > 0
 
 
 def test_cost_prints_one_object_and_writes_a_page(

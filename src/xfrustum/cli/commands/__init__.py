@@ -1,11 +1,12 @@
 """The commands, a module for each use.
 
-checks   `budget`, `selfcheck` and `bench`: causes of an error, a check of the truth, and speeds
-cost     `cost`: error against time of many settings
-explain  `explain`: what a scene calls for, before anything is simulated
-plan     `plan`: settings that meet requirements
-plate    `plate`: whole plates, drawn into a store
-scene    `new` and `check`: a scene file that fits a mesh, and whether a scene makes sense
-study    `study`: measurements over many scenes and settings
-verify   `verify`: foreign renderers are diagnosed and judged
+checks   Commands that examine causes of errors (`budget`), the truth (`selfcheck`) and speed (`bench`)
+cost     The command about time: what accuracy costs
+explain  The command `explain`: the effects that a scene calls for, said before anything is simulated
+figure7  The command that draws C alone, C* alone and both, as in the paper's figure 7
+plan     The command that plans the settings that keep what is required
+plate    The command that draws whole plates
+scene    Commands about scene files: `new` writes one that fits a mesh, `check` looks for mistakes in one
+study    Commands that study many scenes and settings instead of one
+verify   The command that judges renderers of other people
 """

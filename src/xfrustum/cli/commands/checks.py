@@ -1,7 +1,8 @@
-"""`budget`, `selfcheck` and `bench`: causes of an error, a check of the truth, and speeds."""
+"""Commands that examine causes of errors (`budget`), the truth (`selfcheck`) and speed (`bench`)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,12 +10,28 @@ import click
 
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
+from xfrustum.cli.options import Command
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 LIMIT_EXCEEDED = 1
+"""Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that differs."""
+
+
+def _timed_option(repeat: int) -> Callable[[Command], Command]:
+    """Return the option for the number of timed repetitions."""
+    return click.option(
+        "--repeat", type=click.IntRange(1), default=repeat, show_default=True, help="Timed, after a warm-up."
+    )
+
+
+def _side_option(pixels: int) -> Callable[[Command], Command]:
+    """Return the option for the side of a square image."""
+    return click.option(
+        "--resolution", type=click.IntRange(1), default=pixels, show_default=True, help="W = H."
+    )
 
 
 @click.command()
@@ -50,10 +67,11 @@ def budget(
     charged = budgeting.budget(opened, settings, chosen, progress=not quiet)
     if out is not None:
         write_budget(charged, out)
-    if as_json:
-        options.print_json(charged.summary())
-    else:
-        click.echo(f"{budgeting.table(charged.geometry)}\n{radiance_budgeting.table(charged.radiance)}")
+    options.tell(
+        as_json,
+        charged.summary,
+        lambda: f"{budgeting.table(charged.geometry)}\n{radiance_budgeting.table(charged.radiance)}",
+    )
 
 
 @click.command()
@@ -71,10 +89,7 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
     from xfrustum.compare.selfcheck.selfcheck import table
 
     check = compare_with_integers(scenes, quick=quick, progress=not quiet)
-    if as_json:
-        options.print_json(check.summary())
-    else:
-        click.echo(table(check))
+    options.tell(as_json, check.summary, lambda: table(check))
     return 0 if check.agrees else LIMIT_EXCEEDED
 
 
@@ -85,12 +100,8 @@ def bench() -> None:
 
 @bench.command("truth")
 @click.argument("scene", default="car")
-@click.option(
-    "--resolution", type=options.Sizes(), help="Widths, and heights, in pixels.  [default: 512,1024,2048]"
-)
-@click.option(
-    "--repeat", type=click.IntRange(1), default=9, show_default=True, help="Timed, after a warm-up."
-)
+@click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 512,1024,2048]")
+@_timed_option(9)
 @options.quiet_option
 @options.json_option
 def bench_truth(
@@ -101,18 +112,13 @@ def bench_truth(
 
     sizes = resolution or benchmarks.RESOLUTIONS
     measured = benchmarks.bench_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(benchmarks.table(measured))
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
 @bench.command("plate")
 @click.argument("scene", default="car")
-@click.option("--resolution", type=click.IntRange(1), default=128, show_default=True, help="W = H.")
-@click.option(
-    "--repeat", type=click.IntRange(1), default=5, show_default=True, help="Timed, after a warm-up."
-)
+@_side_option(128)
+@_timed_option(5)
 @options.quiet_option
 @options.json_option
 def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
@@ -120,17 +126,12 @@ def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_jso
     from xfrustum.reports.benchmarks import plate as benchmarks
 
     measured = benchmarks.bench_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(benchmarks.table(measured))
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
 @bench.command("table1")
-@click.option("--resolution", type=click.IntRange(1), default=512, show_default=True, help="W = H.")
-@click.option(
-    "--repeat", type=click.IntRange(1), default=5, show_default=True, help="Timed, after a warm-up."
-)
+@_side_option(512)
+@_timed_option(5)
 @options.quiet_option
 @options.json_option
 def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
@@ -138,10 +139,7 @@ def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) ->
     from xfrustum.reports.benchmarks import table1 as benchmarks
 
     measured = benchmarks.bench_table1(resolution, repeat, progress=not quiet)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(benchmarks.table(measured))
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
 @bench.command("scaling")
@@ -159,7 +157,4 @@ def bench_scaling(*, quick: bool, out: Path | None, quiet: bool, as_json: bool) 
     with scaling_page.staged(out) as write:
         measured = benchmarks.bench_scaling(QUICK if quick else FULL, progress=not quiet)
         write(measured)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(scaling_table.table(measured))
+    options.tell(as_json, measured.summary, lambda: scaling_table.table(measured))

@@ -7,20 +7,12 @@ from pathlib import Path
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.numbers import Positive
-from xfrustum.tolerances import TOLERANCE_PX
 
 
 @click.command()
 @options.scene_argument
 @options.aperture_option
-@click.option(
-    "--tolerance-px",
-    type=Positive(),
-    default=TOLERANCE_PX,
-    show_default=True,
-    help="Largest displacement of 99 % of the picture.",
-)
+@options.tolerance_option
 @click.option(
     "--repeat",
     type=click.IntRange(1),
@@ -57,7 +49,4 @@ def cost(
     measured = measure_cost(opened, chosen, tolerance_px, repeat=repeat, progress=not quiet)
     if out is not None:
         write_cost(measured, out)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(table(measured))
+    options.tell(as_json, measured.summary, lambda: table(measured))

@@ -1,4 +1,4 @@
-"""`explain`: what a scene calls for, before anything is simulated."""
+"""The command `explain`: the effects that a scene calls for, said before anything is simulated."""
 
 from __future__ import annotations
 
@@ -67,7 +67,4 @@ def explain(
         repeat=repeat,
         progress=not quiet,
     )
-    if as_json:
-        options.print_json(effects_table.summary(plan))
-    else:
-        click.echo(effects_table.table(plan))
+    options.tell(as_json, lambda: effects_table.summary(plan), lambda: effects_table.table(plan))

@@ -1,4 +1,4 @@
-"""`plan`: settings that meet requirements."""
+"""The command that plans the settings that keep what is required."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
-from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG
 
 if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
     type=click.IntRange(1),
     help="Number of apertures, in place of --aperture: the middle, the corners, then between.",
 )
-@click.option(
-    "--tolerance-px",
-    type=Positive(),
-    default=TOLERANCE_PX,
-    show_default=True,
-    help="Largest displacement of 99 % of the picture.",
-)
+@options.tolerance_option
 @click.option(
     "--separation",
     type=Positive(),
@@ -61,6 +55,7 @@ def plan(
     """Find the fewest slabs, then the largest near, that keep what is required; measure the plan."""
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
+    from xfrustum.raster import require_room
     from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
 
     if aperture is not None and apertures is not None:
@@ -74,9 +69,8 @@ def plan(
         if apertures is None
         else spread_apertures(opened.plate, apertures)
     )
+    # The plan is measured by drawing it, but only after a search that traces and predicts for long.
+    require_room(opened)
     options.look_at(opened, chosen)
     made = make_plan(opened, chosen, requirement, depth_buffers(depth, mapping), progress=not quiet)
-    if as_json:
-        options.print_json(made.summary())
-    else:
-        click.echo(table(made, opened, chosen, requirement))
+    options.tell(as_json, made.summary, lambda: table(made, opened, chosen, requirement))

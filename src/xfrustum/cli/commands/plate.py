@@ -102,9 +102,8 @@ def plate(
     files = write_plate(opened, settings, out, chosen, content, check=check, progress=not quiet)
     for note in files.notes:
         say(f"note: {note}")
-    if as_json:
-        options.print_json(
-            {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged}
-        )
-    else:
-        click.echo(f"{files.drawn} hogels drawn, {files.found} found\n{files.out}")
+    options.tell(
+        as_json,
+        lambda: {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
+        lambda: f"{files.drawn} hogels drawn, {files.found} found\n{files.out}",
+    )

@@ -1,4 +1,4 @@
-"""`new` and `check`: a scene file that fits a mesh, and whether a scene makes sense."""
+"""Commands about scene files: `new` writes one that fits a mesh, `check` looks for mistakes in one."""
 
 from __future__ import annotations
 
@@ -46,10 +46,7 @@ def new(
     from xfrustum.reports.scene_check.new_scene import new_scene
 
     written = new_scene(mesh, out, units=units, size=size, place=place, force=force)
-    if as_json:
-        options.print_json({**asdict(written), "path": str(written.path)})
-    else:
-        click.echo(written.sentence)
+    options.tell(as_json, lambda: {**asdict(written), "path": str(written.path)}, lambda: written.sentence)
 
 
 @click.command()
@@ -72,8 +69,9 @@ def check(scene: str, out: Path | None, as_json: bool) -> int:
     files = () if out is None else write_check(found, out)
     for warning in found.warnings:
         options.warn(warning)
-    if as_json:
-        options.print_json({**found.summary(), "files": [str(file) for file in files]})
-    else:
-        click.echo("\n".join([table(found), *([""] if files else []), *map(str, files)]))
+    options.tell(
+        as_json,
+        lambda: {**found.summary(), "files": [str(file) for file in files]},
+        lambda: "\n".join([table(found), *([""] if files else []), *map(str, files)]),
+    )
     return 0 if found.seen else LIMIT_EXCEEDED

@@ -1,4 +1,4 @@
-"""`study`: measurements over many scenes and settings."""
+"""Commands that study many scenes and settings instead of one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,4 @@ def splitting(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None
     from xfrustum.reports.splitting_study.study import make_study
 
     files = make_study(out, QUICK if quick else FULL, progress=not quiet)
-    if as_json:
-        options.print_json(files.content)
-    else:
-        click.echo(f"{files.sentence}\n{files.document}")
+    options.tell(as_json, lambda: files.content, lambda: f"{files.sentence}\n{files.document}")

@@ -153,8 +153,5 @@ def verify(
         write_verification(found, out)
     if junit is not None:
         write_junit(found, junit)
-    if as_json:
-        options.print_json(found.summary())
-    else:
-        click.echo(table(found))
+    options.tell(as_json, found.summary, lambda: table(found))
     return 0 if found.passed else LIMIT_EXCEEDED
