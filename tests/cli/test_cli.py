@@ -18,30 +18,17 @@ import OpenEXR
 import pytest
 
 import xfrustum
+from tests.support.scene_file import film, named, part
 from xfrustum.cli import failure as cli_failure
 from xfrustum.cli.main import main
 from xfrustum.scenes.library import builtin
 
-SCENE = """
-name = "two boxes"
-units = "mm"
-[plate]
-size = [40.0, 30.0]
-hogels = [5, 3]
-[frustum]
-resolution = [48, 32]
-fov_deg = [60.0, 40.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "box"
-scale = 12.0
-rotate_deg = [20.0, 30.0, 0.0]
-translate = [3.0, 1.0, 25.0]
-[[object]]
-shape = "box"
-scale = 30.0
-translate = [-4.0, 2.0, -35.0]
-"""
+SCENE = (
+    named("two boxes", "mm")
+    + film((40.0, 30.0), hogels=(5, 3), resolution=(48, 32), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    + part("box", 12.0, (3.0, 1.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
+    + part("box", 30.0, (-4.0, 2.0, -35.0))
+)
 
 
 @pytest.fixture

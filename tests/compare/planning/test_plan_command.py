@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import pytest
 
+from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.planning.plan import depth_buffers, plan
@@ -57,21 +58,10 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
 @pytest.fixture
 def small_scene(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("scene")
-    (folder / "small.toml").write_text(
-        """
-[plate]
-size = [40.0, 30.0]
-hogels = [41, 31]
-[frustum]
-resolution = [128, 96]
-fov_deg = [60.0, 50.0]
-reach = [100.0, 100.0]
-[[object]]
-shape = "torus"
-scale = 30.0
-translate = [2.0, 1.0, -40.0]
-"""
+    size = film(
+        (40.0, 30.0), hogels=(41, 31), resolution=(128, 96), fov_deg=(60.0, 50.0), reach=(100.0, 100.0)
     )
+    (folder / "small.toml").write_text(size + part("torus", 30.0, (2.0, 1.0, -40.0)))
     return str(folder / "small.toml")
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from tests.support.scene_file import film, named, part
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 
@@ -72,21 +73,11 @@ with Rasterizer(scene) as rasterizer:
     number = rasterizer.render(scene.plate.aperture(*index), DoubleFrustum(near=1e-4)).triangle + 1
 Image.fromarray(np.stack((number >> 16, number >> 8 & 255, number & 255), -1).astype(np.uint8)).save(out)
 """
-SCENE = """
-name = "ball"
-units = "mm"
-[plate]
-size = [40.0, 40.0]
-hogels = [2, 2]
-[frustum]
-resolution = [32, 32]
-fov_deg = [60.0, 60.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "sphere"
-scale = 30.0
-translate = [-4.0, 2.0, -35.0]
-"""
+SCENE = (
+    named("ball", "mm")
+    + film((40.0, 40.0), hogels=(2, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+    + part("sphere", 30.0, (-4.0, 2.0, -35.0))
+)
 
 
 def steps_of_the_job() -> tuple[dict[str, Any], list[str]]:

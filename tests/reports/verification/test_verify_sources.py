@@ -15,32 +15,19 @@ from PIL import Image
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import Aperture, DoubleFrustum, HogelImage, Scene, open_scene
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.images import write_image
 
-SCENE = """
-name = "three parts"
-units = "mm"
-[plate]
-size = [40.0, 40.0]
-hogels = [3, 2]
-[frustum]
-resolution = [32, 32]
-fov_deg = [60.0, 60.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "torus"
-scale = 12.0
-rotate_deg = [20.0, 30.0, 0.0]
-translate = [6.0, 3.0, 25.0]
-[[object]]
-shape = "sphere"
-scale = 30.0
-translate = [-4.0, 2.0, -35.0]
-"""
+SCENE = (
+    named("three parts", "mm")
+    + film((40.0, 40.0), hogels=(3, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+    + part("torus", 12.0, (6.0, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
+    + part("sphere", 30.0, (-4.0, 2.0, -35.0))
+)
 NEAR = DoubleFrustum(near=1e-4)
 
 

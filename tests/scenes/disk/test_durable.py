@@ -14,26 +14,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
 from xfrustum.scenes.disk.durable import Aside, NewFile, remove_abandoned, write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.images import read_image, write_image
 
-SCENE = """
-name = "small"
-[plate]
-size = [80.0, 60.0]
-hogels = [1, 1]
-[frustum]
-resolution = [16, 12]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 150.0]
-[[object]]
-shape = "square"
-scale = 60.0
-translate = [0.0, 0.0, -60.0]
-"""
+FILM = film((80.0, 60.0), hogels=(1, 1), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+SCENE = named("small") + FILM + part("square", 60.0, (0.0, 0.0, -60.0))
 
 VERIFY = "verify scene.toml {i}x{j}.exr --quiet --junit"
 
