@@ -225,7 +225,7 @@ def test_a_new_folder_of_outputs_has_all_its_files_or_is_not_there_whenever_the_
 import os, signal, sys
 from pathlib import Path
 from xfrustum.reports.common.outputs import Staging
-left = int(sys.argv[1])
+left = 0
 def watched(event, arguments):
     global left
     if event == "os.rename":
@@ -233,17 +233,24 @@ def watched(event, arguments):
         if left < 0:
             os.kill(os.getpid(), signal.SIGKILL)
 sys.addaudithook(watched)
-with Staging(Path("new") / "out", "xyz") as staging:
-    for name in staging.names:
-        (staging.folder / name).write_text("whole")
-    staging.commit()
+for number, folder in enumerate(sys.argv[1:]):
+    if os.fork():
+        os.wait()
+        continue
+    left = number
+    os.chdir(folder)
+    with Staging(Path("new") / "out", "xyz") as staging:
+        for name in staging.names:
+            (staging.folder / name).write_text("whole")
+        staging.commit()
+    os._exit(0)
 """
-    found = []
-    for renames in range(4):
-        folder = tmp_path / str(renames)
+    folders = [tmp_path / str(renames) for renames in range(4)]
+    for folder in folders:
         folder.mkdir()
-        subprocess.run([sys.executable, "-c", program, str(renames)], cwd=folder, check=False)
-        found.append("".join(sorted(path.name for path in (folder / "new").glob("out/*"))))
+    # One process for each number of renames; they are forked, so that Python starts once.
+    subprocess.run([sys.executable, "-c", program, *folders], check=True)
+    found = ["".join(sorted(path.name for path in (f / "new").glob("out/*"))) for f in folders]
     assert set(found) == {"", "xyz"}
 
 
