@@ -18,6 +18,7 @@ import OpenEXR
 import pytest
 
 import xfrustum
+from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, named, part
 from xfrustum.cli import failure as cli_failure
 from xfrustum.cli.main import main
@@ -388,12 +389,6 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
     assert done.stderr.startswith("xfrustum: error: ")
 
 
-def signals_as_at_login() -> None:
-    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
 @pytest.mark.parametrize(
     ("stop", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
@@ -405,7 +400,7 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
         command,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=signals_as_at_login,  # noqa: PLW1509 - no threads here
+        preexec_fn=signals_by_default,  # noqa: PLW1509 - no threads here
     ) as process:
         while process.poll() is None and not any(tmp_path.iterdir()):
             time.sleep(0.01)

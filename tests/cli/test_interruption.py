@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, part
 from xfrustum.cli import termination as cli_termination
 
@@ -22,12 +23,6 @@ FILM = film((40.0, 30.0), hogels=(5, 3), resolution=(12, 8), fov_deg=(60.0, 40.0
 SCENE = FILM + part("box", 12.0, (3.0, 1.0, 25.0))
 
 ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
-
-
-def signals_by_default() -> None:
-    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def start(arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:
