@@ -33,7 +33,7 @@ NEARS = (1e-1, 1e-3, 1e-5, 1e-8)
 
 FILM = (192, 144)
 SMALL_FILM = (96, 72)
-"""Pixels of every setting's drawing, of whose wrong ones each must be explained; the large film is slow."""
+"""Pixels: the film of every setting on every scene, and the one of the quick test."""
 
 
 def options(reach: float) -> list[dict[str, object]]:
