@@ -199,8 +199,8 @@ class SettingMeasurer:
     def _draw(self, aperture: Aperture, settings: DoubleFrustum) -> _Drawn:
         lap = Stopwatch()
         with lap.stage("raster"):
-            image = self._render(aperture, settings)
-        return _Drawn(image=image, lap=lap, gpu_s=self._rasterizer.times["draw"].gpu_s)
+            drawn = self._rasterizer.draw(aperture, settings, normals=False, color=True)
+        return _Drawn(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
 
     def _compare(self, truth: HogelImage, drawn: _Drawn, shared: SharedStopwatch) -> Comparison:
         with shared.stage(drawn.lap, "compare"):

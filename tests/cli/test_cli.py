@@ -18,30 +18,18 @@ import OpenEXR
 import pytest
 
 import xfrustum
+from tests.support.processes import signals_by_default
+from tests.support.scene_file import film, named, part
 from xfrustum.cli import failure as cli_failure
 from xfrustum.cli.main import main
 from xfrustum.scenes.library import builtin
 
-SCENE = """
-name = "two boxes"
-units = "mm"
-[plate]
-size = [40.0, 30.0]
-hogels = [5, 3]
-[frustum]
-resolution = [48, 32]
-fov_deg = [60.0, 40.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "box"
-scale = 12.0
-rotate_deg = [20.0, 30.0, 0.0]
-translate = [3.0, 1.0, 25.0]
-[[object]]
-shape = "box"
-scale = 30.0
-translate = [-4.0, 2.0, -35.0]
-"""
+SCENE = (
+    named("two boxes", "mm")
+    + film((40.0, 30.0), hogels=(5, 3), resolution=(48, 32), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    + part("box", 12.0, (3.0, 1.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
+    + part("box", 30.0, (-4.0, 2.0, -35.0))
+)
 
 
 @pytest.fixture
@@ -401,12 +389,6 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
     assert done.stderr.startswith("xfrustum: error: ")
 
 
-def signals_as_at_login() -> None:
-    """Restore Ctrl-C, which a shell makes its jobs in the background ignore."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
 @pytest.mark.parametrize(
     ("stop", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
@@ -418,7 +400,7 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
         command,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=signals_as_at_login,  # noqa: PLW1509 - no threads here
+        preexec_fn=signals_by_default,  # noqa: PLW1509 - no threads here
     ) as process:
         while process.poll() is None and not any(tmp_path.iterdir()):
             time.sleep(0.01)

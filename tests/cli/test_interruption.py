@@ -15,29 +15,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.processes import signals_by_default
+from tests.support.scene_file import film, part
 from xfrustum.cli import termination as cli_termination
 
-SCENE = """
-[plate]
-size = [40.0, 30.0]
-hogels = [5, 3]
-[frustum]
-resolution = [12, 8]
-fov_deg = [60.0, 40.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "box"
-scale = 12.0
-translate = [3.0, 1.0, 25.0]
-"""
+FILM = film((40.0, 30.0), hogels=(5, 3), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+SCENE = FILM + part("box", 12.0, (3.0, 1.0, 25.0))
 
 ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
-
-
-def signals_by_default() -> None:
-    """Restore Ctrl-C, which a shell makes its jobs in the background ignore."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def start(arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:

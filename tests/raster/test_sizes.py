@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
@@ -35,21 +36,8 @@ def longest_side() -> int:
 
 def write_scene(folder: Path, resolution: int) -> Path:
     path = folder / "large.toml"
-    path.write_text(
-        f"""
-        [plate]
-        size = [80.0, 60.0]
-        hogels = [81, 61]
-        [frustum]
-        resolution = [{resolution}, {resolution}]
-        fov_deg = [60.0, 60.0]
-        reach = [150.0, 150.0]
-        [[object]]
-        shape = "box"
-        scale = 20.0
-        translate = [0.0, 0.0, -50.0]
-        """
-    )
+    size = film((80.0, 60.0), (81, 61), (resolution, resolution), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+    path.write_text(size + part("box", 20.0, (0.0, 0.0, -50.0)))
     return path
 
 

@@ -25,7 +25,7 @@ POSITION_OF_REACH = 1e-9
 """Largest error of a position as a part of the reach, where Moeller and Trumbore's t starts."""
 
 CASES = [
-    ("car", (64, 48), (40, 30)),
+    ("car", (48, 36), (40, 30)),
     ("car", (36, 48), (17, 52)),
     ("car-recentered", (48, 36), (0, 0)),
     ("asymmetric", (96, 96), (40, 30)),

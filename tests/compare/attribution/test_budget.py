@@ -31,6 +31,10 @@ from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 NEARS = (1e-1, 1e-3, 1e-5, 1e-8)
 """Near offsets as fractions of the reach."""
 
+FILM = (192, 144)
+SMALL_FILM = (96, 72)
+"""Pixels: the film of every setting on every scene, and the one of the quick test."""
+
 
 def options(reach: float) -> list[dict[str, object]]:
     """Return one of each kind of setting beside the paper's own."""
@@ -44,8 +48,10 @@ def options(reach: float) -> list[dict[str, object]]:
     ]
 
 
-def budgets(name: str, settings: list[DoubleFrustum]) -> list[tuple[DoubleFrustum, Chain, Budget]]:
-    scene = view(name, (192, 144))
+def budgets(
+    name: str, settings: list[DoubleFrustum], film: tuple[int, int] = FILM
+) -> list[tuple[DoubleFrustum, Chain, Budget]]:
+    scene = view(name, film)
     reference, aperture = Reference(scene), scene.default_apertures()[-1]
     with Rasterizer(scene) as rasterizer:
         chains = [make_chain(reference, rasterizer, aperture, one) for one in settings]
@@ -63,16 +69,36 @@ def every_kind(name: str) -> list[DoubleFrustum]:
     ]
 
 
-@pytest.mark.parametrize("name", [*builtin.names(), *SHARED_SCENES])
-def test_nothing_is_left_unexplained(name: str) -> None:
-    """24 settings on each scene: every option, every depth buffer, n from 1e-1 to 1e-8 of the reach."""
-    found = budgets(name, every_kind(name))
-    assert len(found) == 24
+SCENES = (*builtin.names(), *SHARED_SCENES)
+
+
+def some_kinds(name: str) -> list[DoubleFrustum]:
+    """Return five of every kind of setting, others for each scene: together all, on two scenes or more."""
+    kinds, first = every_kind(name), SCENES.index(name)
+    return [kinds[(first + 5 * number) % len(kinds)] for number in range(5)]
+
+
+def assert_all_is_explained(found: list[tuple[DoubleFrustum, Chain, Budget]]) -> None:
     assert [(settings, b.summary()) for settings, _, b in found if b.explanation.unexplained.any()] == []
     for _, _, budget in found:
         charged = [int((budget.charge == link).sum()) for link in range(len(LINKS))]
         assert sum(charged) == budget.wrong
         assert sum(budget.explanation.counts().values()) == charged[-2] + charged[-1]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_nothing_is_left_unexplained(name: str) -> None:
+    """On each scene every near; on all scenes together every option with every near and depth buffer."""
+    assert_all_is_explained(budgets(name, some_kinds(name), SMALL_FILM))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_nothing_is_left_unexplained_whatever_is_set(name: str) -> None:
+    """24 settings on each scene: every option, every depth buffer, n from 1e-1 to 1e-8 of the reach."""
+    found = budgets(name, every_kind(name))
+    assert len(found) == 24
+    assert_all_is_explained(found)
 
 
 def test_the_links_add_up_to_the_last_bit_that_the_differences_have() -> None:

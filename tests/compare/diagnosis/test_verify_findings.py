@@ -11,6 +11,7 @@ import pytest
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
+from tests.support.scene_file import film, named, part
 from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import Compared, Judging
@@ -62,21 +63,11 @@ def replaced(reference: Reference, aperture: Aperture) -> HogelImage:
     return replace(image, triangle=fewer, object=np.full_like(fewer, NOTHING), position=nowhere, color=None)
 
 
-SPHERE = """
-name = "a sphere before the plate"
-units = "mm"
-[plate]
-size = [40.0, 40.0]
-hogels = [2, 2]
-[frustum]
-resolution = [32, 32]
-fov_deg = [60.0, 60.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "sphere"
-scale = 12.0
-translate = [3.0, -2.0, 25.0]
-"""
+SPHERE = (
+    named("a sphere before the plate", "mm")
+    + film((40.0, 40.0), hogels=(2, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+    + part("sphere", 12.0, (3.0, -2.0, 25.0))
+)
 
 
 def verified(scene: Scene, model: DrawnModel) -> Verification:

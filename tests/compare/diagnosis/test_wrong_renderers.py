@@ -56,7 +56,7 @@ DISPLACED = frozenset(
 
 QUICK = {
     ("attic", "triangle-id"): (
-        *("right", "blue-red", "plus-none", "plus-two", "low-byte", "gray", "white", "black", "other-order"),
+        *("right", "blue-red", "plus-none", "low-byte", "gray", "white", "black", "other-order"),
         *("rolled", "resampled-nearest", "jpeg", "antialiased", "mirrored", "half-pixel", "every-second"),
         *("one-hogel", "corners", "edge-to-edge", "moved-all", "tenth", "nearest", "no-front", "no-back"),
         *("culled", "near", "fov"),

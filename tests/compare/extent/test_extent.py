@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import xfrustum
+from tests.support.scene_file import film, named, part
 from tests.support.views import soup
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import extents, require_seen, unseen_sentence, warnings
@@ -30,21 +31,7 @@ BEFORE = Frustum(
 )
 FRUSTA = pytest.mark.parametrize("frustum", [CENTERED, BEHIND, BEFORE], ids=["centered", "behind", "before"])
 
-FILE = """
-name = "{name}"
-units = "mm"
-[plate]
-size = [80.0, 60.0]
-hogels = [9, 7]
-[frustum]
-resolution = [24, 24]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 150.0]
-[[object]]
-shape = "sphere"
-scale = {scale}
-translate = {translate}
-"""
+FILM = film((80.0, 60.0), hogels=(9, 7), resolution=(24, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
 FAR, ASIDE = (1000.0, [0.0, 0.0, -8500.0]), (100.0, [5000.0, 0.0, -80.0])
 METERS = (0.1, [0.0, 0.0, -80.3])
 COMMANDS = {
@@ -63,7 +50,7 @@ COMMANDS = {
 
 def write(folder: Path, scale: float, translate: list[float], name: str = "scene") -> str:
     path = folder / f"{name}.toml"
-    path.write_text(FILE.format(name=name, scale=scale, translate=translate))
+    path.write_text(named(name, "mm") + FILM + part("sphere", scale, tuple(translate)))
     return str(path)
 
 

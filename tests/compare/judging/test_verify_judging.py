@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import xfrustum
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 from xfrustum.compare.judging.outline_shift import outline_displacement, steps_of
@@ -28,26 +29,15 @@ from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding, Reading
 
-SCENE = """
-name = "three parts"
-units = "mm"
-[plate]
-size = [40.0, 40.0]
-hogels = [2, 2]
-[frustum]
-resolution = [64, 64]
-fov_deg = [60.0, 60.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "torus"
-scale = 12.0
-rotate_deg = [20.0, 30.0, 0.0]
-translate = [{0}, 3.0, 25.0]
-[[object]]
-shape = "sphere"
-scale = 30.0
-translate = [{1}, 2.0, -35.0]
-"""
+FILM = film((40.0, 40.0), hogels=(2, 2), resolution=(64, 64), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+
+
+def scene_text(moved: float = 0.0) -> str:
+    """Return a torus before the plate and a sphere behind it, both moved to the right, in mm."""
+    torus = part("torus", 12.0, (6.0 + moved, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
+    return named("three parts", "mm") + FILM + torus + part("sphere", 30.0, (-4.0 + moved, 2.0, -35.0))
+
+
 RIGHT = DoubleFrustum(near=1e-4, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 OTHER_NEAR = replace(RIGHT, near=3.0)
 
@@ -61,7 +51,7 @@ def hogels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[HogelImag
     found = {}
     for name, moved, settings_ in (("right", 0.0, RIGHT), ("near", 0.0, OTHER_NEAR), ("moved", 0.5, RIGHT)):
         file = place / f"{name}.toml"
-        file.write_text(SCENE.format(6.0 + moved, -4.0 + moved))
+        file.write_text(scene_text(moved))
         scene = open_scene(str(file))
         with Rasterizer(scene) as rasterizer:
             found[name] = [
@@ -73,7 +63,7 @@ def hogels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[HogelImag
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     monkeypatch.chdir(tmp_path)
-    Path("scene.toml").write_text(SCENE.format(6.0, -4.0))
+    Path("scene.toml").write_text(scene_text())
     return open_scene("scene.toml")
 
 

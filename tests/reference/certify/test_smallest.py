@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.brute_force import exact_first
+from tests.support.scene_file import film, named
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.cli.main import main
 from xfrustum.compare.selfcheck.rational import first_by_brute_force
@@ -25,19 +26,8 @@ from xfrustum.scenes.plate.frustum import SMALLEST_SLOPE
 
 FRUSTUM = Frustum(resolution=(5, 4), reach=(1e30, 1e30), fov=(math.radians(60), math.radians(50)))
 
-BLOCK = """
-name = "tiny"
-[plate]
-size = [16.0, 16.0]
-hogels = [1, 1]
-[frustum]
-resolution = [8, 8]
-fov_deg = [60.0, 60.0]
-reach = [100.0, 100.0]
-[[object]]
-shape = "box"
-scale = SCALE
-"""
+FILM = film((16.0, 16.0), hogels=(1, 1), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(100.0, 100.0))
+BLOCK = named("tiny") + FILM + '[[object]]\nshape = "box"\n'
 
 
 def magnitudes(low: float, high: float) -> st.SearchStrategy[float]:
@@ -132,11 +122,11 @@ def test_a_file_of_too_small_a_scale_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "tiny.toml"
-    file.write_text(BLOCK.replace("SCALE", "1e-106"))
+    file.write_text(BLOCK + "scale = 1e-106\n")
     assert main(["trace", str(file), "--out", str(tmp_path / "x.exr"), "--quiet"]) == 2
     error = capsys.readouterr().err
     assert "box has a coordinate of" in error and error.count("\n") == 1
-    file.write_text(BLOCK.replace("SCALE", "1e-70"))
+    file.write_text(BLOCK + "scale = 1e-70\n")
     assert main(["selfcheck", str(file), "--quiet"]) == 0
 
 

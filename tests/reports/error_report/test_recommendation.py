@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from tests.reports.error_report.test_reports import MIDDLE
+from tests.reports.measurements.test_best import MIDDLE
 from tests.support.rows import PARTS, TIMES, comparison_numbers
 from xfrustum.compare.metrics.paired import CONFIDENCE, PixelSet, is_worse
 from xfrustum.compare.prediction.predict import Prediction, Separations

@@ -14,26 +14,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
 from xfrustum.scenes.disk.durable import Aside, NewFile, remove_abandoned, write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.images import read_image, write_image
 
-SCENE = """
-name = "small"
-[plate]
-size = [80.0, 60.0]
-hogels = [1, 1]
-[frustum]
-resolution = [16, 12]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 150.0]
-[[object]]
-shape = "square"
-scale = 60.0
-translate = [0.0, 0.0, -60.0]
-"""
+FILM = film((80.0, 60.0), hogels=(1, 1), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+SCENE = named("small") + FILM + part("square", 60.0, (0.0, 0.0, -60.0))
 
 VERIFY = "verify scene.toml {i}x{j}.exr --quiet --junit"
 
@@ -236,7 +225,7 @@ def test_a_new_folder_of_outputs_has_all_its_files_or_is_not_there_whenever_the_
 import os, signal, sys
 from pathlib import Path
 from xfrustum.reports.common.outputs import Staging
-left = int(sys.argv[1])
+left = 0
 def watched(event, arguments):
     global left
     if event == "os.rename":
@@ -244,17 +233,24 @@ def watched(event, arguments):
         if left < 0:
             os.kill(os.getpid(), signal.SIGKILL)
 sys.addaudithook(watched)
-with Staging(Path("new") / "out", "xyz") as staging:
-    for name in staging.names:
-        (staging.folder / name).write_text("whole")
-    staging.commit()
+for number, folder in enumerate(sys.argv[1:]):
+    if os.fork():
+        os.wait()
+        continue
+    left = number
+    os.chdir(folder)
+    with Staging(Path("new") / "out", "xyz") as staging:
+        for name in staging.names:
+            (staging.folder / name).write_text("whole")
+        staging.commit()
+    os._exit(0)
 """
-    found = []
-    for renames in range(4):
-        folder = tmp_path / str(renames)
+    folders = [tmp_path / str(renames) for renames in range(4)]
+    for folder in folders:
         folder.mkdir()
-        subprocess.run([sys.executable, "-c", program, str(renames)], cwd=folder, check=False)
-        found.append("".join(sorted(path.name for path in (folder / "new").glob("out/*"))))
+    # One process for each number of renames; they are forked, so that Python starts once.
+    subprocess.run([sys.executable, "-c", program, *folders], check=True)
+    found = ["".join(sorted(path.name for path in (f / "new").glob("out/*"))) for f in folders]
     assert set(found) == {"", "xyz"}
 
 

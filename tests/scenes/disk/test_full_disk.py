@@ -10,24 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.limited_disk import Outcome, run
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 
 UNLIMITED = 1 << 40
 
-SCENE = """
-name = "small"
-[plate]
-size = [80.0, 60.0]
-hogels = [2, 1]
-[frustum]
-resolution = [32, 24]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 150.0]
-[[object]]
-shape = "square"
-scale = 60.0
-translate = [0.0, 0.0, -60.0]
-"""
+FILM = film((80.0, 60.0), hogels=(2, 1), resolution=(32, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+SCENE = named("small") + FILM + part("square", 60.0, (0.0, 0.0, -60.0))
 
 TRUTH, DRAWN = "trace scene.toml --quiet --out", "raster scene.toml --near 0.1 --out"
 

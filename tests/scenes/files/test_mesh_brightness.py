@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from tests.support.scene_file import film
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -47,14 +48,8 @@ def sheet_scene(folder: Path, mesh: str, *, smooth: bool = False) -> Scene:
     """Return the scene of a mesh file that lies in a folder."""
     path = folder / "scene.toml"
     path.write_text(
-        f"""
-        [plate]
-        size = [8.0, 6.0]
-        hogels = [3, 3]
-        [frustum]
-        resolution = [9, 7]
-        fov_deg = [40.0, 30.0]
-        reach = [20.0, 20.0]
+        film((8.0, 6.0), hogels=(3, 3), resolution=(9, 7), fov_deg=(40.0, 30.0), reach=(20.0, 20.0))
+        + f"""
         [[object]]
         mesh = "{mesh}"
         translate = [0.0, 0.0, -10.0]
