@@ -10,7 +10,6 @@ averages     Color averaged over the boxes of pixels and over apertures; every l
 convergence  The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6:
              band limiting)
 pictures     What is decided along lines, as the image of an aperture: points, normals, objects, light
-rates        Who answers how fast: the certified truth beside what others would have called one
 truth        The reference: true images, every pixel proven, decided exactly or named a tie
 """
 

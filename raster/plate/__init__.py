@@ -6,6 +6,8 @@ geometry     A scene as all hogels of a plate share it: on the GPU once, sorted 
              see it
 picture      What several hogels show: every camera's picture and, over all of them, every camera's
              reflections
+plain_loop   What drawing many hogels at once is measured against: one hogel after the other, all
+             triangles twice
 program      The programs that draw many hogels at once: the same shaders as for one
 reflection   Mirror-like surfaces of many hogels at once: a pass of its own per camera (paper, section 6)
 renderer     Many hogels per submission: the paper's double frustum for a whole plate, as a stream

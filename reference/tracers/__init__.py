@@ -1,5 +1,7 @@
 """Ray tracers as second opinions, and as judges of what is hidden.
 
+bare_mitsuba    Mitsuba's bare intersection of rays that lie on the device: what a certified truth is
+                raced against
 embree          Embree as tracer: which triangle does a ray meet first? Single precision, robust mode
 entry           Where to start a float32 ray: not far away, for every digit of its origin is spent on
                 distance

@@ -9,6 +9,8 @@ outputs                Outputs that are whole or absent: probed before the work,
 progress               One look for every progress bar
 provenance             Versions and machine: what a measurement must carry to be repeated
 raster_command         The command that draws with some settings, to be copied
+summaries              What results print with `--json`: each result has a record, and its summary is the
+                       record as JSON
 templates_environment  The one place where templates are filled in: HTML pages, SVG and Markdown
 timing                 The one place that takes time: wall seconds per named stage, and what repetitions
                        come to

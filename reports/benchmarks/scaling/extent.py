@@ -66,7 +66,7 @@ class Extent:
     axes
         Each with its sizes.
     repeat
-        Runs of each contestant at each size, at most; see `scaling_process.ENOUGH_S`.
+        Runs of each contestant at each size, at most; see `process.ENOUGH_S`.
     asymptotic
         Whether the sizes are large enough for exponents to be those expected.
     """
