@@ -249,8 +249,8 @@ class _Run:
         return Hogel(
             aperture=aperture,
             checks=self.limits.checks(as_found),
-            as_found=as_found.summary(),
-            corrected=corrected.summary(),
+            as_found=as_found.numbers,
+            corrected=corrected.numbers,
         )
 
     def _judged(
