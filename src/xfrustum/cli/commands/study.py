@@ -24,11 +24,12 @@ def splitting(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None
 
     What is measured is kept at once in measurements.sqlite: a run that was stopped goes on from there.
     """
+    from xfrustum.reports.splitting_study.document import sentence
     from xfrustum.reports.splitting_study.grid import FULL, QUICK
     from xfrustum.reports.splitting_study.study import make_study
 
     files = make_study(out, QUICK if quick else FULL, progress=not quiet)
     if as_json:
-        options.print_json(files.content)
+        options.print_json(files.summary())
     else:
-        click.echo(f"{files.sentence}\n{files.document}")
+        click.echo(f"{sentence(files.rows)}\n{files.document}")
