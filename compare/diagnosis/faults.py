@@ -88,7 +88,7 @@ def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometr
     Parameters
     ----------
     scene
-        For its units.
+        Scene that gives the units.
     nominal, found
         What should be, and what was found.
     fit

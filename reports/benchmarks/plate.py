@@ -43,7 +43,7 @@ RATIOS = (
 
 @dataclass(frozen=True, kw_only=True)
 class PlateRecord:
-    """What is written of a `PlateBenchmark`."""
+    """JSON object of a `PlateBenchmark`."""
 
     scene: BenchmarkedScene
     resolution: tuple[int, int]
@@ -131,7 +131,7 @@ def benchmark_plate(
     resolution
         W = H in pixels.
     repeat
-        How often each contestant runs after it has warmed up.
+        Number of runs of each contestant after it has warmed up.
     progress
         Whether to draw a bar on standard error.
 

@@ -73,7 +73,7 @@ def plate_contestants(
     Raises
     ------
     InputError
-        As `PlateRenderer`.
+        See `PlateRenderer`.
     """
     with ExitStack() as stack:
 

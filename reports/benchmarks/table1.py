@@ -37,7 +37,7 @@ class Machine:
     Attributes
     ----------
     frames_per_second, polygons_per_second
-        As printed.
+        Rates as the paper prints them.
     antialiasing
         Whether it was on.
     """
@@ -76,7 +76,7 @@ PAPER = (
 
 @dataclass(frozen=True, kw_only=True)
 class RowRecord:
-    """What is written of a `Table1Row`; polygons a second are the database's, as in the paper."""
+    """JSON object of a `Table1Row`; polygons a second are the database's, as in the paper."""
 
     polygons: int
     reflective_share: float
@@ -140,7 +140,7 @@ class Table1Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Table1Record:
-    """What is written of a `Table1`."""
+    """JSON object of a `Table1`."""
 
     rows: tuple[RowRecord, ...]
     resolution: tuple[int, int]
@@ -190,7 +190,7 @@ def benchmark_table1(
     resolution
         W = H in pixels.
     repeat
-        How often each database is drawn after it has warmed up.
+        Number of times that each database is drawn after it has warmed up.
     databases
         Their sizes and shares.
     progress

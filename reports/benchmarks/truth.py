@@ -77,7 +77,7 @@ class TruthScene(BenchmarkedScene):
 
 @dataclass(frozen=True, kw_only=True)
 class RaceRecord:
-    """What is written of a `Race`; a contestant that does not run here has None."""
+    """JSON object of a `Race`; a contestant that does not run here has None."""
 
     resolution: tuple[int, int]
     mpixel_per_s: dict[str, Rate | None]
@@ -86,7 +86,7 @@ class RaceRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class TruthRecord:
-    """What is written of a `TruthBenchmark`."""
+    """JSON object of a `TruthBenchmark`."""
 
     scene: TruthScene
     repeat: int
@@ -156,7 +156,7 @@ def benchmark_truth(
     resolutions
         W = H in pixels of each race.
     repeat
-        How often each contestant runs after it has warmed up.
+        Number of runs of each contestant after it has warmed up.
     progress
         Whether to draw a bar on standard error.
 

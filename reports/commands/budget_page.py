@@ -32,7 +32,7 @@ IMAGES = ("T0", "T1", "T2", "T3", "R0", "R1")
 PAGE, DATA = "index.html", "budget.json"
 BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
 FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in IMAGES))
-"""What is always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
+"""Files that are always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
 
 LINK_COLORS = ("rgb(0,114,178)", "rgb(86,180,233)", "rgb(0,158,115)", "rgb(230,159,0)", "rgb(213,94,0)")
 """Okabe and Ito's palette, told apart by people with any color vision, in the order of the links."""
@@ -121,7 +121,7 @@ def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: Mask) -> by
     Parameters
     ----------
     truth
-        Its surfaces are light gray.
+        Image that is right; its surfaces are light gray.
     charge
         (H, W) links, negative where the pixel is right.
     unexplained

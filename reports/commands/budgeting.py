@@ -22,7 +22,7 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class BudgetRecord(BudgetNumbers):
-    """What is written of a `BudgetReport`: the numbers of geometry, and those of radiance after them."""
+    """JSON object of a `BudgetReport`: the numbers of geometry, and those of radiance after them."""
 
     radiance: RadianceNumbers
 
@@ -34,7 +34,7 @@ class BudgetReport(Summarized[BudgetRecord]):
     Attributes
     ----------
     scene, aperture, settings
-        Which image.
+        Scene, aperture and settings of the image.
     chain
         The six images from the truth to what was drawn.
     geometry
@@ -64,9 +64,9 @@ def budget(
     Parameters
     ----------
     scene
-        Its sampling and light transport are links of the radiance error.
+        Scene whose sampling and light transport are links of the radiance error.
     settings
-        How the image is drawn.
+        Settings that the image is drawn with.
     aperture
         The middle one where None.
     progress

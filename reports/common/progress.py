@@ -17,7 +17,7 @@ def progress_bar(total: int, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
     total
         Number of units.
     what, unit
-        In words.
+        Name of the work and of its unit, in words.
     shown
         Whether to draw it at all.
     """

@@ -16,7 +16,7 @@ class Summarized(ABC, Generic[Record]):
     @property
     @abstractmethod
     def record(self) -> Record:
-        """What is written of the result."""
+        """The record that is written."""
 
     def summary(self) -> dict[str, Any]:
         """Return the record as one JSON object, as the command prints it with `--json`."""

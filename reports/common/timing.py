@@ -112,9 +112,9 @@ class Spread:
     Attributes
     ----------
     median, lowest, highest
-        Over the repetitions.
+        Median and ends over the repetitions.
     repetitions
-        How many, after the warm-up.
+        Number of repetitions after the warm-up.
     low, high
         Ends of the interval of the median where it is narrower than from `lowest` to `highest`, else None.
     """
@@ -174,11 +174,11 @@ def race(
     Parameters
     ----------
     contestants
-        Each runs once to warm up, and then `repeat` times.
+        What each contestant runs: once to warm up, and then `repeat` times.
     repeat
-        At least 1.
+        Number of measured runs of each, at least 1.
     done
-        Called after every run, for progress.
+        Function that is called after every run, for progress.
     """
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for turn in range(repeat + 1):

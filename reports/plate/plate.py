@@ -42,9 +42,9 @@ class PlateFiles:
     out
         The Zarr group.
     drawn, found
-        How many hogels were drawn, and how many had been finished before or by others meanwhile.
+        Number of hogels that were drawn, and of those that had been finished before or by others meanwhile.
     damaged
-        How many of those drawn were there, and not whole.
+        Number of drawn hogels that had been there, and were not whole.
     notes
         What was damaged and has been mended, in sentences.
     """
@@ -75,11 +75,11 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     Parameters
     ----------
     scene, settings
-        What is drawn, and how.
+        Scene that is drawn, and settings of its cameras.
     out
         Folder of a Zarr group, made where it does not exist.
     apertures
-        In which order; None for the whole plate.
+        Apertures in the order in which they are drawn; None for the whole plate.
     content
         Type of color, whether triangle numbers come along, and what is simulated.
     check
@@ -147,7 +147,7 @@ class _Work:
                 self._count_found()
             elif not self.claims.take(number):
                 self.elsewhere.append(aperture)
-            # Whoever claimed it before may have finished it since.
+            # Another process that claimed it before may have finished it since.
             elif self._finished(aperture):
                 self.claims.release(number)
                 self._count_found()

@@ -61,7 +61,7 @@ class PlateStore:
     out
         The group's folder.
     arrays
-        Its arrays by name, in the order in which a hogel's are written.
+        Arrays of the group by name, in the order in which a hogel's are written.
     mended
         Names of arrays whose description was damaged and has been written again.
     """
@@ -145,9 +145,9 @@ def open_store(out: Path, scene: Scene, content: PlateContent, description: Desc
     out
         A folder that this made before, or that does not exist.
     scene
-        Its plate and resolution give the shapes.
+        Scene that gives plate and resolution, and so the shapes.
     content
-        Which arrays there are.
+        Content that says which arrays there are.
     description
         Everything that decides the pixels.
 

@@ -21,12 +21,12 @@ FILES = tuple(f"{view.value}.svg" for view in View)
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectCheck:
-    """What is known of one object before it is drawn.
+    """One object, as it is known before it is drawn.
 
     Attributes
     ----------
     extent
-        Where it lies.
+        Place and size of the object.
     normals, colors, textures
         What its vertices and triangles have to be shaded with, and where that comes from, in words.
     """
@@ -39,7 +39,7 @@ class ObjectCheck:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectRecord:
-    """What is written of an `ObjectCheck`; see `ObjectExtent` for its first fields."""
+    """JSON object of an `ObjectCheck`; see `ObjectExtent` for its first fields."""
 
     number: int
     name: str
@@ -55,7 +55,7 @@ class ObjectRecord:
 
     @classmethod
     def of(cls, one: ObjectCheck) -> ObjectRecord:
-        """Return what is written of an object."""
+        """Return the JSON object of an object."""
         extent = one.extent
         return cls(
             **vars(extent), size=extent.size, normals=one.normals, colors=one.colors, textures=one.textures
@@ -64,7 +64,7 @@ class ObjectRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckRecord:
-    """What is written of a `SceneCheck`."""
+    """JSON object of a `SceneCheck`."""
 
     scene: str
     units: str
@@ -77,14 +77,14 @@ class CheckRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneCheck(Summarized[CheckRecord]):
-    """What is known of a scene before it is drawn.
+    """A scene, as it is known before it is drawn.
 
     Attributes
     ----------
     scene
         What was checked.
     objects
-        In the scene's order.
+        All objects, in the scene's order.
     warnings
         What looks like a mistake, one sentence each.
     seen

@@ -36,7 +36,7 @@ EXAMPLE_NEAR = 1e-2
 def sentence(rows: Rows) -> str:
     """Say the result in one sentence."""
     found = facts.buffer_facts(rows)
-    # Of equally good ones, one that costs no early depth test.
+    # Among equally good ones the last counts that costs no early depth test.
     best = max(found, key=lambda f: (f.one_pair, len(f.always), f.buffer[1] not in EXPRESSION_ROUNDINGS))
     nears = (
         f", at any near from {near_words(best.always[0])} to {near_words(best.always[-1])} of the reach"
@@ -76,7 +76,7 @@ class DocumentNumbers:
         Facts of each depth buffer, pictures at `EXAMPLE_NEAR`, the table at the end, and how well closed
         forms do.
     too_careful, too_hopeful
-        How often the rule of thumb is wrong, by depth buffer.
+        Number of cases in which the rule of thumb is wrong, by depth buffer.
     side_differences, gap_nears, gap_buffers
         Cases that C and C* answer differently, in words; nears and buffers of windows with gaps.
     wrong_at_best, slab_displacement, slab_wrong, slab_counts

@@ -56,13 +56,13 @@ class Map:
     Attributes
     ----------
     title
-        Of the whole figure.
+        Title of the whole figure.
     panels
         Row by row.
     names
-        Of the lines in each panel.
+        Names of the lines in each panel.
     nears
-        Of the squares in each line, shares of the reach.
+        Nears of the squares in each line, shares of the reach.
     legend
         Color and meaning.
     """

@@ -39,7 +39,7 @@ class Cell:
     near, slabs, depth, mapping
         As in `DoubleFrustum`.
     refined
-        How often every triangle was split in four.
+        Number of times that every triangle was split in four.
     """
 
     side: Camera
@@ -53,7 +53,7 @@ class Cell:
 
     @property
     def settings(self) -> DoubleFrustum:
-        """What is asked of the rasterizer, in scene units."""
+        """Settings of the rasterizer, in scene units."""
         return _settings(self)
 
     @property
@@ -79,7 +79,7 @@ class SheetCell:
 
     @property
     def settings(self) -> DoubleFrustum:
-        """What is asked of the rasterizer, in scene units."""
+        """Settings of the rasterizer, in scene units."""
         return _settings(self)
 
     @property

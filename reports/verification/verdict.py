@@ -65,7 +65,7 @@ def _sized(value: float, unit: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What is still right.
+    """Limits within which a hogel is right.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def _badness(check: Check) -> tuple[bool, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class HogelRecord:
-    """What is written of a `Hogel`."""
+    """JSON object of a `Hogel`."""
 
     aperture: tuple[int, int]
     verdict: str
@@ -192,7 +192,7 @@ for."""
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsRecord:
-    """What is written of `Limits`."""
+    """JSON object of `Limits`."""
 
     wrong: float
     displacement_px: float | None
@@ -201,7 +201,7 @@ class LimitsRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class VerificationRecord:
-    """What is written of a `Verification`."""
+    """JSON object of a `Verification`."""
 
     verdict: str
     scene: str
@@ -228,7 +228,7 @@ class Verification(Summarized[VerificationRecord]):
     scene, source
         What was asked, and the name of who answered.
     limits, diagnosis, hogels
-        What is still right, what was found, and every hogel.
+        Limits that hogels must keep to, what was found wrong, and every hogel.
     worst
         Pictures of the worst hogels.
     """

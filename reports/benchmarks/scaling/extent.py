@@ -19,9 +19,9 @@ class Axis:
     sizes
         Ascending, at least two. Of pixels, the sides of square images.
     triangles
-        Of the globes, where these do not grow; None for the car.
+        Triangles of the globes, where these do not grow; None for the car.
     resolution, hogels
-        Where these do not grow.
+        Sides of the images and number of hogels, where these do not grow.
     """
 
     unit: str

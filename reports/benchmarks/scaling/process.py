@@ -76,7 +76,7 @@ class Measured:
     seconds
         Wall seconds of a run, which makes the pictures of all apertures.
     set_up_s
-        What is paid once: from the scene to the first run's end, less one run. Structures, uploads,
+        Seconds that are paid once: from the scene to the first run's end, less one run. Structures, uploads,
         compiled programs, normals of triangles.
     imported_mib, scene_mib, peak_mib
         The most memory that the process had until it had imported everything, until it also had the

@@ -28,7 +28,7 @@ LIMIT_MIB = 8192.0
 
 @dataclass(frozen=True, kw_only=True)
 class GrowthRecord:
-    """What is written of a `Finding`."""
+    """JSON object of a `Finding`."""
 
     exponent: float | None
     exponent_large_end: float | None
@@ -39,7 +39,7 @@ class GrowthRecord:
 
     @classmethod
     def of(cls, found: Finding) -> GrowthRecord:
-        """Return what is written of a finding."""
+        """Return the JSON object of a finding."""
         return cls(
             exponent=found.exponents.overall,
             exponent_large_end=found.exponents.large_end,
@@ -52,7 +52,7 @@ class GrowthRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class OvertakingRecord:
-    """What is written of an `Overtaking`; `at` is the size from which on tracing is faster."""
+    """JSON object of an `Overtaking`; `at` is the size from which on tracing is faster."""
 
     at: float | None
     crossings: tuple[Crossing, ...]
@@ -61,7 +61,7 @@ class OvertakingRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class AxisRecord:
-    """What is written of an `AxisScaling`."""
+    """JSON object of an `AxisScaling`."""
 
     fixed: str
     sizes: tuple[int, ...]
@@ -156,7 +156,7 @@ class MemoryRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class ScalingRecord:
-    """What is written of a `ScalingBenchmark`."""
+    """JSON object of a `ScalingBenchmark`."""
 
     meanings: dict[str, str]
     repeat: RepeatRecord
@@ -175,7 +175,7 @@ class ScalingBenchmark(Summarized[ScalingRecord]):
     Attributes
     ----------
     axes
-        In the order in which they were measured.
+        Axes in the order in which they were measured.
     extent
         What was asked for.
     unavailable
