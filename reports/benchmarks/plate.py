@@ -21,7 +21,7 @@ from xfrustum.reports.benchmarks.records import BenchmarkedScene
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.common.timing import Spread, race
+from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -51,9 +51,9 @@ class PlateRecord:
     row: int
     hogels: int
     meanings: dict[str, str]
-    hogels_per_second: dict[str, Spread]
+    hogels_per_second: dict[str, Timing]
     ratios: dict[str, float]
-    stages_s: dict[str, dict[str, Spread]]
+    stages_s: dict[str, dict[str, Timing]]
     device: str
     machine: dict[str, str]
     versions: dict[str, str]
@@ -82,13 +82,13 @@ class PlateBenchmark(Summarized[PlateRecord]):
     scene: Scene
     settings: DoubleFrustum
     row: int
-    seconds: dict[str, Spread]
-    stages: dict[str, dict[str, Spread]]
+    seconds: dict[str, Timing]
+    stages: dict[str, dict[str, Timing]]
     device: str
     machine: dict[str, str]
     versions: dict[str, str]
 
-    def rate(self, contestant: str) -> Spread:
+    def rate(self, contestant: str) -> Timing:
         """Return hogels per second."""
         hogels, taken = self.scene.plate.hogels[0], self.seconds[contestant]
         return replace(
@@ -165,11 +165,11 @@ def benchmark_plate(
         )
 
 
-def _stages(measure: Callable[[], Mapping[str, StageTime]], repeat: int) -> dict[str, dict[str, Spread]]:
+def _stages(measure: Callable[[], Mapping[str, StageTime]], repeat: int) -> dict[str, dict[str, Timing]]:
     # Everything has warmed up by now.
     runs = [measure() for _ in range(repeat)]
     return {
-        name: {clock: Spread.of([getattr(run[name], clock) for run in runs]) for clock in ("gpu_s", "wall_s")}
+        name: {clock: Timing.of([getattr(run[name], clock) for run in runs]) for clock in ("gpu_s", "wall_s")}
         for name in runs[0]
     }
 

@@ -11,7 +11,7 @@ from xfrustum.reports.benchmarks.plate_contestants import COLOR_ONLY, exhaust
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.common.timing import Spread, race
+from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -26,7 +26,7 @@ RELATIVE_NEAR = 1e-3
 """The step back from the plate, as a fraction of the reach."""
 
 
-Timed = Callable[[Mapping[str, Callable[[], object]]], dict[str, Spread]]
+Timed = Callable[[Mapping[str, Callable[[], object]]], dict[str, Timing]]
 """Runs something repeatedly, see `race`."""
 
 
@@ -83,7 +83,7 @@ class RowRecord:
     frames_per_second: float
     polygons_per_second: float
     submitted_polygons_per_second: float
-    seconds_per_frame: Spread
+    seconds_per_frame: Timing
     paper: dict[str, Machine]
     factors: dict[str, float]
 
@@ -106,7 +106,7 @@ class Table1Row:
 
     polygons: int
     reflective_share: float
-    seconds: Spread
+    seconds: Timing
     submitted: float
     paper: Database
 

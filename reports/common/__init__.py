@@ -1,6 +1,6 @@
 """What all reports share: outputs, progress, times, pages, numbers in words.
 
-figure_style           How every figure looks: colors that are told apart, axes that can be read, spreads
+figure_style           How every figure looks: colors that are told apart, axes that can be read, timings
                        of repetitions
 formatting             Numbers as people read them
 json_ready             Values as JSON takes them: one conversion for everything that is written or embedded

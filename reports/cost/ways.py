@@ -9,7 +9,7 @@ from typing import Any
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.trade_off.trade_off import certified, near_label
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Effect
@@ -122,7 +122,7 @@ def traced(aperture: Aperture, tracers: dict[str, Reference]) -> Iterator[Contes
 
         label = f"{name} alone, float32, nothing proven"
         yield Contestant(renderer=name, label=label, configuration={"family": name}, picture=picture)
-    truth = certified(Spread.of([0.0]))
+    truth = certified(Timing.of([0.0]))
     yield Contestant(
         renderer=truth.renderer,
         label=truth.label,

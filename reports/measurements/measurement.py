@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from xfrustum.compare.metrics.paired import PixelSet
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -143,7 +143,7 @@ class Sweep:
     times_s: Mapping[str, float]
     parts_s: Mapping[str, Mapping[str, float]]
     wall_s: float
-    frames_s: Mapping[DoubleFrustum, Spread]
+    frames_s: Mapping[DoubleFrustum, Timing]
 
     def with_stage(self, name: str, seconds: float) -> Sweep:
         """Return the same with one more stage, done after all others."""

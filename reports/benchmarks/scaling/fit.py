@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 
 LARGE_END = 3
 """Sizes at the large end that the local exponent is fitted to: there constants no longer dominate."""
@@ -101,7 +101,7 @@ class Overtaking:
         return last.size if last.tracing_wins else None
 
     @classmethod
-    def of(cls, sizes: Sequence[float], raster: Sequence[Spread], traced: Sequence[Spread]) -> Overtaking:
+    def of(cls, sizes: Sequence[float], raster: Sequence[Timing], traced: Sequence[Timing]) -> Overtaking:
         """Compare two curves at the same ascending sizes.
 
         Only a size at which every run of one is faster than every run of the other says who is ahead;

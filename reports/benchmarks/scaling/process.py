@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from xfrustum.reports.benchmarks.scaling.contestants import CONTESTANTS, UnavailableError
-from xfrustum.reports.common.timing import Spread, Stopwatch
+from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.globes import globes
@@ -87,7 +87,7 @@ class Measured:
         Names and versions of what the contestant runs on.
     """
 
-    seconds: Spread
+    seconds: Timing
     set_up_s: float
     imported_mib: float
     scene_mib: float
@@ -121,7 +121,7 @@ def measure(job: Job) -> Measured:
                 running.pictures()
             taken.append(one.seconds["run"])
     return Measured(
-        seconds=Spread.of(taken),
+        seconds=Timing.of(taken),
         set_up_s=max(0.0, watch.seconds["set-up"] - statistics.median(taken)),
         imported_mib=imported,
         scene_mib=scene_peak,
@@ -167,7 +167,7 @@ def measure_apart(job: Job) -> Measured:
         raise UnavailableError(answer["unavailable"])
     if "refused" in answer:
         raise InputError(answer["refused"])
-    return Measured(**{**answer, "seconds": Spread(**answer["seconds"])})
+    return Measured(**{**answer, "seconds": Timing(**answer["seconds"])})
 
 
 def _answer(job: Job) -> str:

@@ -17,16 +17,16 @@ from xfrustum.reports.benchmarks.plate import benchmark_plate, table
 from xfrustum.reports.benchmarks.plate_contestants import BATCHED, MEANINGS
 from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
-from xfrustum.reports.common.timing import Spread, race
+from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
 
 
-def test_a_spread_is_the_median_and_the_ends() -> None:
-    assert Spread.of([5.0, 1.0, 3.0]) == Spread(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
-    assert Spread.of([8.0, 2.0]).divided_by(2) == Spread(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
+def test_a_timing_is_the_median_and_the_ends() -> None:
+    assert Timing.of([5.0, 1.0, 3.0]) == Timing(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
+    assert Timing.of([8.0, 2.0]).divided_by(2) == Timing(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
 
 
 def test_contestants_take_turns_and_the_first_turn_does_not_count() -> None:

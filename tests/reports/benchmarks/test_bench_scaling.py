@@ -26,7 +26,7 @@ from xfrustum.reports.benchmarks.scaling.page import scaling_figure, staged
 from xfrustum.reports.benchmarks.scaling.process import Job, Measured, measure, measure_apart, peak_mib
 from xfrustum.reports.benchmarks.scaling.scaling import LIMIT_MIB
 from xfrustum.reports.benchmarks.scaling.table import growth_sentence, runs_sentence, table
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes import NOTHING, InputError
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.library.globes import GLOBES, REACH, globes
@@ -71,8 +71,8 @@ def test_a_cost_of_zero_has_no_exponent(costs: tuple[float, ...], known: tuple[b
     assert ("an unknown number of times" in text) is not known[2]
 
 
-def runs(*medians: float, spread: float = 1.0) -> list[Spread]:
-    return [Spread.of([median / spread, median, median * spread]) for median in medians]
+def runs(*medians: float, spread: float = 1.0) -> list[Timing]:
+    return [Timing.of([median / spread, median, median * spread]) for median in medians]
 
 
 def test_curves_that_cross_do_so_where_the_power_laws_are_equal() -> None:
@@ -297,7 +297,7 @@ def test_a_contestant_that_does_not_run_here_is_named_and_left_out(monkeypatch: 
         if job.contestant == "mitsuba":
             raise UnavailableError("not on this machine")
         return Measured(
-            seconds=Spread.of([1e-3 * (job.triangles or 1)]),
+            seconds=Timing.of([1e-3 * (job.triangles or 1)]),
             set_up_s=0.0,
             imported_mib=100.0,
             scene_mib=200.0,
