@@ -13,22 +13,19 @@ from pydantic import TypeAdapter
 
 from xfrustum.compare.prediction.depth import MISORDERED
 from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.splitting_study.grid import Cell, DepthBuffer
+from xfrustum.reports.splitting_study.grid import Cell, Setting
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, SheetResult
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping
 
 ASKED_SEPARATION = 1e-3
 """Distance of two surfaces at the far end that a depth buffer must order, as a share of the reach."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyRow(CellResult):
+class StudyRow(Setting, CellResult):
     """A cell, its picture judged, and the sheets at the far end of its side.
 
     Attributes
     ----------
-    side, ratio, resolution, near, depth, mapping, slabs, refined
-        As in `Cell`; lengths are shares of the reach.
     misordered
         Share of pixels that do not show the right one of two sheets `ASKED_SEPARATION` apart.
     ordered_separation
@@ -37,22 +34,9 @@ class StudyRow(CellResult):
         The smallest that is, by the closed form.
     """
 
-    side: Camera
-    ratio: float
-    resolution: int
-    near: float
-    depth: DepthFormat
-    mapping: DepthMapping
-    slabs: tuple[float, ...]
-    refined: int
     misordered: float
     ordered_separation: float | None
     predicted_separation: float
-
-    @property
-    def buffer(self) -> DepthBuffer:
-        """Format and mapping."""
-        return self.depth, self.mapping
 
     @property
     def depth_fraction(self) -> float:
