@@ -4,7 +4,6 @@ cameras/    The two cameras as matrices, their passes, and their depth formats
 device/     The OpenGL device: context, targets, programs, meshes, textures, time
 light/      Materials, lights and reflections on the GPU
 plate/      Many hogels at once: the same pictures in fewer submissions
-races/      What drawing many hogels at once is measured against
 accumulate  Means over the pixel's box and over the aperture, drawn in tiles (paper, section 6: band
             limiting)
 drawing     A scene on the GPU, drawn by the passes of an image into a target (paper, sections 3 and 6)

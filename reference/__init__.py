@@ -11,7 +11,6 @@ convergence  The integral over a hogel's aperture, converged to a stated toleran
              band limiting)
 layers       Layers: what single cameras show, and how they overlay
 pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
-rates        Who answers how fast: the certified truth beside what others would have called one
 truth        The reference: true images, every pixel proven, decided exactly or named a tie
 """
 

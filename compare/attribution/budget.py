@@ -5,7 +5,7 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,32 @@ from xfrustum.scenes.model.scene import Scene
 
 RIGHT = -1
 """Value in a map of charges of a pixel that is right in the end, or not judged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkNumbers:
+    """What one link of the chain does, measured and predicted; None where nothing is displaced."""
+
+    name: str
+    pixels: int
+    surface: int
+    displacement_rms_px: float | None
+    height_rms: float | None
+    predicted_displacement_rms_px: float | None
+    predicted_surface: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetNumbers:
+    """The numbers of a `Budget`, without its images, as they are written."""
+
+    judged: int
+    wrong: int
+    links: tuple[LinkNumbers, ...]
+    explained: dict[str, int]
+    cancelled: int
+    unexplained: int
+    not_in_every_link: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,31 +116,38 @@ class Budget:
     height: VectorBudget
     predicted: tuple[LinkPrediction, ...]
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `budget --json` prints them."""
+    @property
+    def numbers(self) -> BudgetNumbers:
+        """The numbers alone, without the images."""
         counts = self.explanation.counts()
         unexplained = counts.pop("unexplained")
         moved, raised = self.displacement.rms(), self.height.rms()
-        return {
-            "judged": self.judged,
-            "wrong": self.wrong,
-            "links": [
-                {
-                    "name": name,
-                    "pixels": int((self.charge == link).sum()),
-                    "surface": int((self.surface_charge == link).sum()),
-                    "displacement_rms_px": moved[link],
-                    "height_rms": raised[link],
-                    "predicted_displacement_rms_px": self.predicted[link].displacement_rms_px,
-                    "predicted_surface": self.predicted[link].surface_pixels,
-                }
-                for link, name in enumerate(LINKS)
-            ],
-            "explained": counts,
-            "cancelled": self.cancelled,
-            "unexplained": unexplained,
-            "not_in_every_link": self.displacement.elsewhere,
-        }
+        links = (
+            LinkNumbers(
+                name=name,
+                pixels=int((self.charge == link).sum()),
+                surface=int((self.surface_charge == link).sum()),
+                displacement_rms_px=moved[link],
+                height_rms=raised[link],
+                predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
+                predicted_surface=self.predicted[link].surface_pixels,
+            )
+            for link, name in enumerate(LINKS)
+        )
+        return BudgetNumbers(
+            judged=self.judged,
+            wrong=self.wrong,
+            links=tuple(links),
+            explained=counts,
+            cancelled=self.cancelled,
+            unexplained=unexplained,
+            not_in_every_link=self.displacement.elsewhere,
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as `budget --json` prints them."""
+        numbers = self.numbers
+        return {**asdict(numbers), "links": [asdict(link) for link in numbers.links]}
 
 
 def make_budget(reference: Reference, chain: Chain) -> Budget:

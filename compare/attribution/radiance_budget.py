@@ -16,7 +16,7 @@ Those in brackets are there where the scene asks for them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,43 @@ MAX_CHAIN_PIXELS = 1 << 22
 """Largest number of pixels of each of a chain's six images: it bounds the memory, some 500 bytes a pixel."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class RadianceChange:
+    """How far linear radiance changes: over all judged pixels, and where all images show the same triangle.
+
+    Each is None where there is no such pixel.
+    """
+
+    mean: float | None
+    rms: float | None
+    max: float | None
+    rms_same_triangle: float | None
+    max_same_triangle: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceLink:
+    """What one link adds to the radiance error; see `RadianceChange` and `RadianceBudget.errors`."""
+
+    name: str
+    mean: float | None
+    rms: float | None
+    max: float | None
+    rms_same_triangle: float | None
+    max_same_triangle: float | None
+    standard_error: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceNumbers:
+    """The numbers of a `RadianceBudget`, without its images, as they are written."""
+
+    judged: int
+    same_triangle: int
+    links: tuple[RadianceLink, ...]
+    total: RadianceChange
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadianceBudget:
     """The radiance error of one image, link by link.
@@ -80,27 +117,34 @@ class RadianceBudget:
     same: Mask
     errors: dict[str, float]
 
+    @property
+    def numbers(self) -> RadianceNumbers:
+        """The numbers alone, without the images."""
+        links = (
+            RadianceLink(name=name, **vars(self._change(step)), standard_error=self.errors.get(name))
+            for name, step in zip(self.links, self.change.steps, strict=True)
+        )
+        return RadianceNumbers(
+            judged=int(self.judged.sum()),
+            same_triangle=int(self.same.sum()),
+            links=tuple(links),
+            total=self._change(self.change.total),
+        )
+
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `budget --json` prints them."""
-        return {
-            "judged": int(self.judged.sum()),
-            "same_triangle": int(self.same.sum()),
-            "links": [
-                {"name": name, **self._numbers(step), "standard_error": self.errors.get(name)}
-                for name, step in zip(self.links, self.change.steps, strict=True)
-            ],
-            "total": self._numbers(self.change.total),
-        }
+        numbers = self.numbers
+        return {**asdict(numbers), "links": [asdict(link) for link in numbers.links]}
 
-    def _numbers(self, change: Floats) -> dict[str, float | None]:
+    def _change(self, change: Floats) -> RadianceChange:
         everywhere, same = change[self.judged], change[self.same]
-        return {
-            "mean": float(everywhere.mean()) if len(everywhere) else None,
-            "rms": _rms(everywhere),
-            "max": float(np.abs(everywhere).max()) if len(everywhere) else None,
-            "rms_same_triangle": _rms(same),
-            "max_same_triangle": float(np.abs(same).max()) if len(same) else None,
-        }
+        return RadianceChange(
+            mean=float(everywhere.mean()) if len(everywhere) else None,
+            rms=_rms(everywhere),
+            max=float(np.abs(everywhere).max()) if len(everywhere) else None,
+            rms_same_triangle=_rms(same),
+            max_same_triangle=float(np.abs(same).max()) if len(same) else None,
+        )
 
 
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:

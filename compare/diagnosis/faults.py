@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -48,7 +48,7 @@ CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One mistake of a renderer.
+    """One fault that was found; its fields are those of the JSON object, in this order.
 
     Attributes
     ----------
@@ -70,25 +70,16 @@ class Fault:
 
     fault: str
     value: float | str
-    words: str
     low: float | None = None
     high: float | None = None
     unit: str | None = None
+    words: str
     alternatives: tuple[str, ...] = ()
     explains: float | None = None
 
     def summary(self) -> dict[str, Any]:
-        """Return the fault as `verify --json` prints it."""
-        return {
-            "fault": self.fault,
-            "value": self.value,
-            "low": self.low,
-            "high": self.high,
-            "unit": self.unit,
-            "words": self.words,
-            "alternatives": list(self.alternatives),
-            "explains": self.explains,
-        }
+        """Return it as `verify --json` prints it."""
+        return {**asdict(self), "alternatives": list(self.alternatives)}
 
 
 def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:

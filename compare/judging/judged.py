@@ -11,10 +11,9 @@ covers the other. Here colors are right or wrong within a tolerance; there their
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -98,6 +97,37 @@ COLOR_ONLY = ("color", "outlines")
 SURFACES = "wrong surfaces"
 
 
+@dataclass(frozen=True, kw_only=True)
+class SurfaceFigures:
+    """Pixels that show the wrong surface, and their share."""
+
+    wrong: int
+    fraction: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColorFigures:
+    """Pixels that show the right surface in another color."""
+
+    wrong: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelNumbers:
+    """The numbers of one hogel's `Figures`, without its images, as they are written."""
+
+    shown: int
+    by: str
+    wrong: int
+    fraction: float
+    surface: SurfaceFigures | None
+    invalid: int
+    displacement_px: Spread | None
+    displacement_by: MeasuredBy
+    radiance: ColorFigures | None
+    causes: dict[str, int] | None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Figures:
     """How one image differs from what a question asks for.
@@ -171,23 +201,24 @@ class Figures:
         """Whether most of what the image shows does not exist."""
         return 2 * self.invalid > self.claimed
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `verify --json` prints them."""
+    @property
+    def numbers(self) -> HogelNumbers:
+        """The numbers alone, without the images."""
         surface = None
         if self.surface is not None:
-            surface = {"wrong": self.surface, "fraction": self.judged_fraction}
-        return {
-            "shown": self.shown,
-            "by": self.by,
-            "wrong": self.wrong,
-            "fraction": self.fraction,
-            "surface": surface,
-            "invalid": self.invalid,
-            "displacement_px": asdict(self.displacement_px) if self.displacement_px else None,
-            "displacement_by": str(self.measured_by),
-            "radiance": None if self.radiance is None else {"wrong": self.radiance},
-            "causes": self.causes,
-        }
+            surface = SurfaceFigures(wrong=self.surface, fraction=self.judged_fraction)
+        return HogelNumbers(
+            shown=self.shown,
+            by=self.by,
+            wrong=self.wrong,
+            fraction=self.fraction,
+            surface=surface,
+            invalid=self.invalid,
+            displacement_px=self.displacement_px,
+            displacement_by=self.measured_by,
+            radiance=None if self.radiance is None else ColorFigures(wrong=self.radiance),
+            causes=self.causes,
+        )
 
 
 def judge(

@@ -9,7 +9,7 @@ numbers       Lengths of three significant digits: what a plan is made of, so th
 plan          The planner: the fewest slabs, and then the largest near, that keep what is required
 reason        Reasons of a plan, or for having none, in words
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
-sheets        Two parallel sheets at the farthest visible surface of every camera and slab, to be drawn
-              and counted
+sheets        Two parallel sheets at the far end of a camera, drawn and counted: does a depth buffer tell
+              them apart?
 views         The requirement that a plan must keep, and what some apertures of a scene truly show
 """

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from xfrustum.compare.attribution.wrong_by_depth import DepthControl
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
@@ -15,14 +16,15 @@ from xfrustum.compare.planning.views import Quality, Requirement, View, Views
 from xfrustum.compare.prediction.depth import MISORDERED
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-SEARCHED = 8.0
+SEARCH_RATIO = 8.0
 """The smallest separation is looked for between this many times less and more than is predicted."""
 
-HALVINGS = 7
-"""Of the range in which it is looked for, on a logarithmic scale: leaves 2 log2(8) / 2^7 octaves, 3 %."""
+SEARCH_HALVINGS = 7
+"""Times that the range of the search is halved, on a logarithmic scale: it leaves 2 log2(8) / 2^7 octaves,
+3 %."""
 
 
 def measure(
@@ -52,9 +54,9 @@ def measured(
     Parameters
     ----------
     done
-        Called after each aperture, with 1.
+        Function that is called after each aperture, with 1.
     smallest
-        Whether to look for the smallest separation, which nothing is required of; else it is NaN.
+        Whether to look for the smallest separation, which no requirement limits; else it is NaN.
     """
     separation = requirement.separation_in(views.scene.frustum)
     found = []
@@ -83,22 +85,14 @@ def meets(quality: Quality, requirement: Requirement) -> bool:
 
 
 def _drawn(views: Views, view: View, rasterizer: Rasterizer, settings: DoubleFrustum) -> tuple[float, float]:
-    """Return the 99th percentile of displacement, and the share of wrong surfaces charged to depth.
-
-    That is what is wrong with the depth buffer and right with a linear one in 32 bits, all else equal: the
-    last link of the chain (docs/method.md, "The error budget").
-    """
-    exact_depth = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-    image, without = (
-        rasterizer.render(view.aperture, one, normals=False, color=False) for one in (settings, exact_depth)
-    )
+    """Return the 99th percentile of displacement, and the share of wrong surfaces charged to depth."""
+    image = rasterizer.render(view.aperture, settings, normals=False, color=False)
     judged = judged_pixels(view.truth)
     wrong = judged & wrong_surface(view.truth, image, views.reference)
-    if wrong.any():
-        wrong &= ~wrong_surface(view.truth, without, views.reference)
+    control = DepthControl.of(rasterizer, view.truth, views.reference, settings)
     return (
         displacement_percentile(displacement(image, view.truth.camera)),
-        float(wrong.sum() / max(judged.sum(), 1)),
+        float(control.charged(wrong).sum() / max(judged.sum(), 1)),
     )
 
 
@@ -111,10 +105,10 @@ def _smallest_separation(views: Views, view: View, settings: DoubleFrustum) -> f
     def ordered(separation: float) -> bool:
         return misordered(views.scene, view, settings, separation) <= MISORDERED
 
-    low, high = predicted / SEARCHED, predicted * SEARCHED
+    low, high = predicted / SEARCH_RATIO, predicted * SEARCH_RATIO
     if not ordered(high):
         return math.inf
-    for _ in range(HALVINGS):
+    for _ in range(SEARCH_HALVINGS):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if ordered(middle) else (middle, high)
     return high

@@ -17,6 +17,9 @@ LINKS = ("near offset", "pivot and fit", "slabs", "rasterization", "depth")
 RASTERIZATION, DEPTH = 3, 4
 """Numbers of the links that round: every wrong pixel of theirs needs a cause."""
 
+EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
+"""The depth buffer without a depth problem: what it alone shows rightly is charged to depth."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
@@ -47,6 +50,11 @@ def traced_settings(
     return replace(whole, pivot=Pivot.APERTURE, fit=Fit.ANGLE), whole, settings
 
 
+def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
+    """Return settings with `EXACT_DEPTH`, and all else as it is."""
+    return replace(settings, depth=EXACT_DEPTH[0], mapping=EXACT_DEPTH[1])
+
+
 def make_chain(
     reference: Reference, rasterizer: Rasterizer, aperture: Aperture, settings: DoubleFrustum
 ) -> Chain:
@@ -61,8 +69,8 @@ def make_chain(
     traced = [
         reference.trace_model(aperture, link) for link in traced_settings(settings, reference.scene.frustum)
     ]
-    exact_depth = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-    drawn = [rasterizer.render(aperture, link, normals=False) for link in (exact_depth, settings)]
+    links = (with_exact_depth(settings), settings)
+    drawn = [rasterizer.render(aperture, link, normals=False) for link in links]
     return Chain(
         images=(reference.trace(aperture), traced[0], traced[1], traced[2], drawn[0], drawn[1]),
         settings=settings,

@@ -6,6 +6,8 @@ geometry     A scene as all hogels of a plate share it: on the GPU once, sorted 
              see it
 picture      The pictures of several hogels: every camera's picture and, over them, every camera's
              reflections
+plain_loop   What drawing many hogels at once is measured against: one hogel after the other, all
+              triangles twice
 program      The programs that draw many hogels at once, made of the same shaders as those that draw one
 reflection   Mirror-like surfaces of many hogels at once, in a pass of its own per camera (paper,
              section 6)

@@ -1,5 +1,7 @@
 """Ray tracers as second opinions, and as judges of what is hidden.
 
+bare_mitsuba    Mitsuba's bare intersection of rays that lie on the device: what a certified truth is
+                raced against
 embree          Embree as tracer: the first triangle of each ray, in single precision and robust mode
 entry           Origins of float32 rays close to the scene, because a distant origin loses digits
 mitsuba_tracer  Mitsuba as tracer: a second, independent proposal, on all processors or a GPU

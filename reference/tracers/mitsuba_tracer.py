@@ -40,10 +40,7 @@ class MitsubaTracer:
         self._scale = unit_scale(scene.vertices)
         self._scene = None
         if len(scene.faces):
-            mesh = triangle_mesh("scene", scene.vertices * self._scale, scene.faces)
-            self._scene = mi.load_dict(
-                {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
-            )
+            self._scene = robust_scene(scene, self._scale)
 
     @property
     def versions(self) -> dict[str, str]:
@@ -88,6 +85,14 @@ class MitsubaTracer:
             if met.is_valid():
                 hits[i] = met.prim_index
         return hits
+
+
+def robust_scene(scene: Scene, scale: float) -> Any:
+    """Return a `mi.Scene` of all triangles, scaled, in Embree's robust mode where Embree traces."""
+    mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)
+    return backend().mitsuba.load_dict(
+        {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
+    )
 
 
 def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None = None) -> Any:

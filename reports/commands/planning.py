@@ -19,8 +19,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
-LINE = 100
-"""Characters a line of a reason."""
+LINE_CHARACTERS = 100
+"""Largest number of characters in a line of a reason."""
 
 
 def make_plan(
@@ -76,7 +76,7 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
 
 def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: Requirement) -> str:
     """Return a plan as aligned lines that end in the command that draws so."""
-    lines = [textwrap.fill(made.reason, LINE)]
+    lines = [textwrap.fill(made.reason, LINE_CHARACTERS)]
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
         return lines[0]

@@ -1,12 +1,10 @@
-"""How every figure looks: colors that are told apart, axes that can be read, spreads of repetitions."""
+"""How every figure looks: colors that are told apart, axes that can be read, timings of repetitions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import plotly.graph_objects as go
-
-from xfrustum.reports.common.timing import Spread
 
 # Okabe and Ito's palette: told apart by color-blind readers, and on white as on black.
 COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
@@ -27,13 +25,13 @@ def look(place: int) -> tuple[str, str]:
     return COLORS[place % len(COLORS)], MARKERS[(place + cycle) % len(MARKERS)]
 
 
-def error_bars(spreads: Sequence[Spread], factor: float = 1.0) -> dict[str, str | bool | float | list[float]]:
+def error_bars(timings: Sequence[Timing], factor: float = 1.0) -> dict[str, str | bool | float | list[float]]:
     """Return bars from the lowest to the highest repetition, about medians drawn in units of 1 / factor."""
     return {
         "type": "data",
         "symmetric": False,
-        "array": [factor * (one.highest - one.median) for one in spreads],
-        "arrayminus": [factor * (one.median - one.lowest) for one in spreads],
+        "array": [factor * (one.highest - one.median) for one in timings],
+        "arrayminus": [factor * (one.median - one.lowest) for one in timings],
         "thickness": 0.8,
         "width": 0,
     }

@@ -14,7 +14,7 @@ from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.json_ready import INLINED, json_object
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Spread, Stopwatch
+from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.reports.common.turns import take_turn, take_turns_until_settled
 from xfrustum.reports.cost.ways import Way, drawn, traced
 from xfrustum.reports.trade_off.trade_off import FastestWithin, Option, answers, unsettled
@@ -213,7 +213,7 @@ class TimedWay:
             configuration=self._way.configuration,
             displacement_p99_px=displacement_p99_px,
             surface_fraction=surface_fraction,
-            time_s=Spread.of(self.time_s),
-            gpu_s=Spread.of(self._gpu_s) if self._gpu_s else None,
-            read_s=Spread.of(self._read_s) if self._read_s else None,
+            time_s=Timing.of(self.time_s),
+            gpu_s=Timing.of(self._gpu_s) if self._gpu_s else None,
+            read_s=Timing.of(self._read_s) if self._read_s else None,
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.trade_off.trade_off import CertifiedConfiguration, Configuration, certified, near_label
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Effect
@@ -161,7 +161,7 @@ def traced(aperture: Aperture, tracers: dict[str, Reference]) -> Iterator[Way]:
             configuration=TracedConfiguration(family=name),
             picture=picture,
         )
-    truth = certified(Spread.of([0.0]))
+    truth = certified(Timing.of([0.0]))
     yield Way(
         renderer=truth.renderer,
         label=truth.label,

@@ -17,7 +17,7 @@ from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, Spread, Stopwatch
+from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, Stopwatch, Timing
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.shading import is_shaded
@@ -168,7 +168,7 @@ class SettingMeasurer:
                 )
             ]
 
-    def repeat(self, rows: Sequence[Measurement], budget_s: float) -> dict[DoubleFrustum, Spread]:
+    def repeat(self, rows: Sequence[Measurement], budget_s: float) -> dict[DoubleFrustum, Timing]:
         """Draw the settings of some rows in turns until the fastest are told apart; return the times of each.
 
         Nothing is repeated where not all settings could be drawn often enough in the time.
@@ -191,7 +191,7 @@ class SettingMeasurer:
             take_turn(runs, seconds)
         left = budget_s - sum(map(sum, seconds))
         take_turns_until_settled(runs, seconds, _unsettled, left)
-        return {setting: Spread.of(taken) for setting, taken in zip(settings, seconds, strict=True)}
+        return {setting: Timing.of(taken) for setting, taken in zip(settings, seconds, strict=True)}
 
     def _render(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
         return self._rasterizer.render(aperture, settings, normals=False, color=True)
@@ -261,7 +261,7 @@ def _wrong_pixels(maps: ErrorMaps) -> dict[str, PixelSet]:
     return found
 
 
-def _unsettled(spreads: Sequence[Spread]) -> list[bool]:
+def _unsettled(spreads: Sequence[Timing]) -> list[bool]:
     """Return which settings take a further turn."""
     fastest = min(spreads, key=lambda one: one.median)
     return open_races([one for one in spreads if not fastest.told_below(one)], spreads)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -215,7 +215,7 @@ class Sweep:
     times_s: Mapping[str, float]
     parts_s: StageParts
     wall_s: float
-    frames_s: Mapping[DoubleFrustum, Spread]
+    frames_s: Mapping[DoubleFrustum, Timing]
 
     def with_stage(self, name: str, seconds: float) -> Sweep:
         """Return the sweep with one more stage, which was done after all others."""

@@ -4,31 +4,41 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import TracebackType
 
 import numpy as np
 
 from xfrustum.compare import compare_images
+from xfrustum.compare.attribution.wrong_by_depth import DepthControl
 from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare.planning.sheets import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reports.splitting_study.grid import CONTROL, Cell, SheetCell
-from xfrustum.scenes.arrays import Mask
+from xfrustum.reference.lines.lines import model_cameras
+from xfrustum.reports.splitting_study.grid import Cell, SheetCell
 from xfrustum.scenes.geometry.refine import refine
-from xfrustum.scenes.library.depth_family import FARTHEST, REACH, SHOWN_SHEET, cars, sheet_pair
-from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.library.depth_family import FARTHEST, REACH, cars, empty_scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 
 SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-"""Of the sheets, as shares of the reach."""
+"""Distances of two sheets, as shares of the reach."""
 
-SHEET_PIXELS = 64
+SHEET_CELLS, SHEET_CELL_PIXELS = 16, 4
+"""Cells along each side of the film on which sheets are drawn, and pixels along each side of a cell."""
+
+SHEET_PHASE = 0.05
+"""Share by which the heights of a sheet's cells differ from their mean at most, so that not all their depths
+round alike."""
+
+SHEET_HEIGHT = FARTHEST / (1 + SHEET_PHASE)
+"""Mean |z| of the sheets: the cells of the farther one end at the farthest surface."""
 
 NEAREST_PERCENTILE = 1
-"""Of the visible |z|: what is nearer is a hundredth of the picture, which the 99th percentile leaves out."""
+"""Percentile of the visible |z| that counts as the nearest surface: what is nearer is a hundredth of the
+picture, which the 99th percentile of displacement leaves out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,13 +54,13 @@ class CellResult:
     surface_wrong
         Judged pixels that show the wrong surface, whatever the cause.
     depth_wrong
-        Of them those that the control, at the same near and slabs, shows rightly.
+        Those of `surface_wrong` that are right with exact depth, at the same near and slabs.
     lost
-        Of them those that show nothing where the control shows a surface.
+        Those of `depth_wrong` that show nothing where exact depth shows a surface.
     displacement_rms, displacement_p99
-        None where nothing is shown.
+        Measured displacement; None where nothing is shown.
     predicted_rms, predicted_p99
-        The same by the closed form, from the truth alone.
+        Displacement by the closed form, from the truth alone.
     seconds
         Wall time of drawing and judging.
     """
@@ -88,27 +98,7 @@ class SheetResult:
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Control:
-    """What all depth buffers share at one near and one set of slabs.
-
-    Attributes
-    ----------
-    settings
-        Of the control.
-    right, shown
-        (H, W) where the control shows the right surface, or none rightly; where it shows one.
-    predicted
-        Displacement by the closed form.
-    """
-
-    settings: DoubleFrustum
-    right: Mask
-    shown: Mask
-    predicted: Spread | None
-
-
-class PictureBench:
+class PictureWorkbench:
     """The truth of one scene of cars, and a rasterizer that is judged by it.
 
     A context manager; memory is that of one scene and a few images.
@@ -122,15 +112,14 @@ class PictureBench:
     def __init__(self, side: Camera, ratio: float, resolution: int, refined: int) -> None:
         self._scene = refine(cars(ratio, side, (resolution, resolution)), refined)
         self._reference = Reference(self._scene)
-        self._aperture = self._scene.plate.middle
-        self._truth = self._reference.trace(self._aperture)
+        self._truth = self._reference.trace(self._scene.plate.middle)
         heights = np.abs(self._truth.height[self._truth.covered].astype(np.float64)) / REACH
         self._nearest = float(np.percentile(heights, NEAREST_PERCENTILE))
         self._farthest = float(heights.max())
         self._rasterizer = Rasterizer(self._scene)
-        self._last_control: Control | None = None
+        self._last_control: tuple[DepthControl, Spread | None] | None = None
 
-    def __enter__(self) -> PictureBench:
+    def __enter__(self) -> PictureWorkbench:
         return self
 
     def __exit__(
@@ -140,68 +129,55 @@ class PictureBench:
 
     def measure(self, cell: Cell) -> CellResult:
         """Draw a cell of this scene and judge it; cells of one near and one set of slabs share a control."""
-        control = self._control(cell.settings)
+        control, predicted = self._control(cell.settings)
         start = time.perf_counter()
-        drawn = self._draw(cell.settings)
+        drawn = self._rasterizer.render(self._scene.plate.middle, cell.settings, normals=False, color=False)
         judged = compare_images(self._truth, drawn, self._reference)
         wrong = judged.maps.surface
         assert wrong is not None
         seconds = time.perf_counter() - start
-        charged = wrong & control.right
         return CellResult(
             judged=judged.judged,
             covered=judged.covered,
             nearest=self._nearest,
             farthest=self._farthest,
             surface_wrong=int(wrong.sum()),
-            depth_wrong=int(charged.sum()),
-            lost=int((charged & control.shown & ~drawn.covered).sum()),
+            depth_wrong=int(control.charged(wrong).sum()),
+            lost=int(control.lost(wrong, drawn).sum()),
             displacement_rms=judged.displacement_px.rms if judged.displacement_px else None,
             displacement_p99=judged.displacement_px.p99 if judged.displacement_px else None,
-            predicted_rms=control.predicted.rms if control.predicted else None,
-            predicted_p99=control.predicted.p99 if control.predicted else None,
+            predicted_rms=predicted.rms if predicted else None,
+            predicted_p99=predicted.p99 if predicted else None,
             seconds=seconds,
         )
 
-    def _draw(self, settings: DoubleFrustum) -> HogelImage:
-        return self._rasterizer.render(self._aperture, settings, normals=False, color=False)
-
-    def _control(self, settings: DoubleFrustum) -> Control:
-        """Return the control of some settings; the last one is kept."""
-        wanted = replace(settings, depth=CONTROL[0], mapping=CONTROL[1])
-        if self._last_control is None or self._last_control.settings != wanted:
-            drawn = self._draw(wanted)
-            wrong = compare_images(self._truth, drawn, self._reference).maps.surface
-            assert wrong is not None
-            self._last_control = Control(
-                settings=wanted,
-                right=~wrong,
-                shown=drawn.covered,
-                predicted=predict.displacement(self._truth, self._scene.frustum, wanted),
-            )
+    def _control(self, settings: DoubleFrustum) -> tuple[DepthControl, Spread | None]:
+        """Return the control of some settings and the predicted displacement; the last ones are kept."""
+        if self._last_control is None or not self._last_control[0].serves(settings):
+            control = DepthControl.of(self._rasterizer, self._truth, self._reference, settings)
+            predicted = predict.displacement(self._truth, self._scene.frustum, control.settings)
+            self._last_control = control, predicted
         return self._last_control
 
 
-class SheetBench:
-    """Pairs of sheets of every separation, as the cameras of one offset see them.
+class SheetWorkbench:
+    """Pairs of sheets of every separation, as one camera with one offset sees them.
 
     A context manager.
 
     Parameters
     ----------
-    offset
-        How far the cameras that draw the far end stand back, as a share of the reach.
+    cell
+        Any cell of that camera and that offset; its depth buffer means nothing.
     """
 
-    def __init__(self, offset: float) -> None:
+    def __init__(self, cell: SheetCell) -> None:
+        films = [_sheets(cell, separation * REACH) for separation in SEPARATIONS]
         with ExitStack() as stack:
-            self._rasterizers = [
-                stack.enter_context(Rasterizer(sheet_pair(offset * REACH, separation * REACH, SHEET_PIXELS)))
-                for separation in SEPARATIONS
-            ]
+            self._films = [(film, stack.enter_context(Rasterizer(film.scene))) for film in films]
             self._stack = stack.pop_all()
 
-    def __enter__(self) -> SheetBench:
+    def __enter__(self) -> SheetWorkbench:
         return self
 
     def __exit__(
@@ -210,18 +186,30 @@ class SheetBench:
         self._stack.close()
 
     def measure(self, cell: SheetCell) -> SheetResult:
-        """Draw the sheets of every separation with one depth buffer and one camera."""
+        """Draw the sheets of every separation with one depth buffer."""
         start = time.perf_counter()
+        shares = [film.wrong_shares(rasterizer, cell.settings) for film, rasterizer in self._films]
         return SheetResult(
-            misordered=tuple(self._misordered(r, cell) for r in self._rasterizers),
+            misordered=tuple(share for (share,) in shares),
             predicted_separation=predicted_separation(cell),
             seconds=time.perf_counter() - start,
         )
 
-    @staticmethod
-    def _misordered(rasterizer: Rasterizer, cell: SheetCell) -> float:
-        drawn = rasterizer.render(rasterizer.scene.plate.middle, cell.settings, normals=False, color=False)
-        return float((drawn.object != SHOWN_SHEET[cell.side]).mean())
+
+def _sheets(cell: SheetCell, separation: float) -> SheetFilm:
+    """Return one pair of sheets at the far end of a cell's side, which covers the film.
+
+    The sheet that must not show comes first, so that equal depths show it.
+    """
+    scene = empty_scene((SHEET_CELLS, SHEET_CELLS))
+    cameras = model_cameras(scene.frustum, scene.plate.middle, cell.settings)
+    outermost = max(cameras, key=lambda camera: max(map(abs, camera.heights)))
+    phases = np.random.default_rng(4).uniform(-SHEET_PHASE, SHEET_PHASE, SHEET_CELLS**2)
+    pair = SheetPair(
+        camera=outermost, heights=SHEET_HEIGHT * (1 + phases), separation=separation, loser_first=True
+    )
+    owner = np.zeros((SHEET_CELLS, SHEET_CELLS), dtype=np.int64)
+    return SheetFilm.of(scene, scene.plate.middle, [pair], owner, SHEET_CELL_PIXELS)
 
 
 def predicted_separation(cell: SheetCell) -> float:

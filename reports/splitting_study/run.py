@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from itertools import groupby
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -16,25 +17,26 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.splitting_study.grid import Cell, Grid, SheetCell
 from xfrustum.reports.splitting_study.measure import (
     CellResult,
-    PictureBench,
-    SheetBench,
+    PictureWorkbench,
     SheetResult,
+    SheetWorkbench,
 )
 from xfrustum.reports.splitting_study.rows import Origin, StudyRow, joined
 from xfrustum.reports.splitting_study.store import Store
-from xfrustum.reports.splitting_study.verdict import Verdict, answers, case_of, verdict
-from xfrustum.scenes.library.depth_family import FARTHEST, REACH, sheet_pair
+from xfrustum.reports.splitting_study.suitability import Suitability, case_of, outcomes, suitability
+from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, cars
+from xfrustum.scenes.plate.double_frustum import Camera
 
 C = TypeVar("C", Cell, SheetCell)
 
 PICTURES, SHEETS = "picture", "sheets"
 """Kinds of results."""
 
-MOST_SLABS = 6
+MAX_SLABS = 6
 """Slabs on one side that are tried before a case is given up."""
 
-BELOW_NEAREST = 0.99
-"""The first cut, of the nearest surface's |z|: close under it, so that the first slab is empty."""
+FIRST_CUT_PER_NEAREST = 0.99
+"""The first cut as a share of the nearest surface's |z|: close under it, so that the first slab is empty."""
 
 
 def measured_by() -> Origin:
@@ -45,7 +47,7 @@ def measured_by() -> Origin:
     InputError
         No usable OpenGL context.
     """
-    scene = sheet_pair(0.0, 1.0, 1)
+    scene = cars(CAR_RATIO, Camera.C, (1, 1))
     with Rasterizer(scene) as rasterizer:
         opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
     versions = {**provenance.versions(), **Reference(scene).versions}
@@ -73,18 +75,19 @@ def sheets_of(cell: Cell) -> SheetCell:
 
 
 def _measure_sheets(cells: Iterable[SheetCell], store: Store, progress: bool) -> None:
-    missing = sorted(_missing(cells, store, SHEETS), key=_offset)
+    missing = sorted(_missing(cells, store, SHEETS), key=_far_camera)
     with progress_bar(len(missing), "pairs of sheets", "buffer", shown=progress and bool(missing)) as bar:
-        for offset, group in groupby(missing, key=_offset):
-            with SheetBench(offset) as bench:
-                for cell in group:
-                    store.put(SHEETS, cell.key, asdict(bench.measure(cell)))
+        for _, group in groupby(missing, key=_far_camera):
+            cells_alike = list(group)
+            with SheetWorkbench(cells_alike[0]) as workbench:
+                for cell in cells_alike:
+                    store.put(SHEETS, cell.key, asdict(workbench.measure(cell)))
                     bar.update()
 
 
-def _offset(cell: SheetCell) -> float:
-    """Return how far the camera that draws the far end stands back."""
-    return 0.0 if cell.slabs else cell.near
+def _far_camera(cell: SheetCell) -> tuple[Camera, float]:
+    """Return which camera draws the far end, and how far it stands back as a share of the reach."""
+    return cell.side, 0.0 if cell.slabs else cell.near
 
 
 def _measure_pictures(cells: Iterable[Cell], store: Store, progress: bool) -> None:
@@ -92,13 +95,13 @@ def _measure_pictures(cells: Iterable[Cell], store: Store, progress: bool) -> No
     with progress_bar(len(missing), "pictures", "picture", shown=progress and bool(missing)) as bar:
         for picture, group in groupby(missing, key=_picture):
             bar.set_postfix_str(f"{picture[0]}, depth {picture[1]:g}, {picture[2]} px", refresh=False)
-            with PictureBench(*picture) as bench:
+            with PictureWorkbench(*picture) as workbench:
                 for cell in group:
-                    store.put(PICTURES, cell.key, asdict(bench.measure(cell)))
+                    store.put(PICTURES, cell.key, asdict(workbench.measure(cell)))
                     bar.update()
 
 
-def _picture(cell: Cell) -> tuple[Any, float, int, int]:
+def _picture(cell: Cell) -> tuple[Camera, float, int, int]:
     return cell.side, cell.ratio, cell.resolution, cell.refined
 
 
@@ -109,44 +112,41 @@ def _missing(cells: Iterable[C], store: Store, kind: str) -> list[C]:
 
 def _rows(cells: Sequence[Cell], store: Store) -> tuple[StudyRow, ...]:
     pictures, sheets = store.get(PICTURES), store.get(SHEETS)
+    picture, pair = TypeAdapter(CellResult), TypeAdapter(SheetResult)
     return tuple(
         joined(
             cell,
-            CellResult(**pictures[cell.key]),
-            SheetResult(**_with_tuple(sheets[sheets_of(cell).key])),
+            picture.validate_python(pictures[cell.key]),
+            pair.validate_python(sheets[sheets_of(cell).key]),
         )
         for cell in cells
     )
-
-
-def _with_tuple(sheets: dict[str, Any]) -> dict[str, Any]:
-    return sheets | {"misordered": tuple(sheets["misordered"])}
 
 
 def _split(rows: Sequence[StudyRow], store: Store, progress: bool) -> tuple[StudyRow, ...]:
     """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
     found: list[StudyRow] = []
     one_per_case = {case_of(row): row for row in rows}
-    open_cases = [one_per_case[case] for case, answer in answers(rows).items() if not answer.one_pair]
-    for count in range(1, MOST_SLABS + 1):
+    open_cases = [one_per_case[case] for case, outcome in outcomes(rows).items() if not outcome.one_pair]
+    for count in range(1, MAX_SLABS + 1):
         cells = [_cut(row, count) for row in open_cases]
         _measure_sheets(dict.fromkeys(map(sheets_of, cells)), store, progress)
         _measure_pictures(cells, store, progress)
         tried = _rows(cells, store)
         found += tried
-        open_cases = [row for row in tried if verdict(row) is not Verdict.ENOUGH]
+        open_cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
     return tuple(found)
 
 
 def _cut(row: StudyRow, count: int) -> Cell:
     """Return a case with so many slabs from just under its nearest surface outward, in equal ratios."""
-    first = BELOW_NEAREST * FARTHEST / REACH / row.ratio
+    first = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
     cuts = np.geomspace(first, 1.0, count + 1)[:-1]
     return Cell(
         side=row.side,
         ratio=row.ratio,
         resolution=row.resolution,
-        # Of no consequence: the slab that it belongs to is empty.
+        # The near offset changes nothing: the slab that it belongs to is empty.
         near=first,
         depth=row.depth,
         mapping=row.mapping,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from xfrustum.reports.common.formatting import digits, percent
-from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Spread
+from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Timing
 from xfrustum.reports.common.turns import open_races
 from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, best_setting, pixels
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
@@ -71,9 +71,9 @@ class Option:
     configuration: Configuration
     displacement_p99_px: float
     surface_fraction: float
-    time_s: Spread
-    gpu_s: Spread | None = None
-    read_s: Spread | None = None
+    time_s: Timing
+    gpu_s: Timing | None = None
+    read_s: Timing | None = None
 
     def within(self, tolerance_px: float) -> bool:
         """Whether displacement is within a tolerance, and wrong surfaces are within `MAX_WRONG`."""
@@ -305,7 +305,7 @@ def _described(option: Option) -> str:
     )
 
 
-def _taken(time_s: Spread) -> str:
+def _taken(time_s: Timing) -> str:
     """Write a time with the interval of its median."""
     low, high = time_s.interval
     spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if time_s.repetitions > 1 else ", taken once,"
@@ -334,11 +334,11 @@ def options_of(sweep: Sweep) -> list[Option]:
             configuration=SweptConfiguration(near=rows[0].settings.near, depth=rows[0].settings.depth_label),
             displacement_p99_px=max(row.displacement_p99_px for row in rows),
             surface_fraction=max(row.surface_fraction for row in rows),
-            time_s=sweep.frames_s.get(rows[0].settings, Spread.of([rows[0].times_s.raster])),
-            gpu_s=Spread.of([rows[0].parts_s.raster.gpu]),
+            time_s=sweep.frames_s.get(rows[0].settings, Timing.of([rows[0].times_s.raster])),
+            gpu_s=Timing.of([rows[0].parts_s.raster.gpu]),
         )
         for label, rows in grouped.items()
-    ] + [certified(Spread.of([first.times_s.trace]))]
+    ] + [certified(Timing.of([first.times_s.trace]))]
 
 
 def recommended_of(sweep: Sweep, options: Sequence[Option]) -> Option:
@@ -359,7 +359,7 @@ def near_label(near: float, units: str, reach: float, depth: str) -> str:
     return f"raster, near {digits(near)} {units} ({digits(near / reach)} of the reach) with {depth} depth"
 
 
-def certified(time_s: Spread) -> Option:
+def certified(time_s: Timing) -> Option:
     """Return the truth, which has no error."""
     return Option(
         renderer="certified",

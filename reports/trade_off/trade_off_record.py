@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from xfrustum.reports.common.json_ready import INLINED
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 from xfrustum.reports.trade_off.trade_off import Configuration, FastestWithin, Option, answers, pareto
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -33,7 +33,7 @@ class TimeRecord:
     repetitions: int
 
     @classmethod
-    def of(cls, times: Spread | None) -> TimeRecord | None:
+    def of(cls, times: Timing | None) -> TimeRecord | None:
         """Return the record of some repetitions; None where there are none."""
         if times is None or not math.isfinite(times.median):
             return None

@@ -32,19 +32,6 @@ CAR_RATIO = 1.5
 CARS = 4
 """Number of cars, one in each quarter of the film, so that none hides another at any depth."""
 
-SHEET_CELLS = 16
-"""Number of cells along each side of a sheet: 512 triangles a sheet."""
-
-SHEET_PHASE = 0.05
-"""Largest share by which the heights of a sheet's cells differ from the mean, so that their depths round
-differently."""
-
-SHEET_HEIGHT = FARTHEST / (1 + SHEET_PHASE)
-"""Mean |z| of the sheets: the farthest cell of the farther sheet lies at `FARTHEST`."""
-
-SHOWN_SHEET = {Camera.C: 1, Camera.C_STAR: 3}
-"""Number of the object that each camera must show in every pixel of `sheet_pair`."""
-
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
 
@@ -81,29 +68,9 @@ def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
     return _scene(f"cars of depth {ratio:g}", resolution, objects)
 
 
-def sheet_pair(offset: float, separation: float, pixels: int) -> Scene:
-    """Return two parallel sheets at the far end of either side, each covering the film of a camera.
-
-    The sheet that must not show comes first in each pair, so that it shows where depths are equal.
-
-    Parameters
-    ----------
-    offset
-        Distance from the aperture to the cameras that draw the far end: n, or 0 where a slab's own camera
-        draws it.
-    separation
-        Distance of the two sheets along z, scene units.
-    pixels
-        Width and height of the film.
-    """
-    phases = np.random.default_rng(4).uniform(-SHEET_PHASE, SHEET_PHASE, (SHEET_CELLS**2, 1))
-    farther = SHEET_HEIGHT * (1 + phases)
-    nearer = farther - separation
-    sheets = [
-        (Camera.C, farther), (Camera.C, nearer), (Camera.C_STAR, nearer), (Camera.C_STAR, farther)
-    ]  # fmt: skip
-    objects = [_on_side_of(camera, _sheet(height, offset)) for camera, height in sheets]
-    return _scene("sheets", (pixels, pixels), objects)
+def empty_scene(resolution: tuple[int, int]) -> Scene:
+    """Return plate and frustum of the family, with nothing in it; W, H of the film."""
+    return _scene("empty", resolution, [])
 
 
 def _scene(name: str, resolution: tuple[int, int], objects: list[SceneObject]) -> Scene:
@@ -138,19 +105,6 @@ def _into_quarters(parts: list[SceneObject]) -> list[Floats]:
             shift += (middle - (seen.min(axis=0) + seen.max(axis=0)) / 2) * depth.min()
         shifts.append(np.append(shift, 0.0))
     return shifts
-
-
-def _sheet(height: Floats, offset: float) -> SceneObject:
-    """Return a sheet behind the plate whose cells, at some heights |z| (N, 1), tile a camera's film."""
-    edges = np.linspace(-1, 1, SHEET_CELLS + 1) * math.tan(_FOV / 2)
-    at = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
-    row, column = np.divmod(np.arange(SHEET_CELLS**2), SHEET_CELLS)
-    slopes = np.stack((edges[column[:, None] + at[:, 0]], edges[row[:, None] + at[:, 1]]), axis=-1)
-    depth = np.broadcast_to(-height[..., None], (*slopes.shape[:2], 1))
-    corners = np.concatenate((slopes * (height[..., None] + offset), depth), axis=-1)
-    cells = np.arange(4 * SHEET_CELLS**2).reshape(-1, 4)
-    faces = np.concatenate((cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]))
-    return SceneObject(name="sheet", vertices=corners.reshape(-1, 3), faces=faces)
 
 
 def _on_side_of(camera: Camera, part: SceneObject) -> SceneObject:

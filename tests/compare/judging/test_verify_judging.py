@@ -170,8 +170,8 @@ def test_what_claims_nothing_that_exists_fails_whatever_the_limits(
     found = verified(hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None)
     assert not found.passed
     for hogel in found.hogels:
-        assert hogel.as_found is not None
-        assert hogel.as_found["invalid"] > 0.9 * hogel.as_found["surface"]["wrong"]
+        assert hogel.as_found is not None and hogel.as_found.surface is not None
+        assert hogel.as_found.invalid > 0.9 * hogel.as_found.surface.wrong
 
 
 def test_nothing_is_named_of_numbers_stored_rightly_and_an_accepted_order_is_undone(

@@ -19,9 +19,9 @@ from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.raster.device.numbered_mesh import number_triangles
 from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
+from xfrustum.raster.plate.plain_loop import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.raster.plate.submissions import MAX_HOGELS
-from xfrustum.raster.races.plain_loop import PlainLoop
 from xfrustum.scenes import (
     Aperture,
     Camera,

@@ -13,20 +13,20 @@ import pytest
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster.light.reflection import reflecting
-from xfrustum.raster.races.plate_rates import BATCHED, MEANINGS
-from xfrustum.reports.benchmarks.plate import bench_plate, table
-from xfrustum.reports.benchmarks.table1 import PAPER, Database, bench_table1
+from xfrustum.reports.benchmarks.plate import benchmark_plate, table
+from xfrustum.reports.benchmarks.plate_contestants import BATCHED, MEANINGS
+from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
-from xfrustum.reports.common.timing import Spread, race
+from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
 
 
-def test_a_spread_is_the_median_and_the_ends() -> None:
-    assert Spread.of([5.0, 1.0, 3.0]) == Spread(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
-    assert Spread.of([8.0, 2.0]).divided_by(2) == Spread(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
+def test_a_timing_is_the_median_and_the_ends() -> None:
+    assert Timing.of([5.0, 1.0, 3.0]) == Timing(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
+    assert Timing.of([8.0, 2.0]).divided_by(2) == Timing(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
 
 
 def test_contestants_take_turns_and_the_first_turn_does_not_count() -> None:
@@ -56,14 +56,14 @@ def test_the_plates_json_carries_every_contestant_stage_and_ratio(
 
 
 def test_the_plates_table_names_every_contestant_and_stage() -> None:
-    lines = table(bench_plate(view("crossing"), 8, 1)).splitlines()
+    lines = table(benchmark_plate(view("crossing"), 8, 1)).splitlines()
     assert {line.split()[0] for line in lines if line} >= {*MEANINGS, "upload", "C", "C*", "read-back"}
     assert "crossing" in lines[0] and any(line.startswith(f"stages of {BATCHED}") for line in lines)
 
 
 def test_a_scene_without_triangles_is_refused() -> None:
     with pytest.raises(InputError, match="empty"):
-        bench_plate(view("empty"), 8, 1)
+        benchmark_plate(view("empty"), 8, 1)
 
 
 @pytest.mark.parametrize("paper", PAPER, ids=lambda paper: str(paper.polygons))
@@ -123,7 +123,7 @@ def test_table_1_is_measured_in_the_papers_terms(capsys: pytest.CaptureFixture[s
 
 
 def test_table_1_as_text_sets_both_machines_beside_the_measurement() -> None:
-    text = table_1(bench_table1(8, 1, PAPER[:1]))
+    text = table_1(benchmark_table1(8, 1, PAPER[:1]))
     assert text.count("42,382") == 3
     assert re.search(r"RealityEngine2 \(1996\), antialiasing on", text)
     assert re.search(r"Maximum Impact \(1996\), antialiasing off", text)

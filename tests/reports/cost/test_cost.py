@@ -22,7 +22,7 @@ from xfrustum.compare.metrics.display import LEVELS, encoded
 from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, MAX_SERIAL_PIXELS, in_bands
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reports.common.timing import CONFIDENCE, Spread
+from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.cost import ways as cost_ways
 from xfrustum.reports.error_report.images import _levels
@@ -49,7 +49,7 @@ def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.
         configuration=Configuration(),
         displacement_p99_px=moved,
         surface_fraction=wrong,
-        time_s=Spread(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
+        time_s=Timing(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
     )
 
 
@@ -74,11 +74,11 @@ def test_the_cheapest_is_fast_enough_and_within_the_tolerance() -> None:
 def test_of_times_that_cannot_be_told_apart_the_least_error_is_named() -> None:
     noisy, better = option(1, 0.4, slowest=1.5), option(1.2, 0.1)
     assert cheapest([noisy, better], 0.5) is better
-    assert cheapest([noisy, replace(better, time_s=Spread.of([1.6] * 5))], 0.5) is noisy
+    assert cheapest([noisy, replace(better, time_s=Timing.of([1.6] * 5))], 0.5) is noisy
 
 
 def timed(label: str, milliseconds: list[float], moved: float) -> Option:
-    return replace(option(1, moved), label=label, time_s=Spread.of([ms / 1000 for ms in milliseconds]))
+    return replace(option(1, moved), label=label, time_s=Timing.of([ms / 1000 for ms in milliseconds]))
 
 
 def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
@@ -133,18 +133,18 @@ def test_equally_long_times_are_told_apart_by_chance_once_in_126_times_at_most(c
     orders = list(itertools.combinations(range(2 * count), count))
     apart = 0
     for order in orders:
-        one, other = Spread.of(order), Spread.of(sorted(set(range(2 * count)) - set(order)))
+        one, other = Timing.of(order), Timing.of(sorted(set(range(2 * count)) - set(order)))
         apart += one.told_below(other) or other.told_below(one)
     assert 0 < apart / len(orders) <= 1 / 126
 
 
 @given(st.lists(st.floats(0, 1e3), min_size=1, max_size=40))
 def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[float]) -> None:
-    spread = Spread.of(values)
+    spread = Timing.of(values)
     low, high = spread.interval
     assert spread.lowest <= low <= spread.median <= high <= spread.highest
     # The ends are the i-th smallest and largest of n distinct values: fewer than i heads of n, or of tails.
-    ordered = Spread.of(range(len(values)))
+    ordered = Timing.of(range(len(values)))
     outside = int(ordered.interval[0])
     beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
     assert beyond <= 1 - CONFIDENCE or len(values) < 6
@@ -177,13 +177,13 @@ def test_turns_go_on_until_the_fastest_are_told_apart(monkeypatch: pytest.Monkey
     for _ in range(5):
         take_turn([quick, slow], seconds)
 
-    def open_places(spreads: Sequence[Spread]) -> list[bool]:
+    def open_places(spreads: Sequence[Timing]) -> list[bool]:
         pair = zip(spreads, (0.4, 0.3), strict=True)
         return unsettled([replace(option(1, moved), time_s=spread) for spread, moved in pair], 0.5)
 
-    assert open_places([Spread.of(taken) for taken in seconds]) == [True, True]
+    assert open_places([Timing.of(taken) for taken in seconds]) == [True, True]
     take_turns_until_settled([quick, slow], seconds, open_places, budget_s=1e6)
-    one, other = (Spread.of(taken) for taken in seconds)
+    one, other = (Timing.of(taken) for taken in seconds)
     assert one.told_below(other) and one.repetitions == other.repetitions == 9
 
 
@@ -287,9 +287,9 @@ def test_cost_prints_one_object_and_writes_a_page(
 def test_all_that_are_not_clearly_slower_take_every_turn() -> None:
     """A way that is slower in one round may be fast in the next, and goes on; one thrice as slow does not."""
     noisy, slow = [1.0, 1.0, 1.2, 1.0, 1.0], [1.4, 1.4, 1.5, 1.4, 1.4]
-    spreads = [Spread.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
+    spreads = [Timing.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
     assert spreads[0].told_below(spreads[2])
     assert open_races(spreads[:2], spreads) == [True, True, True, False]
     assert open_races(spreads[:1], spreads) == [False] * 4
-    steady = [Spread.of([1.0, 1.01, 1.0, 1.02, 1.01])] * 2
+    steady = [Timing.of([1.0, 1.01, 1.0, 1.02, 1.01])] * 2
     assert open_races(steady, steady) == [False, False]

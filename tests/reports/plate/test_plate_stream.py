@@ -24,7 +24,7 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.reports.plate.plate import WRITTEN_BEHIND, blocks_of_apertures, write_plate
+from xfrustum.reports.plate.plate import MAX_WAITING_HOGELS, blocks_of_apertures, write_plate
 from xfrustum.reports.plate.store import PlateStore
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Appearance
@@ -232,7 +232,7 @@ def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
     monkeypatch.setattr(PlateStore, "write", counted_write)
     write_plate(scene, SETTINGS, tmp_path / "x.zarr")
     with PlateRenderer(scene, SETTINGS) as renderer:
-        allowed = renderer.batching.hogels_in_memory + WRITTEN_BEHIND
+        allowed = renderer.batching.hogels_in_memory + MAX_WAITING_HOGELS
     assert written == taken == 400
     assert 1 < most <= allowed < 400
 

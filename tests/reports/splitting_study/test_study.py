@@ -30,17 +30,17 @@ from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.facts import buffer_facts, by_the_rule, least_near
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Grid
-from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureBench
+from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureWorkbench
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
 from xfrustum.reports.splitting_study.store import Store, origin_hash
 from xfrustum.reports.splitting_study.study import DATA, DOCUMENT, IMAGES, RESULTS, StudyFiles, make_study
-from xfrustum.reports.splitting_study.verdict import (
+from xfrustum.reports.splitting_study.suitability import (
     Case,
-    Verdict,
-    answers,
+    Suitability,
     case_of,
+    outcomes,
+    suitability,
     unbroken,
-    verdict,
 )
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
@@ -135,9 +135,9 @@ def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> 
     for row in single(tiny.rows):
         in_corner = row.resolution / math.sqrt(2) * row.near / (FARTHEST / 1000 / row.ratio)
         if in_corner <= TOLERANCE_PX:
-            assert verdict(row) in {Verdict.ENOUGH, Verdict.STARVED}
+            assert suitability(row) in {Suitability.ENOUGH, Suitability.STARVED}
         if in_corner > 10 * TOLERANCE_PX:
-            assert verdict(row) in {Verdict.BENT, Verdict.BOTH}
+            assert suitability(row) in {Suitability.BENT, Suitability.BOTH}
 
 
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
@@ -156,7 +156,7 @@ def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> 
         assert row.displacement_p99 is not None
         assert row.displacement_p99 < 1e-3
         assert row.predicted_p99 == 0
-    assert all(answer.one_pair or answer.slabs for answer in answers(tiny.rows).values())
+    assert all(outcome.one_pair or outcome.slabs for outcome in outcomes(tiny.rows).values())
 
 
 def test_the_study_asks_what_the_planner_asks() -> None:
@@ -175,7 +175,7 @@ def test_the_planner_cuts_as_often_and_draws_no_fewer_slabs(
     assert planned.within
     assert planned.settings is not None
     case = Case(side=Camera.C, ratio=ratio, resolution=resolution, buffer=buffer)
-    found = answers(tiny.rows)[case].slabs or ()
+    found = outcomes(tiny.rows)[case].slabs or ()
     assert len(planned.slabs) == len(found)
     # The first cut may lie a little above the nearest surface; then the first slab is drawn too.
     drawn = drawing_order(scene, scene.plate.middle, replace(planned.settings, camera=Camera.C))
@@ -187,7 +187,7 @@ def test_displacement_grows_in_proportion_to_the_resolution() -> None:
     cell = replace(cell, near=1e-3, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
     found = []
     for resolution in (64, 128):
-        with PictureBench(cell.side, cell.ratio, resolution, 0) as bench:
+        with PictureWorkbench(cell.side, cell.ratio, resolution, 0) as bench:
             found.append(bench.measure(replace(cell, resolution=resolution)))
     assert found[0].displacement_rms is not None
     assert found[1].displacement_rms == pytest.approx(2 * found[0].displacement_rms, rel=0.02)
@@ -198,8 +198,8 @@ def test_displacement_grows_in_proportion_to_the_resolution() -> None:
 def test_refined_meshes_leave_the_map_where_it_was(levels: int, tiny: StudyFiles, tmp_path: Path) -> None:
     """The same surfaces in 4 and 16 times as many triangles: the same verdict in every cell."""
     finer = make_study(tmp_path, replace(TINY, refined=levels))
-    assert {case: (a.nears, a.slabs) for case, a in answers(finer.rows).items()} == {
-        case: (a.nears, a.slabs) for case, a in answers(tiny.rows).items()
+    assert {case: (a.nears, a.slabs) for case, a in outcomes(finer.rows).items()} == {
+        case: (a.nears, a.slabs) for case, a in outcomes(tiny.rows).items()
     }
 
 
@@ -220,31 +220,31 @@ def row_of(**changed: Any) -> StudyRow:
 @pytest.mark.parametrize(
     ("changed", "expected"),
     [
-        ({}, Verdict.ENOUGH),
-        ({"displacement_p99": 0.5}, Verdict.ENOUGH),
-        ({"displacement_p99": 0.51}, Verdict.BENT),
-        ({"depth_wrong": 10}, Verdict.ENOUGH),
-        ({"depth_wrong": 11}, Verdict.STARVED),
-        ({"misordered": 0.02}, Verdict.STARVED),
-        ({"misordered": 0.02, "displacement_p99": 9.0}, Verdict.BOTH),
-        ({"displacement_p99": None, "depth_wrong": 4_000}, Verdict.STARVED),
-        ({"surface_wrong": 400}, Verdict.ENOUGH),
+        ({}, Suitability.ENOUGH),
+        ({"displacement_p99": 0.5}, Suitability.ENOUGH),
+        ({"displacement_p99": 0.51}, Suitability.BENT),
+        ({"depth_wrong": 10}, Suitability.ENOUGH),
+        ({"depth_wrong": 11}, Suitability.STARVED),
+        ({"misordered": 0.02}, Suitability.STARVED),
+        ({"misordered": 0.02, "displacement_p99": 9.0}, Suitability.BOTH),
+        ({"displacement_p99": None, "depth_wrong": 4_000}, Suitability.STARVED),
+        ({"surface_wrong": 400}, Suitability.ENOUGH),
     ],
 )
-def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Verdict) -> None:
-    assert verdict(row_of(**changed)) is expected
+def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Suitability) -> None:
+    assert suitability(row_of(**changed)) is expected
 
 
-def test_the_fewest_slabs_that_are_enough_are_the_answer() -> None:
+def test_the_fewest_slabs_that_are_enough_are_the_outcome() -> None:
     rows = [
         row_of(misordered=1.0),
         row_of(slabs=(0.1,), misordered=1.0),
         row_of(slabs=(0.1, 0.2, 0.5)),
         row_of(slabs=(0.1, 0.3)),
     ]
-    answer = answers(rows)[case_of(rows[0])]
-    assert not answer.one_pair
-    assert answer.slabs == (0.1, 0.3)
+    outcome = outcomes(rows)[case_of(rows[0])]
+    assert not outcome.one_pair
+    assert outcome.slabs == (0.1, 0.3)
 
 
 def test_a_window_ends_at_its_first_gap() -> None:
@@ -311,13 +311,13 @@ def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> N
     """Resume here, and check that nothing kept is lost or measured again and that all comes out the same."""
     kept = results(folder)
     measured = []
-    measure = PictureBench.measure
+    measure = PictureWorkbench.measure
 
-    def counted(bench: PictureBench, cell: study_grid.Cell) -> CellResult:
+    def counted(bench: PictureWorkbench, cell: study_grid.Cell) -> CellResult:
         measured.append((study_run.PICTURES, cell.key))
         return measure(bench, cell)
 
-    monkeypatch.setattr(PictureBench, "measure", counted)
+    monkeypatch.setattr(PictureWorkbench, "measure", counted)
     resumed = make_study(folder, ONE_SIDE)
     uninterrupted = tuple(row for row in tiny.rows if row.side is Camera.C)
     found = results(folder)
@@ -390,7 +390,7 @@ def test_the_command_prints_one_object_that_names_every_case(
     folder = tiny.data.parent
     assert main(["study", "splitting", "--quick", "--quiet", "--json", "--out", str(folder)]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert len(said["cases"]) == len(answers(tiny.rows))
+    assert len(said["cases"]) == len(outcomes(tiny.rows))
     assert all(case["one_pair"] == bool(case["nears"]) for case in said["cases"])
     assert {Path(file).stem for file in said["files"]["figures"]} == maps(tiny.rows).keys()
     assert without_times(read_parquet(folder / DATA)[0]) == without_times(tiny.rows)
@@ -404,9 +404,9 @@ def test_a_full_map_has_every_depth_buffer_and_a_quick_one_is_part_of_it() -> No
 
 def test_the_map_shows_the_verdicts_of_its_cells(tiny: StudyFiles) -> None:
     drawn = maps(tiny.rows)["when-to-split-c"]
-    colors = dict(zip(Verdict, (color for color, _ in drawn.legend), strict=True))
+    colors = dict(zip(Suitability, (color for color, _ in drawn.legend), strict=True))
     rows = [row for row in single(tiny.rows) if row.side is Camera.C]
-    expected = [[colors[verdict(row)] for row in rows if row.buffer == buffer] for buffer in TINY.buffers]
+    expected = [[colors[suitability(row)] for row in rows if row.buffer == buffer] for buffer in TINY.buffers]
     assert [list(line) for line in drawn.panels[0][0].lines] == expected
 
 
@@ -431,7 +431,7 @@ def test_the_published_data_are_the_full_map(published: tuple[tuple[StudyRow, ..
 def test_what_the_published_table_calls_enough_was_measured_to_be(
     published: tuple[tuple[StudyRow, ...], Origin],
 ) -> None:
-    found = answers(published[0])
+    found = outcomes(published[0])
     for row in published[0]:
         enough = row.near in found[case_of(row)].nears
         measured = (
@@ -448,6 +448,6 @@ def test_the_rule_of_thumb_is_never_too_hopeful_about_hyperbolic_depth(
     rows = published[0]
     facts = buffer_facts(rows)
     hopeful = {DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED}
-    for case, answer in answers(rows).items():
+    for case, outcome in outcomes(rows).items():
         if case.buffer[1] in hopeful and by_the_rule(case, facts):
-            assert answer.one_pair
+            assert outcome.one_pair

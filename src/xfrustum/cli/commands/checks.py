@@ -111,7 +111,7 @@ def bench_truth(
     from xfrustum.reports.benchmarks import truth as benchmarks
 
     sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.bench_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
+    measured = benchmarks.benchmark_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
@@ -125,7 +125,7 @@ def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_jso
     """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
     from xfrustum.reports.benchmarks import plate as benchmarks
 
-    measured = benchmarks.bench_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
+    measured = benchmarks.benchmark_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
@@ -138,7 +138,7 @@ def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) ->
     """Measure table 1 of the paper on the project's own car."""
     from xfrustum.reports.benchmarks import table1 as benchmarks
 
-    measured = benchmarks.bench_table1(resolution, repeat, progress=not quiet)
+    measured = benchmarks.benchmark_table1(resolution, repeat, progress=not quiet)
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
@@ -155,6 +155,6 @@ def bench_scaling(*, quick: bool, out: Path | None, quiet: bool, as_json: bool) 
     from xfrustum.reports.benchmarks.scaling.extent import FULL, QUICK
 
     with scaling_page.staged(out) as write:
-        measured = benchmarks.bench_scaling(QUICK if quick else FULL, progress=not quiet)
+        measured = benchmarks.benchmark_scaling(QUICK if quick else FULL, progress=not quiet)
         write(measured)
     options.tell(as_json, measured.summary, lambda: scaling_table.table(measured))
