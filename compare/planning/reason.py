@@ -17,7 +17,7 @@ from xfrustum.compare.planning.search import (
     DepthBuffer,
 )
 from xfrustum.compare.planning.views import Quality, Requirement, Views
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 MAX_SPELLED_HEIGHTS = 4
@@ -89,7 +89,7 @@ def disproved(measured: Quality, requirement: Requirement) -> str:
         )
     if measured.depth_wrong > requirement.max_wrong:
         parts.append(f"{measured.depth_wrong:.2g} of all pixels are wrong by depth")
-    if measured.misordered > MISORDERED:
+    if measured.misordered > MAX_MISORDERED_FRACTION:
         parts.append(f"{measured.misordered:.2g} of the sheets' pixels are out of order")
     return f"But measured it does not hold: {' and '.join(parts)}."
 

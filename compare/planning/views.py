@@ -11,7 +11,7 @@ from statistics import NormalDist
 import numpy as np
 
 from xfrustum.compare.planning.displacement import displacement_bound, traced_displacement
-from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.compare.prediction.share import Slab, depth_wrong_share, slabs
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.reference import Reference
@@ -91,8 +91,8 @@ class Quality:
         Share of pixels in which the wrong one of two parallel sheets shows, as far apart as is asked for,
         at the farthest visible surface of each camera and slab; the worst.
     separation
-        The smallest separation there of which no more than `MISORDERED` are wrong, scene units; the
-        largest of all cameras and slabs, 0 where no two surfaces can be misordered.
+        The smallest separation there of which no more than `MAX_MISORDERED_FRACTION` are wrong, scene
+        units; the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
     """
 
     displacement_p99_px: float
@@ -207,7 +207,7 @@ class Views:
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
         """Return what settings are predicted to do, with sheets as far apart as is asked for."""
         smallest = self.separation(settings)
-        certain = NormalDist().inv_cdf(1 - MISORDERED)
+        certain = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
         return Quality(
             displacement_p99_px=max(self.displaced(settings), default=0.0),
             depth_wrong=self.depth_wrong(settings),

@@ -19,7 +19,7 @@ from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
-MISORDERED = 0.01
+MAX_MISORDERED_FRACTION = 0.01
 """Largest share of pixels that may show the wrong surface at a separation that counts as ordered; equal to
 `tolerances.MAX_WRONG`."""
 
@@ -60,8 +60,8 @@ def smallest_separation(
 
     Returns
     -------
-    The difference of two surfaces' w, scene units, at which `MISORDERED` of the pixels still show the
-    wrong one, where equal depths count as wrong; the shape of `w`.
+    The difference of two surfaces' w, scene units, at which `MAX_MISORDERED_FRACTION` of the pixels still
+    show the wrong one, where equal depths count as wrong; the shape of `w`.
 
     Notes
     -----
@@ -72,7 +72,7 @@ def smallest_separation(
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
     step = STEP[depth] or float32_spacing(stored)
-    chance = NormalDist().inv_cdf(1 - MISORDERED)
+    chance = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
     rounding = chance * np.sqrt(2 * depth_variance(w, stored, near_plane, far_plane, mapping))
     return np.asarray(np.hypot(step, rounding) / slope)
 

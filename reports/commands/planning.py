@@ -11,7 +11,7 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.compare.planning.plan import Plan, plan, steps
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.scenes.arguments import one_of
@@ -88,7 +88,7 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     rows = [
         ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
         ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
-        (apart, "of the pixels", MISORDERED, "misordered"),
+        (apart, "of the pixels", MAX_MISORDERED_FRACTION, "misordered"),
         ("sheets are ordered from", scene.units, separation, "separation"),
     ]
     width = max(len(title) for title, *_ in rows)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xfrustum.compare.prediction.chain import EXACT_DEPTH
-from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, MISORDERED
+from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, MAX_MISORDERED_FRACTION
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.templates_environment import Filters, plain_text
 from xfrustum.reports.measurements.best import pixels
@@ -133,7 +133,7 @@ def document(rows: Rows, origin: Origin) -> str:
         "tolerance_px": TOLERANCE_PX,
         "max_depth_wrong": MAX_DEPTH_WRONG,
         "separation": ASKED_SEPARATION,
-        "misordered": MISORDERED,
+        "misordered": MAX_MISORDERED_FRACTION,
         "control": buffer_name(EXACT_DEPTH),
         "cars": CARS,
         "car_ratio": CAR_RATIO,
@@ -185,7 +185,7 @@ def _numbers(rows: Rows) -> DocumentNumbers:
         slab_counts=_slab_counts(rows),
         starved=len(starved),
         starved_by_sheets=sum(row.depth_fraction <= MAX_DEPTH_WRONG for row in starved),
-        starved_by_picture=sum(row.misordered <= MISORDERED for row in starved),
+        starved_by_picture=sum(row.misordered <= MAX_MISORDERED_FRACTION for row in starved),
         worst=_worst(single),
         suitable={str(kind): sum(suitability(row) is kind for row in single) for kind in Suitability},
     )

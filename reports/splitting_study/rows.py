@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import TypeAdapter
 
-from xfrustum.compare.prediction.depth import MISORDERED
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.splitting_study.grid import Cell, Setting
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, SheetResult
 
@@ -48,7 +46,7 @@ def joined(cell: Cell, picture: CellResult, sheets: SheetResult) -> StudyRow:
     """Return a cell with what was measured for it."""
     ordered = None
     for separation, share in zip(SEPARATIONS, sheets.misordered, strict=True):
-        if share > MISORDERED:
+        if share > MAX_MISORDERED_FRACTION:
             break
         ordered = separation
     return StudyRow(
@@ -68,18 +66,30 @@ class Origin:
     devices: Mapping[str, str]
 
 
+@dataclass(frozen=True, kw_only=True)
+class FiledRow(StudyRow):
+    """A row as it is filed, with what measured it; the columns of the table are its fields.
+
+    Attributes
+    ----------
+    versions, devices
+        Versions of the libraries and the device, by name.
+    """
+
+    versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
+    devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
+
+
 def write_parquet(rows: Sequence[StudyRow], origin: Origin, path: Path) -> None:
     """Write one row per cell; versions and device are columns of their own, the same in every row."""
-    common = {f"version_{_column(name)}": text for name, text in origin.versions.items()}
-    common |= {f"device_{_column(name)}": text for name, text in origin.devices.items()}
-    flat = [json_ready(asdict(row)) | common for row in rows]
-    pq.write_table(pa.Table.from_pylist(flat), path, compression="zstd")
+    filed = [FiledRow(**vars(row), versions=origin.versions, devices=origin.devices) for row in rows]
+    pq.write_table(table_of(FiledRow, filed), path, compression="zstd")
 
 
 def read_parquet(path: Path) -> tuple[tuple[StudyRow, ...], Origin]:
     """Return the rows of a file of `write_parquet`, and where they came from."""
     found = pq.read_table(path).to_pylist()
-    names = {field.name for field in fields(StudyRow)}
+    names = {one.name for one in fields(StudyRow)}
     reader = TypeAdapter(StudyRow)
     rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
     common = {name: str(value) for name, value in found[0].items() if name not in names}
@@ -87,7 +97,3 @@ def read_parquet(path: Path) -> tuple[tuple[StudyRow, ...], Origin]:
         versions={n.removeprefix("version_"): v for n, v in common.items() if n.startswith("version_")},
         devices={n.removeprefix("device_"): v for n, v in common.items() if n.startswith("device_")},
     )
-
-
-def _column(name: str) -> str:
-    return re.sub(r"\W+", "_", name.lower())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import dropwhile, takewhile
 
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.reports.splitting_study.grid import DepthBuffer
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
 from xfrustum.scenes.plate.double_frustum import Camera
@@ -32,7 +32,7 @@ def suitability(row: StudyRow) -> Suitability:
     """
     # A picture in which nothing is left to be displaced has lost everything to depth.
     bent = row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX
-    starved = row.depth_fraction > MAX_DEPTH_WRONG or row.misordered > MISORDERED
+    starved = row.depth_fraction > MAX_DEPTH_WRONG or row.misordered > MAX_MISORDERED_FRACTION
     return _named(bent, starved)
 
 

@@ -11,7 +11,7 @@ import pytest
 from tests.support.views import at, soup, view
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
-from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.compare.prediction.share import MAX_ORDER_FACTOR, chances, depth_wrong_share, slabs
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.raster import Rasterizer
@@ -69,8 +69,8 @@ def test_at_the_smallest_separation_about_a_percent_is_wrong(
     reach = FRUSTUM.reach[0] if height > 0 else FRUSTUM.reach[1]
     w = np.array([abs(height) + 10.0])
     smallest = float(smallest_separation(w, 10.0, 10.0 + reach, depth, mapping)[0])
-    assert MAX_ORDER_FACTOR * chance(height, smallest, settings) < 5 * MISORDERED
-    assert MAX_ORDER_FACTOR * chance(height, smallest / 2, settings) > MISORDERED
+    assert MAX_ORDER_FACTOR * chance(height, smallest, settings) < 5 * MAX_MISORDERED_FRACTION
+    assert MAX_ORDER_FACTOR * chance(height, smallest / 2, settings) > MAX_MISORDERED_FRACTION
 
 
 def test_surfaces_in_different_slabs_are_never_misordered() -> None:

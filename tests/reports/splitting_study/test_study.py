@@ -21,7 +21,7 @@ from tests.conftest import CHECKOUT
 from xfrustum.cli.main import main
 from xfrustum.compare.planning.plan import plan
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH, Requirement
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.reference import Reference
 from xfrustum.reports.splitting_study import grid as study_grid
@@ -120,7 +120,7 @@ def test_the_sheets_are_ordered_alike_by_c_and_by_c_star(tiny: StudyFiles) -> No
     for key, row in by_side[Camera.C].items():
         other = by_side[Camera.C_STAR][key]
         assert row.predicted_separation == other.predicted_separation
-        assert (row.misordered > MISORDERED) == (other.misordered > MISORDERED)
+        assert (row.misordered > MAX_MISORDERED_FRACTION) == (other.misordered > MAX_MISORDERED_FRACTION)
 
 
 def test_no_depth_buffer_moves_the_picture(tiny: StudyFiles) -> None:
@@ -143,9 +143,9 @@ def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> 
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """Twice the smallest separation is ordered, half of it is not; between them anything may happen."""
     decided = [r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2]
-    assert {row.misordered > MISORDERED for row in decided} == {True, False}
+    assert {row.misordered > MAX_MISORDERED_FRACTION for row in decided} == {True, False}
     for row in decided:
-        assert (row.misordered > MISORDERED) == (row.predicted_separation > ASKED_SEPARATION)
+        assert (row.misordered > MAX_MISORDERED_FRACTION) == (row.predicted_separation > ASKED_SEPARATION)
 
 
 def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> None:
@@ -437,7 +437,7 @@ def test_what_the_published_table_calls_enough_was_measured_to_be(
         measured = (
             (row.displacement_p99 or 0) <= TOLERANCE_PX
             and row.depth_wrong <= MAX_DEPTH_WRONG * row.judged
-            and row.misordered <= MISORDERED
+            and row.misordered <= MAX_MISORDERED_FRACTION
         )
         assert row.slabs or enough == measured
 
