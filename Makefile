@@ -1,16 +1,28 @@
 # make report   sets up, then makes the error report of a built-in scene
 # make test     sets up, then runs all checks
+# make test-quick  a part of them, in under a minute
 SCENE ?= car
 OUT ?= report
 
 XFRUSTUM := .venv/bin/xfrustum
 READY := .venv/.ready
 
-.PHONY: help report test test-all fuzz kill setup lock clean
+# One of each: what a module may be, the geometry of lines and plates, a truth, a raster image, a comparison, a
+# verdict, and the command line's answers. README.md, "Tests", says what this leaves out.
+QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_arguments.py \
+	tests/scenes/files/test_scene_file.py tests/reference/test_lines.py \
+	'tests/reference/test_reference.py::test_every_line_shows_what_brute_force_shows[asymmetric-resolution3-aperture3]' \
+	tests/raster/test_raster.py tests/compare/metrics/test_compare.py tests/compare/metrics/test_displacement.py \
+	'tests/compare/diagnosis/test_verify_faults.py::test_in_a_renderer_that_is_right_nothing_is_named' \
+	'tests/compare/diagnosis/test_verify_faults.py::test_a_single_fault_is_named_with_its_size_and_no_other[near]' \
+	tests/cli/test_cli.py
+
+.PHONY: help report test test-quick test-all fuzz kill setup lock clean
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
 	@echo 'make test      all checks: ruff, mypy, import-linter, pytest'
+	@echo 'make test-quick  one of each of them, in under a minute'
 	@echo 'make test-all  the same, with the slow tests'
 	@echo 'make fuzz      10,000 damaged inputs of every kind (FUZZ_ARGS="--kind mesh --count 100")'
 	@echo 'make kill      signals at random moments of every command (KILL_ARGS="--count 5")'
@@ -29,6 +41,12 @@ test test-all: setup
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 	.venv/bin/pytest $(PYTEST_ARGS)
+
+test-quick: setup
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/lint-imports
+	.venv/bin/pytest $(QUICK) $(PYTEST_ARGS)
 
 setup: $(READY)
 	@echo "Set up: $(XFRUSTUM)"

@@ -4,11 +4,11 @@ cameras/    The two cameras as matrices, their passes, and their depth formats
 device/     The OpenGL device: context, targets, programs, meshes, textures, time
 light/      Materials, lights and reflections on the GPU
 plate/      Many hogels at once: the same pictures in fewer submissions
-races/      What drawing many hogels at once is measured against
 accumulate  Means over the pixel's box and over the aperture, drawn in tiles (paper, section 6: band
             limiting)
 drawing     A scene on the GPU, drawn by the passes of an image into a target (paper, sections 3 and 6)
 rasterizer  The paper's double frustum: C, then C* over it (paper, sections 3 to 6)
+room        Whether this machine can draw a scene, asked before any work is done
 """
 
 import os
@@ -16,6 +16,7 @@ import os
 # PyOpenGL chooses its platform when it is first imported, and must look where moderngl does.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
-from xfrustum.raster.rasterizer import Rasterizer
+from xfrustum.raster.rasterizer import Drawn, Rasterizer
+from xfrustum.raster.room import require_room
 
-__all__ = ["Rasterizer"]
+__all__ = ["Drawn", "Rasterizer", "require_room"]

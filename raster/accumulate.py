@@ -15,7 +15,8 @@ from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
 
 POINTS_AT_ONCE = 1 << 21
-"""Bounds the memory of a target, 28 bytes a point and coverage sample."""
+"""Points that are drawn at once. This bounds a target's memory, 28 bytes for each coverage sample of a
+point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +28,7 @@ class Tile:
     film
         W, H of the whole film in pixels.
     corner
-        Column and row of its first pixel, from the top left.
+        Column and row of the tile's first pixel, from the top left of the film.
     extent
         Columns and rows of pixels; they may run past the film's end.
     supersample
@@ -45,7 +46,7 @@ class Tile:
         return self.extent[0] * self.supersample, self.extent[1] * self.supersample
 
     def seen_by(self, camera: Pass) -> Pass:
-        """Return the camera with this part of its film over all of its image."""
+        """Return the camera whose whole image is this part of its film."""
         (width, height), (column, row), (columns, rows) = self.film, self.corner, self.extent
         center = ((2 * column + columns) / width - 1, 1 - (2 * row + rows) / height)
         matrix = np.eye(4)
@@ -65,7 +66,7 @@ def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Til
     supersample
         Points along each side of a pixel.
     largest
-        Width or height in points that the device draws.
+        Largest width or height, in points, that the device draws.
     """
     width, height = film
     columns = min(width, max(1, min(largest, POINTS_AT_ONCE // supersample) // supersample))
@@ -77,7 +78,7 @@ def tiles(film: tuple[int, int], supersample: int, largest: int) -> Iterator[Til
 
 
 class Mean:
-    """The mean of images that are drawn in tiles, summed in double precision.
+    """The mean color of images that are drawn in tiles, summed in double precision.
 
     Parameters
     ----------

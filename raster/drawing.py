@@ -19,8 +19,8 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
-Drawn = tuple[moderngl.Program, moderngl.VertexArray]
-"""A program, and the mesh for it."""
+ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray]
+"""A program, and the mesh with the attributes that it reads."""
 
 
 class Drawing:
@@ -29,11 +29,11 @@ class Drawing:
     Parameters
     ----------
     context
-        The current context, also whenever something is drawn.
+        The context that is current now, and whenever something is drawn.
     scene
-        At least one triangle.
+        Scene with at least one triangle.
     effects
-        What is simulated: the shaders are made of these alone.
+        Effects that are simulated: the shaders contain these alone.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
@@ -41,7 +41,7 @@ class Drawing:
         self._scene = scene
         self._effects = effects
         self._mesh = Mesh(context, scene)
-        self._programs: dict[tuple[str, tuple[tuple[str, str], ...]], Drawn] = {}
+        self._programs: dict[tuple[str, tuple[tuple[str, str], ...]], ProgramWithMesh] = {}
 
     @cached_property
     def _shading(self) -> Shading:
@@ -57,15 +57,15 @@ class Drawing:
         Parameters
         ----------
         target
-            Into which.
+            Target that is cleared and drawn into.
         passes
             The cameras, from the back.
         mapping
-            Of depth.
+            Depth mapping.
         color
-            Whether to shade; identities are drawn always.
+            Whether to shade; triangle numbers are always drawn.
         """
-        # Every aperture comes through here alone; for many of them see plate_renderer.
+        # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin()
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
@@ -104,12 +104,12 @@ class Drawing:
             mesh.render(vertices=3 * count, first=3 * first)
 
     def _look(self, target: Target, number: int, camera: Pass, shaders: moderngl.Program) -> None:
-        """Set what both kinds of passes must know of a camera."""
+        """Set what pictures and reflections alike must know of a camera."""
         self._context.front_face = camera.front_face
         self._mesh.bind()
         set_camera(shaders, number, camera, target.size)
 
-    def _drawn(self, fragment: str, defines: dict[str, str]) -> Drawn:
+    def _drawn(self, fragment: str, defines: dict[str, str]) -> ProgramWithMesh:
         key = (fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
             made = program(self._context, fragment, defines)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
+from dataclasses import dataclass
 
 import numpy as np
 from OpenGL import GL
@@ -11,7 +11,7 @@ from OpenGL import GL
 from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
 from xfrustum.raster.cameras.cameras import FilmWindow
 from xfrustum.raster.cameras.passes import Pass, drawing_order
-from xfrustum.raster.device.context import describe, open_context
+from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.positions import DrawnBy, Positions
 from xfrustum.raster.device.room import check_room
 from xfrustum.raster.device.targets import Target
@@ -29,28 +29,41 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 POSITION_BYTES = 24
-"""Of a vertex in double precision, as `Positions` has them."""
+"""Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each."""
 
-ONCE = Sampling()
-"""One point a pixel, through the middle of the aperture."""
+SINGLE_SAMPLE = Sampling()
+"""The sampling with one point a pixel, seen through the middle of the aperture."""
 
 
-class Rasterizer:
-    """A scene on the GPU, to be drawn for any aperture and any settings.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """An image, and the time that drawing it took.
+
+    Attributes
+    ----------
+    image
+        The hogel image of one aperture.
+    times
+        The time of each stage: `draw`, and `read`, which is read-back with the positions that it
+        computes and the averaging of color.
+    """
+
+    image: HogelImage
+    times: dict[str, StageTime]
+
+
+class Rasterizer(ContextOwner):
+    """A scene on the GPU, ready to be drawn for any aperture and any settings.
 
     A context manager: leaving it frees the context and everything in it.
 
     Parameters
     ----------
     scene
-        Uploaded once, in float32.
+        Scene that is uploaded, once, in float32.
     effects
-        What is simulated; None for what the scene calls for. The picture is the same with more.
-
-    Attributes
-    ----------
-    times
-        Of the last image: `draw` and `read`, which is read-back with the positions that it computes.
+        Effects that are simulated; None for those that the scene calls for. More effects do not
+        change the picture.
 
     Raises
     ------
@@ -65,7 +78,6 @@ class Rasterizer:
         self.effects = needed(scene) if effects is None else checked(effects)
         self._context = open_context()
         self.device = describe(self._context)
-        self.times: dict[str, StageTime] = {}
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
         try:
@@ -73,17 +85,10 @@ class Rasterizer:
         except InputError:
             self._context.release()
             raise
-        if len(scene.faces):
-            self._drawing = Drawing(self._context, scene, self.effects)
-            self._positions = Positions(self._context, scene)
-
-    def __enter__(self) -> Rasterizer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
+        # A buffer cannot be empty: a scene without triangles has nothing on the GPU.
+        solid = len(scene.faces) > 0
+        self._drawing = Drawing(self._context, scene, self.effects) if solid else None
+        self._positions = Positions(self._context, scene) if solid else None
 
     def release(self) -> None:
         """Free the context and everything in it."""
@@ -102,25 +107,37 @@ class Rasterizer:
         color: bool = True,
         sampling: Sampling | None = None,
     ) -> HogelImage:
-        """Draw the hogel image of an aperture.
+        """Return the hogel image of an aperture.
 
         Parameters
         ----------
         aperture
-            Where the frusta cross.
+            Aperture in which the frusta cross.
         settings
-            Near plane, depth buffer, cameras.
+            Near plane, depth buffer and cameras.
         normals, color
-            Leave out what nobody looks at.
+            Whether the image has these arrays; without them it is drawn faster.
         sampling
-            How finely color is sampled; None for what the scene asks for. What a pixel shows is that at
-            its center, seen through the middle of the aperture, however fine.
+            Sampling of color; None for that of the scene. Triangles and positions are always those
+            at the pixel's center, seen through the middle of the aperture.
 
         Raises
         ------
         InputError
             near is not smaller than the reach, or the device cannot sample so finely.
         """
+        return self.draw(aperture, settings, normals=normals, color=color, sampling=sampling).image
+
+    def draw(
+        self,
+        aperture: Aperture,
+        settings: DoubleFrustum,
+        *,
+        normals: bool = True,
+        color: bool = True,
+        sampling: Sampling | None = None,
+    ) -> Drawn:
+        """Return the hogel image of an aperture and the time that it took; see `render`."""
         one_of(aperture, Aperture, "aperture")
         one_of(settings, DoubleFrustum, "settings")
         settings.check_against(self.scene.frustum)
@@ -132,30 +149,31 @@ class Rasterizer:
             passes = drawing_order(self.scene, aperture, settings, self.effects)
             timer = GpuTimer()
             with timer.stage("draw"):
-                # A software renderer takes its time once per tile, when it gets there: what begins a stage
-                # must not wait in one batch with what ends it.
+                # A software renderer reads the clock once for each tile, when it works on that tile. The
+                # flush keeps the query that begins the stage out of the batch with the one that ends it.
                 GL.glFlush()
-                self._draw(target, passes, settings, color=color and sampling == ONCE)
+                self._draw(target, passes, settings, color=color and sampling == SINGLE_SAMPLE)
             with timer.stage("read"):
                 triangle = target.read_triangle()
                 position = self._read_position(target, passes)
                 seen = self._color(target, aperture, settings, sampling) if color else None
-            self.times = timer.collect()
-            return HogelImage(
-                camera=self._camera(aperture, settings),
-                triangle=triangle,
-                object=self._object_of_number[triangle],
-                position=position,
-                normal=self._normals_of(triangle) if normals else None,
-                color=seen,
-                rendering=Rendering.of(self.effects, sampling) if color else None,
-            )
+            times = timer.collect()
+        image = HogelImage(
+            camera=self._camera(aperture, settings),
+            triangle=triangle,
+            object=self._object_of_number[triangle],
+            position=position,
+            normal=self._normals_of(triangle) if normals else None,
+            color=seen,
+            rendering=Rendering.of(self.effects, sampling) if color else None,
+        )
+        return Drawn(image=image, times=times)
 
     def _color(
         self, target: Target, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling
     ) -> Singles:
-        """Return what the target shows or, where more samples are asked for, the mean over them."""
-        if sampling == ONCE:
+        """Return the color that the target shows or, where more samples are asked for, their mean."""
+        if sampling == SINGLE_SAMPLE:
             return target.read_color()
         film = self.scene.frustum.resolution
         mean = Mean(film)
@@ -169,13 +187,13 @@ class Rasterizer:
         return mean.over(len(places))
 
     def _draw(self, target: Target, passes: Sequence[Pass], settings: DoubleFrustum, *, color: bool) -> None:
-        if len(self.scene.faces):
-            self._drawing.draw(target, passes, settings.mapping, color=color)
-        else:
+        if self._drawing is None:
             target.begin()
+        else:
+            self._drawing.draw(target, passes, settings.mapping, color=color)
 
     def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
-        if not passes:
+        if self._positions is None or not passes:
             return np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
         drawn = [DrawnBy(clip_from_scene=p.clip_from_scene, heights=p.heights) for p in passes]
         return self._positions.read(target, drawn)

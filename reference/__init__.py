@@ -1,7 +1,7 @@
-"""The first answer: what every line through an aperture meets first, traced, certified and lit.
+"""The first answer: the surface that every line through an aperture meets first, certified and lit.
 
-certify/     Who is first along each line: proven, decided exactly, or named a tie
-devices/     What the reference computes on: LLVM through Dr.Jit, threads, bands of rows
+certify/     The first surface along each line: proven, decided exactly, or named a tie
+devices/     The devices that the reference computes on: LLVM through Dr.Jit, threads, bands of rows
 lines/       The lines through an aperture, and triangles as these lines see them
 shading/     The color of true hits
 tracers/     Ray tracers as second opinions, and as judges of what is hidden
@@ -9,8 +9,8 @@ transport/   Light transport: shadows and interreflection, by light paths
 averages     Color averaged over the boxes of pixels and over apertures; every line of it is certified
 convergence  The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6:
              band limiting)
-pictures     What is decided along lines, as the image of an aperture: points, normals, objects, light
-rates        Who answers how fast: the certified truth beside what others would have called one
+layers       Layers: what single cameras show, and how they overlay
+pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
 truth        The reference: true images, every pixel proven, decided exactly or named a tie
 """
 

@@ -18,27 +18,26 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 BOX_SIDE = 8
-"""Points along each side of a pixel with which the box of multisampling is integrated. A straight edge
-that runs along the rows or columns of points is off by at most half a row, 1/16 of the pixel; others are
-off by less."""
+"""Points along each side of a pixel with which the box of multisampling is integrated. A straight edge along
+the rows or columns of points is off by at most half a row, 1/16 of the pixel; other edges are off by less."""
 
 LEAST_PIXELS = 1 << 14
-"""Points that are shaded at once, if there are as many: with fewer, starting costs more than shading."""
+"""Smallest number of points that are shaded at once: with fewer, starting costs more than shading."""
 
 AVERAGED_PIXELS = 1 << 22
-"""Pixels whose sums are held at once: bounds the memory, 24 bytes a pixel."""
+"""Pixels whose sums are held at once. This bounds the memory, 24 bytes a pixel."""
 
 
 def averages(sampling: Sampling) -> bool:
-    """Return whether the color of a pixel is a mean at all."""
+    """Return whether the color of a pixel is a mean over several points."""
     return sampling != Sampling()
 
 
 def points_per_side(sampling: Sampling) -> int:
-    """Return how many points along each side of a pixel its color is the mean of.
+    """Return the number of points along each side of a pixel over which its color is averaged.
 
-    A rasterizer's multisampling places its points where the driver likes. It estimates the mean over
-    the pixel's box, and that is what it is answered with.
+    A rasterizer's multisampling places its points where the driver chooses and estimates the mean over
+    the pixel's box. The reference computes that mean.
     """
     return sampling.supersample if sampling.multisample == 1 else max(sampling.supersample, BOX_SIDE)
 
@@ -61,7 +60,7 @@ def mean_color(scene: Scene, shader: Shader, apertures: Sequence[Aperture], side
         row = 0
         fine_rows = range(rows.start * side, rows.stop * side)
         for part in in_parallel(band, fine.resolution, rows=fine_rows, least_pixels=LEAST_PIXELS):
-            # Row by row, so that the sums do not depend on how the bands were cut.
+            # The sums are taken row by row, so that they do not depend on how the bands were cut.
             for line in part:
                 total[row // side] += line
                 row += 1
@@ -69,7 +68,7 @@ def mean_color(scene: Scene, shader: Shader, apertures: Sequence[Aperture], side
 
 
 def _color(scene: Scene, shader: Shader, decided: FirstSurfaces, pencil: Pencil, rows: range) -> Floats:
-    """Return linear RGB, or gray, of what the lines of some rows meet first, black where that is nothing."""
+    """Return the linear RGB, or gray, of the first surfaces along some rows; black where there is none."""
     directions = pencil.directions(slice(rows.start, rows.stop)).reshape(-1, 3)
     covered = np.flatnonzero(decided.triangle != NOTHING)
     triangle, direction = decided.triangle.ravel()[covered], directions[covered]

@@ -1,9 +1,9 @@
 """The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6: band limiting).
 
-By scrambled Sobol points (Owen, 1997). Each scrambling gives an unbiased estimate by itself, so that the
-spread of several says how exact their mean is, without knowing anything about the picture. The error of
-N points falls as N^-1.5 where a pixel changes smoothly with the point, and as N^-0.75 where an edge
-passes over it; independent random points would give N^-0.5.
+The points are scrambled Sobol points (Owen, 1997). Each scrambling gives an unbiased estimate by itself, so
+that the scatter of several estimates is a measure of the error of their mean, whatever the picture. The error
+of N points falls as N^-1.5 where a pixel changes smoothly with the point, and as N^-0.75 where an edge passes
+over it; independent random points would give N^-0.5.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 SCRAMBLINGS = 8
-"""Independent estimates. A pixel's standard error is itself known to one part in sqrt(2 (8 - 1)) or so,
-that of a picture, the root mean square over its pixels, far better."""
+"""Number of independent estimates. From eight, the standard error of a pixel is known to about one part in
+sqrt(2 (8 - 1)), and that of a picture, the root mean square over its pixels, far better."""
 
 FIRST_POINTS = 4
-"""Of each scrambling: fewer may all miss an edge, and agree."""
+"""Points of each scrambling to begin with: the estimates of fewer may all miss an edge, and so agree."""
 
 TOLERANCE = 1e-3
-"""A quarter of an 8-bit step of full scale."""
+"""Standard error that is asked for by default, in radiance: a quarter of an 8-bit step of full scale."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Converged:
-    """An integral over an aperture, and how well it is known.
+    """An integral over an aperture, and its standard error.
 
     Attributes
     ----------
     color
         (H, W, 3) linear RGB.
     standard_error
-        (H, W, 3) of each pixel and channel.
+        (H, W, 3) standard error of the color.
     points
         Points of the aperture that were averaged.
     """
@@ -65,14 +65,16 @@ def converged(
     Parameters
     ----------
     mean
-        Returns the picture (H, W, 3), averaged over some apertures.
+        Function that returns the picture (H, W, 3), averaged over some apertures.
     plate
-        Its pitch is the size of the aperture.
+        Plate whose pitch is the size of the aperture.
     aperture
-        The middle.
+        Middle of the aperture.
     tolerance
-        For `Converged.error`, in radiance. What is not reached with `MAX_SAMPLES` points is returned
-        as it is: its error says so.
+        Largest `Converged.error`, in radiance. A picture that does not reach it with `MAX_SAMPLES` points
+        is returned with the error that it has.
+    seed
+        Seed of the scramblings.
     """
     engines = [qmc.Sobol(2, rng=seed * SCRAMBLINGS + index) for index in range(SCRAMBLINGS)]
     sums, count, more = [np.zeros(())] * SCRAMBLINGS, 0, FIRST_POINTS

@@ -1,10 +1,11 @@
-"""What is decided along lines, as the image of an aperture: points, normals, objects, light."""
+"""The image of an aperture, made of decisions along its lines: points, normals, objects, light."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.layers import Layer, overlaid
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
@@ -19,18 +20,18 @@ class Pictures:
     Parameters
     ----------
     scene
-        What is seen.
+        Scene that is seen.
     shader
-        Its light.
+        Shader of its surfaces.
     """
 
     def __init__(self, scene: Scene, shader: Shader) -> None:
         self._scene, self._shader = scene, shader
-        # By triangle number; the last, which `NOTHING` finds, is `NOTHING`.
+        # Indexed by triangle number: `NOTHING`, which is -1, finds the last entry, `NOTHING`.
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
 
     def camera(self, aperture: Aperture, settings: DoubleFrustum | None = None) -> HogelCamera:
-        """Return the true frustum of an aperture; with settings, as the offset cameras' image carries it."""
+        """Return the true frustum of an aperture; with settings, as the offset cameras' image has it."""
         pencil = crossed_frustum(self._scene.frustum, aperture)
         return HogelCamera(
             aperture=aperture,
@@ -48,46 +49,45 @@ class Pictures:
         self,
         aperture: Aperture,
         rows: range,
-        layers: list[tuple[Pencil, FirstSurfaces]],
+        decided: list[tuple[Pencil, FirstSurfaces]],
         settings: DoubleFrustum | None = None,
     ) -> HogelImage:
-        """Overlay decided layers of some rows, the last on top, and say what their surfaces are."""
+        """Return what decided layers of some rows show, the last on top, with normals, objects and light.
+
+        Parameters
+        ----------
+        aperture
+            Aperture whose image it is.
+        rows
+            Rows of the image.
+        decided
+            Lines of each camera, and what is first along them.
+        settings
+            Settings of the offset cameras; None for the true frustum.
+        """
         pencil = crossed_frustum(self._scene.frustum, aperture)
-        some = slice(rows.start, rows.stop)
-        directions = pencil.directions(some)
-        triangle = np.full(directions.shape[:2], NOTHING, dtype=np.int32)
-        certainty = np.zeros(directions.shape[:2], dtype=np.uint8)
-        position, seen_along = np.full(directions.shape, np.nan), directions
-        companions = np.zeros((0, 3), dtype=np.int64)
-        for layer, decided in layers:
-            on_top = decided.triangle != NOTHING
-            # Where a layer shows nothing, what is seen rests on both decisions.
-            certainty = np.where(on_top, decided.certainty, np.maximum(certainty, decided.certainty))
-            triangle = np.where(on_top, decided.triangle, triangle)
-            along = layer.directions(some)
-            points = np.asarray(layer.center) + decided.s[..., None] * along
-            position = np.where(on_top[..., None], points, position)
+        directions = pencil.directions(slice(rows.start, rows.stop))
+        layers = []
+        for lines, found in decided:
             # What a camera fitted to some height shows, it sees along lines of its own.
-            if layer.half_extent != pencil.half_extent:
-                seen_along = np.where(on_top[..., None], along, seen_along)
-            # Ties of what is now covered are nobody's companions any more.
-            covered_now = on_top[companions[:, 0] - rows.start, companions[:, 1]]
-            companions = np.concatenate((companions[~covered_now], decided.companions))
+            own = None if lines.half_extent != pencil.half_extent else directions
+            layers.append(Layer.of(lines, found, rows, own))
+        shown = overlaid(layers)
         normals, color = np.full(directions.shape, np.nan), np.zeros(directions.shape, dtype=np.float32)
-        covered = np.flatnonzero(triangle != NOTHING)
-        shown = triangle.ravel()[covered]
-        normal = self._scene.normals[shown]
+        covered = np.flatnonzero(shown.triangle != NOTHING)
+        number = shown.triangle.ravel()[covered]
+        normal = self._scene.normals[number]
         normals.reshape(-1, 3)[covered] = normal
-        position_shown, direction_shown = (v.reshape(-1, 3)[covered] for v in (position, seen_along))
-        hits = Hits(triangle=shown, normal=normal, position=position_shown, direction=direction_shown)
+        position, direction = (v.reshape(-1, 3)[covered] for v in (shown.position, shown.directions))
+        hits = Hits(triangle=number, normal=normal, position=position, direction=direction)
         color.reshape(-1, 3)[covered] = self._shader.radiance(hits)
         return HogelImage(
             camera=self.camera(aperture, settings),
-            triangle=triangle,
-            object=self._object_of_number[triangle],
-            position=position,
+            triangle=shown.triangle,
+            object=self._object_of_number[shown.triangle],
+            position=shown.position,
             normal=normals,
             color=color,
-            certainty=certainty,
-            companions=companions,
+            certainty=shown.certainty,
+            companions=shown.companions,
         )

@@ -38,20 +38,21 @@ TRACERS = ("embree", "mitsuba")
 """Names of the tracers that can be asked for."""
 
 STREAMED_PIXELS = 1 << 18
-"""Whose lines the tracer is given at once, some 100 bytes each."""
+"""Pixels traced per call of the tracer; each needs about 100 bytes."""
 
 
 class Reference:
-    """The ground truth of a scene: what its crossed frusta really show.
+    """The ground truth of a scene: the true images of its crossed frusta.
 
     Parameters
     ----------
     scene
-        Its acceleration structure is built once.
+        Scene that is asked about.
     tracer
-        One of `TRACERS`: who gives the second opinion, before `certify` has the last word.
+        Name of the tracer that gives a second opinion on every pixel, one of `TRACERS`. The decision is
+        always that of `certify`.
     effects
-        What of the light is evaluated; None for what the scene calls for.
+        Effects of light that are evaluated; None for those that the scene calls for.
 
     Raises
     ------
@@ -77,7 +78,7 @@ class Reference:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Names and versions of what decides the truth."""
+        """Names and versions of the libraries that the truth rests on, for reports."""
         return self.tracer.versions
 
     def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
@@ -85,8 +86,10 @@ class Reference:
 
         Parameters
         ----------
+        aperture
+            Aperture of the image.
         sampling
-            What color is the mean of; None for the scene's own.
+            Points over which color is averaged; None for the scene's own sampling.
         """
         image = stacked(list(self.trace_bands(aperture, sampling)))
         return replace(image, rendering=self.rendering(sampling))
@@ -110,8 +113,8 @@ class Reference:
     def stream(self, apertures: Iterable[Aperture]) -> Iterator[HogelImage]:
         """Yield the true images of many apertures in order: those that `trace` returns, in less time.
 
-        What belongs to the plate is done once, and the tracer is given the lines of several small hogels
-        at a time. Memory does not grow with the number of apertures.
+        Triangles are sorted once for the whole plate, and the tracer is given the lines of several small
+        hogels at a time. Memory does not grow with the number of apertures.
         """
         if averages(self.scene.sampling):
             yield from map(self.trace, apertures)
@@ -137,14 +140,14 @@ class Reference:
     def _band(
         self, aperture: Aperture, certifier: Certifier, rows: range, second_opinion: Numbers
     ) -> HogelImage:
-        """Decide some rows of a true image, and note where the tracer thinks otherwise."""
+        """Decide some rows of a true image, and mark the pixels at which the tracer proposed otherwise."""
         decided = certifier.decide(rows)
         image = self._pictures.image(aperture, rows, [(certifier.pencil, decided)])
         overruled = (second_opinion != decided.triangle) & (decided.certainty != Certainty.TIE)
         return replace(image, overruled=overruled)
 
     def propose(self, aperture: Aperture) -> HogelImage:
-        """Return what the float32 tracer alone takes for the true image: nothing of it is certified."""
+        """Return the image that the float32 tracer alone proposes; no pixel of it is certified."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
         found = uncertified(self.tracer, self.scene, pencil, rows := range(pencil.resolution[1]))
         return self._pictures.image(aperture, rows, [(pencil, found)])
@@ -152,7 +155,7 @@ class Reference:
     def _averaged(
         self, aperture: Aperture, sampling: Sampling, band: Callable[[range], HogelImage]
     ) -> Iterator[HogelImage]:
-        """Yield bands whose color is a mean: over pixels' boxes, over the aperture (paper, section 6)."""
+        """Yield bands with color averaged over pixels' boxes and over the aperture (paper, section 6)."""
         apertures = sub_apertures(self.scene.plate, aperture, sampling.aperture)
         width, height = self.scene.frustum.resolution
         size = max(1, AVERAGED_PIXELS // width)
@@ -171,20 +174,20 @@ class Reference:
         sampling: Sampling | None = None,
         seed: int = 0,
     ) -> Converged:
-        """Return the color of the whole aperture, not of some points of it (paper, section 6).
+        """Return the color averaged over the whole aperture, not over some points of it (paper, section 6).
 
         Parameters
         ----------
         aperture
-            Its middle. It is as large as the pitch of the plate's hogels.
+            Middle of the aperture, which is as large as the pitch of the plate's hogels.
         tolerance
-            Root mean square of the standard error over pixels and channels, in radiance, to be reached;
-            `Converged.error` says what was reached.
+            Largest root mean square of the standard error over pixels and channels, in radiance;
+            `Converged.error` is the one that was reached.
         sampling
-            How the pixels' boxes are sampled; None for the scene's own. Its number of sub-apertures
-            means nothing here.
+            Sampling of the pixels' boxes; None for the scene's own. Its number of sub-apertures is not
+            used.
         seed
-            Another seed gives other, independent points.
+            Seed of the points; another one gives independent points.
         """
         side = points_per_side(self.scene.sampling if sampling is None else sampling)
         rows = range(self.scene.frustum.resolution[1])
@@ -195,13 +198,13 @@ class Reference:
         return converged(mean, self.scene.plate, aperture, tolerance, seed)
 
     def decide(self, aperture: Aperture) -> Iterator[FirstSurfaces]:
-        """Yield who is first along each line, and nothing else, in bands of rows from the top."""
+        """Yield the first surfaces alone, without points or color, in bands of rows from the top."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
         decide = Certifier(self.scene.triangles, pencil).decide
         yield from in_parallel(decide, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
-        """Return what the cameras that settings ask for would draw without any rounding."""
+        """Return the image that the cameras of these settings would draw without any rounding."""
         settings.check_against(self.scene.frustum)
         pencil = crossed_frustum(self.scene.frustum, aperture)
         cameras = model_cameras(self.scene.frustum, aperture, settings)
@@ -214,30 +217,30 @@ class Reference:
         return stacked(list(in_parallel(band, pencil.resolution)))
 
     def gaps(self, aperture: Aperture) -> Floats:
-        """Return how far behind each pixel's first surface the same camera sees the next one, (H, W).
+        """Return the gaps between each pixel's first surface and the next one on the same side, (H, W).
 
-        In |z|, scene units: for C, which keeps the nearest surface behind the plate, to the second
-        nearest; for C*, which keeps the farthest before the plate, to the second farthest. Infinite where
-        there is none on that side of the plate.
+        A gap is a difference of |z|, in scene units: for C, which keeps the nearest surface behind the
+        plate, to the second nearest; for C*, which keeps the farthest before the plate, to the second
+        farthest. It is infinite where there is no second surface on that side of the plate.
 
-        From the narrow phase of the truth, in double precision: no triangle is left out that a line
-        surely meets, and each gap is off by no more than the bounds of rounding of its two surfaces, some
-        1e-15 of |z| unless seen edge-on. Surfaces closer than that count as one, so that a point shared by
-        two triangles is not behind itself. A line that passes an edge within rounding, where coverage would
-        have to be decided in integers, is not taken to meet that triangle.
+        Gaps come from the narrow phase of the truth, in double precision: no triangle is left out that a
+        line surely meets, and each gap is off by no more than the bounds of rounding of its two surfaces,
+        some 1e-15 of |z| unless seen edge-on. Surfaces closer than that count as one, so that a point shared
+        by two triangles is not behind itself. A line that passes an edge within rounding, where coverage
+        would have to be decided in integers, is not taken to meet that triangle.
         """
         pencil = crossed_frustum(self.scene.frustum, aperture)
         gaps = RunnersUp(self.scene.triangles, pencil).gaps
         return np.concatenate(list(in_parallel(gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)))
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
-        """Return which points the true frustum of an aperture does not see; see `visibility.hidden`."""
+        """Return which points are hidden from the true frustum of an aperture; see `visibility.hidden`."""
         return hidden(self.tracer, self.scene, crossed_frustum(self.scene.frustum, aperture), points)
 
     def rendering(self, sampling: Sampling | None = None) -> Rendering:
-        """Return what the color of a true image is made of; sampling as for `trace`."""
+        """Return the effects and samples of a true image's color; sampling as for `trace`."""
         return Rendering.of(self._shader.effects, self.scene.sampling if sampling is None else sampling)
 
     def camera(self, aperture: Aperture) -> HogelCamera:
-        """Return the true frustum of an aperture, as its image carries it."""
+        """Return the true frustum of an aperture, as its image has it."""
         return self._pictures.camera(aperture)

@@ -1,7 +1,7 @@
 """Arguments of the public dataclasses, taken as numbers and names, or not at all.
 
-Every class says itself what it needs. What is no number becomes NaN here, and what is no count a
-number below all counts, so that the class's own test refuses both and its message shows what was given.
+Every class states its own needs. A value that is no number becomes NaN here, and one that is no count becomes
+a number below all counts, so that the class's own test refuses both and its message shows what was given.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from xfrustum.scenes.errors import InputError
 Choice = TypeVar("Choice", bound=StrEnum)
 
 NO_COUNT = -1
-"""In place of what is no whole number: below every count that is allowed."""
+"""Number that takes the place of a value that is no whole number; it is below every allowed count."""
 
 
 def real(value: object) -> float:
@@ -38,7 +38,7 @@ def reals(values: object, length: int | None = None) -> tuple[float, ...]:
     values
         Any sequence but a text.
     length
-        How many there must be; any number where None.
+        Number of values that are needed; None for any.
     """
     found = _items(values)
     wrong = found is None or (length is not None and len(found) != length)
@@ -68,7 +68,7 @@ def choice(kind: type[Choice], value: object, name: str) -> Choice:
     Raises
     ------
     InputError
-        It is neither.
+        The value is neither.
     """
     try:
         return kind(value)  # type: ignore[arg-type]  # an enumeration takes anything, and refuses it
@@ -82,7 +82,7 @@ def switch(value: object, name: str) -> bool:
     Raises
     ------
     InputError
-        It is something else.
+        The value is neither True nor False.
     """
     if value is True or value is False:
         return value

@@ -12,10 +12,10 @@ Singles = NDArray[np.float32]
 """The same in single precision, as images and graphics cards hold them."""
 
 Mask = NDArray[np.bool_]
-"""Pixels, or whatever else, of which something is true."""
+"""Truth values of pixels, triangles or other elements."""
 
 Indices = NDArray[np.int64]
-"""Places in another array."""
+"""Places of elements in another array."""
 
 Numbers = NDArray[np.int32]
 """Numbers of triangles and objects, as images hold them; `NOTHING` where there is none."""

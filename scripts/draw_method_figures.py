@@ -42,10 +42,10 @@ class Drawing:
             f'<polyline points="{path}" fill="none" stroke="{color}" stroke-width="{width}"{dashed}/>'
         )
 
-    def area(self, points: Iterable[Point], color: str) -> None:
-        """Fill a polygon faintly."""
+    def area(self, points: Iterable[Point], color: str, opacity: float = 0.15) -> None:
+        """Fill a polygon, faintly by default."""
         path = " ".join(f"{x:.2f},{y:.2f}" for x, y in map(self._at, points))
-        self._elements.append(f'<polygon points="{path}" fill="{color}" fill-opacity="0.15"/>')
+        self._elements.append(f'<polygon points="{path}" fill="{color}" fill-opacity="{opacity}"/>')
 
     def dot(self, point: Point, color: str = INK) -> None:
         """Mark a point."""
@@ -164,24 +164,40 @@ def shear() -> Drawing:
 
 
 def slabs() -> Drawing:
-    """Return two cuts on either side, and where the cameras of each slab stand."""
+    """Return two cuts on either side, the part of space that each slab draws, and the cameras' places."""
     drawing = Drawing((75, 50))
-    cuts = (0.8, 1.8, REACH)
+    near, cuts = 0.35, (0.9, 2.0, REACH)
     _plate(drawing)
+    # Fitted to the first cut: the cameras of the first slab span there what the true frustum spans.
+    fitted = SLOPE * cuts[0] / (cuts[0] + near)
+    window, first = near * fitted, cuts[0] * SLOPE
     for side, color in ((-1, BACK), (1, FRONT)):
-        for near, far in ((0.8, 1.8), (1.8, REACH)):
-            corners = ((near, near), (far, far), (far, -far), (near, -near))
+        drawing.area(
+            [(0, window), (side * cuts[0], first), (side * cuts[0], -first), (0, -window)], color, 0.45
+        )
+        for begin, end in ((cuts[0], cuts[1]), (cuts[1], cuts[2])):
+            corners = ((begin, begin), (end, end), (end, -end), (begin, -begin))
             drawing.area([(side * depth, SLOPE * aside) for depth, aside in corners], color)
         for cut in cuts[:-1]:
             drawing.line([(side * cut, -1.6), (side * cut, 1.6)], color, 1, "4 4")
         for sign in (-1, 1):
-            drawing.line([(0, 0), (side * REACH, sign * REACH * SLOPE)], color, 1.5)
-        drawing.dot((-side * 0.3, 0), color)
+            drawing.line([(side * cuts[0], sign * first), (side * REACH, sign * REACH * SLOPE)], color, 1.5)
+            drawing.line([(0, 0), (side * cuts[0], sign * first)], FAINT, 1, "4 4")
+        drawing.text((side * cuts[0], 1.6), "z1", color, shift=(0, -6))
+        drawing.text((side * cuts[1], 1.6), "z2", color, shift=(0, -6))
+    for side, color in ((-1, BACK), (1, FRONT)):
+        for sign in (-1, 1):
+            drawing.line([(-side * near, 0), (side * cuts[0], sign * first)], color, 1)
+        drawing.dot((-side * near, 0), color)
     drawing.dot((0, 0))
-    drawing.text((0.8, 1.6), "z1", FRONT, shift=(10, 10))
-    drawing.text((1.8, 1.6), "z2", FRONT, shift=(10, 10))
-    drawing.text((REACH, -2.1), "all others: from the aperture", INK, "end", (-4, 6))
-    drawing.text((-REACH, 2.1), "first slab, |z| &lt; z1: from the offset cameras", INK, "start", (0, -6))
+    drawing.line([(-0.6, -0.15), (-1.15, -1.7)], INK, 1)
+    drawing.line([(1.7, -0.4), (1.6, -1.7)], INK, 1)
+    for middle, lines in (
+        (-1.25, ("first slab: cameras", "stand n off the plate")),
+        (1.55, ("other slabs: cameras", "stand in the aperture")),
+    ):
+        for number, words in enumerate(lines):
+            drawing.text((middle, -1.7), words, shift=(0, 16 + 17 * number))
     return drawing
 
 

@@ -1,10 +1,15 @@
-"""What every test may ask for."""
+"""Fixtures for every test."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run, however long one takes on a loaded machine.
+settings.register_profile("xfrustum", derandomize=True, deadline=None)
+settings.load_profile("xfrustum")
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 

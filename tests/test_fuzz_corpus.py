@@ -1,4 +1,4 @@
-"""What fuzzing once found stays found: every input of the corpus ends as every input must."""
+"""Faults that fuzzing once found stay mended: every input of the corpus ends as every input must."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.fuzz.replay import entries
 
 @pytest.fixture(scope="module")
 def replayed() -> dict[str, list[str]]:
-    """What each input finds; in a process that can fork, which this one, with its threads, cannot."""
+    """Return the findings of each input, from another process: this one has threads and must not fork."""
     checkout = Path(__file__).resolve().parents[1]
     line = [sys.executable, "-m", "tests.fuzz.replay"]
     done = subprocess.run(line, cwd=checkout, capture_output=True, check=True)

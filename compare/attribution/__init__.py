@@ -1,8 +1,9 @@
 """Every wrong pixel charged to its cause.
 
 budget           Every wrong pixel charged to one link of the chain, and every rounding explained
-explain          Why does the rasterizer show another triangle than its own cameras, traced exactly?
+explain          Causes of pixels where our rasterizer shows another triangle than its own cameras, traced
+                 exactly
 radiance_budget  The radiance error of an image, link by link: signed differences that add up
-wrong_by_depth   Which pixels show a wrong surface because of the depth buffer: those that are right
-                 with an exact one
+wrong_by_depth   Pixels that show a wrong surface because of the depth buffer: they are right with an
+                 exact one
 """

@@ -5,24 +5,52 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.attribution.explain import Explanation, explain
+from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, RASTERIZATION, Chain
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
+from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.scene import Scene
 
 RIGHT = -1
-"""In a map of charges: the pixel is right in the end, or not judged."""
+"""Value in a map of charges of a pixel that is right in the end, or not judged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkNumbers:
+    """What one link of the chain does, measured and predicted; None where nothing is displaced."""
+
+    name: str
+    pixels: int
+    triangle: int
+    surface: int
+    displacement_rms_px: float | None
+    height_rms: float | None
+    predicted_displacement_rms_px: float | None
+    predicted_surface: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetNumbers:
+    """The numbers of a `Budget`, without its images, as they are written."""
+
+    judged: int
+    wrong: int
+    links: tuple[LinkNumbers, ...]
+    explained: dict[str, int]
+    cancelled: int
+    unexplained: int
+    not_in_every_link: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +64,7 @@ class VectorBudget:
     total
         (H, W, components) last image minus first.
     elsewhere
-        Pixels left out, because some image shows no surface or one in the plate.
+        Number of pixels left out, because some image shows no surface or one in the plate.
     """
 
     steps: Floats
@@ -65,18 +93,18 @@ class Budget:
     Attributes
     ----------
     judged, wrong, cancelled
-        Pixels whose truth is no tie; of those that show another triangle in the end; of those that
-        are right although some link changed them.
+        Number of pixels whose truth is no tie; of judged pixels that show another triangle in the end; of
+        judged pixels that are right although some link changed them.
     charge
         (H, W) number of the link that each wrong pixel is charged to, else `RIGHT`.
     surface_charge
-        (H, W) the same by surfaces: the link from which on the pixel stays wrong.
+        (H, W) the same by surfaces: number of the link from which on the pixel shows a wrong surface.
     explanation
-        Of the pixels charged to rasterization and depth.
+        Causes of the pixels charged to rasterization and depth.
     displacement, height
-        In pixels (columns and rows) and in scene units.
+        Budgets of both, in pixels (columns and rows) and in scene units.
     predicted
-        What closed forms say of each link.
+        Prediction of each link by closed forms.
     """
 
     judged: int
@@ -84,37 +112,44 @@ class Budget:
     cancelled: int
     charge: NDArray[np.int8]
     surface_charge: NDArray[np.int8]
-    explanation: Explanation
+    explanation: Causes
     displacement: VectorBudget
     height: VectorBudget
     predicted: tuple[LinkPrediction, ...]
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `budget --json` prints them."""
+    @property
+    def numbers(self) -> BudgetNumbers:
+        """The numbers alone, without the images."""
         counts = self.explanation.counts()
         unexplained = counts.pop("unexplained")
         moved, raised = self.displacement.rms(), self.height.rms()
-        return {
-            "judged": self.judged,
-            "wrong": self.wrong,
-            "links": [
-                {
-                    "name": name,
-                    "pixels": int((self.charge == link).sum()),
-                    "triangle": int((self.charge == link).sum()),
-                    "surface": int((self.surface_charge == link).sum()),
-                    "displacement_rms_px": moved[link],
-                    "height_rms": raised[link],
-                    "predicted_displacement_rms_px": self.predicted[link].displacement_rms_px,
-                    "predicted_surface": self.predicted[link].surface_pixels,
-                }
-                for link, name in enumerate(LINKS)
-            ],
-            "explained": counts,
-            "cancelled": self.cancelled,
-            "unexplained": unexplained,
-            "not_in_every_link": self.displacement.elsewhere,
-        }
+        links = (
+            LinkNumbers(
+                name=name,
+                pixels=int((self.charge == link).sum()),
+                triangle=int((self.charge == link).sum()),
+                surface=int((self.surface_charge == link).sum()),
+                displacement_rms_px=moved[link],
+                height_rms=raised[link],
+                predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
+                predicted_surface=self.predicted[link].surface_pixels,
+            )
+            for link, name in enumerate(LINKS)
+        )
+        return BudgetNumbers(
+            judged=self.judged,
+            wrong=self.wrong,
+            links=tuple(links),
+            explained=counts,
+            cancelled=self.cancelled,
+            unexplained=unexplained,
+            not_in_every_link=self.displacement.elsewhere,
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as `budget --json` prints them."""
+        numbers = self.numbers
+        return {**asdict(numbers), "links": [asdict(link) for link in numbers.links]}
 
 
 def make_budget(reference: Reference, chain: Chain) -> Budget:
@@ -164,7 +199,7 @@ def _surface_charge(reference: Reference, chain: Chain, judged: Mask) -> NDArray
     return np.where(wrong[-1], _last(~wrong[:-1]), RIGHT).astype(np.int8)
 
 
-def _explained(scene: Scene, chain: Chain, charge: NDArray[np.int8]) -> Explanation:
+def _explained(scene: Scene, chain: Chain, charge: NDArray[np.int8]) -> Causes:
     """Explain what rasterization did to the model, and depth to the rasterization."""
     parts = []
     for link in (RASTERIZATION, DEPTH):

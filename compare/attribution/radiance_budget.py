@@ -16,7 +16,7 @@ Those in brackets are there where the scene asks for them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,8 +50,45 @@ LOCAL_LINKS = (*LINKS, EYE_VECTOR, SHADING)
 double precision: the device interpolates normals, colors and texture coordinates, and evaluates the light
 model."""
 
-MOST_PIXELS = 1 << 22
-"""Of a chain's six images: bounds the memory, some 500 bytes a pixel."""
+MAX_CHAIN_PIXELS = 1 << 22
+"""Largest number of pixels of each of a chain's six images: it bounds the memory, some 500 bytes a pixel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceChange:
+    """How far linear radiance changes: over all judged pixels, and where all images show the same triangle.
+
+    Each is None where there is no such pixel.
+    """
+
+    mean: float | None
+    rms: float | None
+    max: float | None
+    rms_same_triangle: float | None
+    max_same_triangle: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceLink:
+    """What one link adds to the radiance error; see `RadianceChange` and `RadianceBudget.errors`."""
+
+    name: str
+    mean: float | None
+    rms: float | None
+    max: float | None
+    rms_same_triangle: float | None
+    max_same_triangle: float | None
+    standard_error: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceNumbers:
+    """The numbers of a `RadianceBudget`, without its images, as they are written."""
+
+    judged: int
+    same_triangle: int
+    links: tuple[RadianceLink, ...]
+    total: RadianceChange
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,17 +98,17 @@ class RadianceBudget:
     Attributes
     ----------
     links
-        Names, in order.
+        Names of the links, in order.
     change
-        What each link adds, (links, H, W, 3) linear RGB, and their total; nothing is left out, for a pixel
-        that shows no surface is black.
+        Radiance that each link adds, (links, H, W, 3) linear RGB, and their total; nothing is left out, for a
+        pixel that shows no surface is black.
     judged
         (H, W) pixels whose truth is no tie.
     same
         (H, W) judged pixels that show the same triangle in all images of the chain.
     errors
-        By link: root mean square over the pixels of the standard error of what it is measured against,
-        where that is known from samples.
+        Standard error of the image that a link is measured against, root mean square over the pixels, by the
+        name of the link; only for links that are measured against samples.
     """
 
     links: tuple[str, ...]
@@ -80,27 +117,34 @@ class RadianceBudget:
     same: Mask
     errors: dict[str, float]
 
+    @property
+    def numbers(self) -> RadianceNumbers:
+        """The numbers alone, without the images."""
+        links = (
+            RadianceLink(name=name, **vars(self._change(step)), standard_error=self.errors.get(name))
+            for name, step in zip(self.links, self.change.steps, strict=True)
+        )
+        return RadianceNumbers(
+            judged=int(self.judged.sum()),
+            same_triangle=int(self.same.sum()),
+            links=tuple(links),
+            total=self._change(self.change.total),
+        )
+
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `budget --json` prints them."""
-        return {
-            "judged": int(self.judged.sum()),
-            "same_triangle": int(self.same.sum()),
-            "links": [
-                {"name": name, **self._numbers(step), "standard_error": self.errors.get(name)}
-                for name, step in zip(self.links, self.change.steps, strict=True)
-            ],
-            "total": self._numbers(self.change.total),
-        }
+        numbers = self.numbers
+        return {**asdict(numbers), "links": [asdict(link) for link in numbers.links]}
 
-    def _numbers(self, change: Floats) -> dict[str, float | None]:
+    def _change(self, change: Floats) -> RadianceChange:
         everywhere, same = change[self.judged], change[self.same]
-        return {
-            "mean": float(everywhere.mean()) if len(everywhere) else None,
-            "rms": _rms(everywhere),
-            "max": float(np.abs(everywhere).max()) if len(everywhere) else None,
-            "rms_same_triangle": _rms(same),
-            "max_same_triangle": float(np.abs(same).max()) if len(same) else None,
-        }
+        return RadianceChange(
+            mean=float(everywhere.mean()) if len(everywhere) else None,
+            rms=_rms(everywhere),
+            max=float(np.abs(everywhere).max()) if len(everywhere) else None,
+            rms_same_triangle=_rms(same),
+            max_same_triangle=float(np.abs(same).max()) if len(same) else None,
+        )
 
 
 def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
@@ -112,9 +156,9 @@ def local_colors(scene: Scene, chain: Chain, side: int = 1) -> Floats:
     Parameters
     ----------
     scene, chain
-        The one that the other shows.
+        Scene, and images that show it.
     side
-        Each color is the mean over so many by so many of the chain's pixels.
+        Number of the chain's pixels along each side of the square over which a color is the mean.
     """
     shader, drawn = Shader(scene), chain.images[-1]
     if drawn.color is None:
@@ -141,9 +185,9 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | N
     Parameters
     ----------
     scene
-        With the sampling and the light transport that are asked for.
+        Scene with the sampling and the light transport that are asked for.
     chain
-        Of one aperture, sampled once per pixel.
+        Images of one aperture, sampled once per pixel.
     done
         Called `steps` times on the way.
     """
@@ -202,14 +246,14 @@ def averaged_colors(
     Raises
     ------
     InputError
-        A chain would have more than `MOST_PIXELS`.
+        A chain would have more than `MAX_CHAIN_PIXELS`.
     """
     side = points_per_side(scene.sampling)
     width, height = scene.frustum.resolution
-    if side * side * width * height > MOST_PIXELS:
+    if side * side * width * height > MAX_CHAIN_PIXELS:
         raise InputError(
             f"{width} x {height} pixels with {side} x {side} points each are too many to take apart; "
-            f"lower frustum.resolution or sampling, to {MOST_PIXELS:,} points at most"
+            f"lower frustum.resolution or sampling, to {MAX_CHAIN_PIXELS:,} points at most"
         )
     fine = replace(
         scene, frustum=replace(scene.frustum, resolution=(side * width, side * height)), sampling=Sampling()

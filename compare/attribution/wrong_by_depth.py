@@ -1,4 +1,4 @@
-"""Which pixels show a wrong surface because of the depth buffer: those that are right with an exact one.
+"""Pixels that show a wrong surface because of the depth buffer: they are right with an exact one.
 
 This is the last link of the chain (docs/method.md, "The error budget"), for wrong surfaces alone.
 """

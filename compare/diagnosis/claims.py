@@ -1,4 +1,4 @@
-"""What images claim: this pixel, of this file, shows this triangle."""
+"""The claims of images: this pixel, of this file, shows this triangle."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 POINT_SIZE = 2.0**-24
-"""Size of the triangle that stands for a claimed point, relative to the point's largest coordinate:
-the rounding with which images store points."""
+"""Size of the triangle that stands for a claimed point, relative to the point's largest coordinate: the
+rounding to float32, in which images store points."""
 
-
-MOST = 6000
-"""Claims of one hogel."""
+MAX_HOGEL_CLAIMS = 6000
+"""Largest number of claims taken from one hogel, so that no hogel outvotes the others. Three hogels give more
+than `geometry_fit` ever uses (16,000)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,11 +33,12 @@ class Claims:
     pixel
         (N, 2) column and row in the file.
     corners
-        (N, 3, 3) of the triangles.
+        (N, 3, 3) corners of the triangles, scene units.
     size, hogels
-        Columns and rows of the files, and of the plate.
+        Columns and rows of the images, and of the plate.
     of_points
-        Whether the triangles stand for claimed points, which say themselves where the scene is.
+        Whether the triangles stand for claimed points. These lie in the scene as the renderer has it, moved
+        or scaled; triangles lie in the scene as it was asked for.
     """
 
     hogel: Indices
@@ -63,20 +64,20 @@ class Claims:
         )
 
     def thinned(self, count: int, seed: int = 0) -> Claims:
-        """Return at most so many claims, drawn at random."""
+        """Return at most `count` claims, drawn at random with a fixed seed."""
         if len(self) <= count:
             return self
         return self.chosen(np.sort(np.random.default_rng(seed).choice(len(self), count, replace=False)))
 
     def film(self, orientation: Orientation) -> Floats:
-        """Return u and v (N, 2) of the pixels' centers once the images are upright."""
+        """Return film coordinates u and v (N, 2) of the pixels' centers after the images are made upright."""
         column, row = orientation.cells(self.pixel[:, 0], self.pixel[:, 1], self.size)
         return np.stack(
             ((2 * column + 1) / self.size[0] - 1, 1 - (2 * row + 1) / self.size[1]), axis=-1
         ).astype(np.float64)
 
     def apertures(self, order: Orientation, plate: tuple[float, float]) -> Floats:
-        """Return x and y (N, 2) of the apertures once these are in order."""
+        """Return x and y (N, 2) of the apertures after these are put in order, scene units."""
         column, row = order.cells(self.hogel[:, 0], self.hogel[:, 1], self.hogels)
         return np.stack(
             (
@@ -88,9 +89,9 @@ class Claims:
 
 
 def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
-    """Collect what images claim, at the outlines of triangles: elsewhere a small move changes nothing.
+    """Collect the claims of images at the outlines of triangles, where a small move of the geometry shows.
 
-    An image that names no triangles, but surface points, claims these.
+    From an image that names no triangles the surface points are taken as claims.
     """
     hogel, pixel, corners = [], [], []
     of_points = True
@@ -121,14 +122,14 @@ def claims_of(scene: Scene, images: Sequence[HogelImage]) -> Claims:
 
 
 def _some(count: int) -> Indices:
-    """Return which of a hogel's claims are taken: no hogel outvotes the others."""
-    if count <= MOST:
+    """Return the numbers of at most `MAX_HOGEL_CLAIMS` claims of a hogel, drawn at random."""
+    if count <= MAX_HOGEL_CLAIMS:
         return np.arange(count)
-    return np.sort(np.random.default_rng(count).choice(count, MOST, replace=False))
+    return np.sort(np.random.default_rng(count).choice(count, MAX_HOGEL_CLAIMS, replace=False))
 
 
 def outlines(labels: NDArray[np.integer]) -> Mask:
-    """Return the pixels beside one of another label, or of nothing, (H, W)."""
+    """Return the pixels that have a neighbor with another label or beyond the image's border, (H, W)."""
     padded = np.pad(labels, 1, constant_values=NOTHING - 1)
     inner = padded[1:-1, 1:-1]
     beside = (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
@@ -136,7 +137,7 @@ def outlines(labels: NDArray[np.integer]) -> Mask:
 
 
 def _as_triangles(points: Floats) -> Floats:
-    """Return triangles (N, 3, 3) parallel to the plate, as small as the points are known."""
+    """Return triangles (N, 3, 3) parallel to the plate around points, `POINT_SIZE` large."""
     size = POINT_SIZE * np.abs(points).max(axis=1, initial=0.0)
     corners = np.array([[1.0, 0.0, 0.0], [-0.5, 0.75, 0.0], [-0.5, -0.75, 0.0]])
     return np.asarray(points[:, None] + size[:, None, None] * corners)

@@ -1,4 +1,4 @@
-"""Which of the two halves wins where: found by comparing with every way to put them together."""
+"""The way in which the two halves are put together, found by trying every one."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.renderer_model.drawn_color import colored
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
-from xfrustum.compare.renderer_model.drawn_trace import as_image, drawn_layers, overlaid, trace_drawn
+from xfrustum.compare.renderer_model.drawn_trace import as_image, drawn_layers, trace_drawn
 from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE
 from xfrustum.reference import Reference
+from xfrustum.reference.layers import overlaid
 from xfrustum.scenes.arrays import Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
-TELLING = 20
-"""Pixels in which two ways of putting the halves together must differ, before images can tell them
-apart: fewer may be outlines that rounding has moved."""
+MIN_DIFFERING_PIXELS = 20
+"""Smallest number of pixels in which two ways of putting the halves together must differ for images to tell
+them apart: fewer may be outlines that rounding has moved."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """How the halves are put together; by default as they must."""
+    """A way to put the halves together; the default is the right one."""
 
     front: Front = Front.FARTHEST
     overlaid: bool = True
@@ -45,11 +46,13 @@ WAYS = (
     Way(culled=Culled.COUNTERCLOCKWISE),
     Way(culled=Culled.CLOCKWISE),
 )
-"""The right one first; of those that images cannot tell apart, the first is named first."""
+"""All ways to put the halves together, the right one first. Of ways that images cannot tell apart, the one
+that comes first here is named first."""
 
-ALIKE_PART = 0.98
-"""Part of the pixels that the best way makes right which another must make right too, to be called alike: of
-closed bodies, the surface nearest to the plate remains when faces toward the viewer are left out."""
+MIN_ALIKE_FRACTION = 0.98
+"""Smallest gain of a way, as a share of the best way's gain in right pixels, with which images cannot tell it
+from the best. Two ways can be alike: on closed bodies, leaving out the faces toward the viewer leaves the
+surface nearest to the plate. Two percent leave room for outlines, which rounding moves."""
 
 
 def find_composition(
@@ -57,39 +60,42 @@ def find_composition(
 ) -> tuple[DrawnModel, ...]:
     """Return a guess with the way of putting the halves together that images agree with best.
 
-    It differs from the right one only where, of the pixels that tell the two apart, the images show
-    the other more often. Other ways that images agree with as well follow it.
+    The result differs from the right way only where most pixels that tell the two apart speak against the
+    right one. Other ways that agree with the images as well follow it.
 
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     model
-        Whose conventions and geometry are right.
+        Guess with the right conventions and geometry.
     images
-        As found, naming triangles or objects, or with colors.
+        Hogels as found, which name triangles or objects, or have colors.
     """
+    # Step 1: nothing is to be found where the right way explains nearly every pixel.
     right = sum(int(_differ(*_shown(reference, model, WAYS[0], image)).sum()) for image in images)
-    if right < TELLING:
+    if right < MIN_DIFFERING_PIXELS:
         return (WAYS[0].of(model),)
     wrong, differing = np.zeros(len(WAYS)), np.zeros(len(WAYS))
     for image in images:
         shown, ways = _compared(reference, model, image)
         wrong += [np.count_nonzero(_differ(picture, shown)) for picture in ways]
         differing += [np.count_nonzero(_differ(picture, ways[0])) for picture in ways]
+    # Step 2: a way is better where it makes more than half of the pixels right in which it differs from the
+    # right way. If it is the renderer's own, it makes all of them right.
     gained = wrong[0] - wrong
-    # Where the other way holds, each pixel that differs is wrong by the right one; half of them suffice.
-    telling = (differing >= TELLING) & (gained > differing / 2)
+    telling = (differing >= MIN_DIFFERING_PIXELS) & (gained > differing / 2)
     if not telling.any():
         return (WAYS[0].of(model),)
-    alike = np.flatnonzero(telling & (gained >= ALIKE_PART * gained[telling].max()))
+    # Step 3: the best way, and those that gain nearly as much.
+    alike = np.flatnonzero(telling & (gained >= MIN_ALIKE_FRACTION * gained[telling].max()))
     return tuple(WAYS[index].of(model) for index in alike.tolist())
 
 
 def _shown(
     reference: Reference, model: DrawnModel, way: Way, image: HogelImage
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return what an image shows, upright, and what one way would show."""
+    """Return an image, upright, and the image that one way would draw."""
     shown, (expected,) = _compared(reference, model, image, (way,))
     return shown, expected
 
@@ -97,7 +103,7 @@ def _shown(
 def _compared(
     reference: Reference, model: DrawnModel, image: HogelImage, ways: Sequence[Way] = WAYS
 ) -> tuple[NDArray[Any], list[NDArray[Any]]]:
-    """Return what an image shows, upright, and what each of some ways would: numbers (H, W), or colors."""
+    """Return an image, upright, and what each of some ways would draw: numbers (H, W), or colors."""
     scene, upright = reference.scene, model.orientation.upright
     aperture = model.answers(scene, image.camera.aperture)
     models = [way.of(model) for way in ways]
@@ -121,9 +127,9 @@ def _differ(one: NDArray[Any], other: NDArray[Any]) -> Mask:
 
 
 def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> float | None:
-    """Return the share of the viewer's half in another color that lights which are not conjugated explain.
+    """Return how much of the wrong color in the viewer's half unconjugated lights explain.
 
-    None where no color is wrong there.
+    The result is a share of the viewer's half's wrong pixels; None where none is wrong.
     """
     scene, wrong, explained = reference.scene, 0, 0
     for image in images:
@@ -133,7 +139,7 @@ def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence
         answer = trace_drawn(reference, model, aperture)
         mine, number = model.orientation.upright(image.color), model.orientation.upright(image.triangle)
         asked = answer.height > model.plate_height
-        # Another surface has another color for other reasons.
+        # Where another surface shows, its color says nothing of lights.
         asked &= (number == answer.triangle) | (number == NOTHING)
         ways = (replace(model, conjugated=conjugated) for conjugated in (True, False))
         colors = [np.asarray(colored(scene, way, answer).color) for way in ways]
@@ -144,11 +150,10 @@ def unconjugated_share(reference: Reference, model: DrawnModel, images: Sequence
 
 
 def exchanged_light(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> list[float]:
-    """Return, for each half, how brightness goes with the truth's: correlations, back then front.
+    """Return the correlation of brightness with the truth's behind the plate, then on the viewer's side.
 
-    Where the light of C* is not its conjugate, what should be bright on the viewer's side is dark and
-    the reverse: the correlation is not positive there, and one behind the plate. NaN where a half
-    shows too little to tell.
+    Where the light of C* is not conjugated, bright and dark are exchanged on the viewer's side: the
+    correlation is not positive there, while it is 1 behind the plate. NaN where a half shows too little.
     """
     samples: tuple[list[NDArray[np.floating]], ...] = ([], [])
     for image in images:
@@ -157,7 +162,7 @@ def exchanged_light(reference: Reference, model: DrawnModel, images: Sequence[Ho
         truth = reference.trace(model.answers(reference.scene, image.camera.aperture))
         assert truth.color is not None
         mine = model.orientation.upright(image.color).mean(axis=-1)
-        # Away from outlines, where both certainly show the same half.
+        # Only pixels away from outlines count: there truth and image certainly show the same half.
         labels = np.sign(np.nan_to_num(truth.height)).astype(np.int32)
         inner = labels == _eroded(labels)
         for side, half in enumerate((-1, 1)):
@@ -167,7 +172,7 @@ def exchanged_light(reference: Reference, model: DrawnModel, images: Sequence[Ho
 
 
 def _eroded(labels: Numbers) -> Numbers:
-    """Return labels, 0 where one of the eight neighbors has another."""
+    """Return the labels, with 0 wherever one of the eight neighbors has another label."""
     padded = np.pad(labels, 1)
     height, width = labels.shape
     same = np.ones_like(labels, dtype=np.bool_)
@@ -177,6 +182,6 @@ def _eroded(labels: Numbers) -> Numbers:
 
 
 def _correlation(pairs: NDArray[np.floating]) -> float:
-    if pairs.shape[1] < TELLING or min(np.ptp(pairs, axis=1)) == 0:
+    if pairs.shape[1] < MIN_DIFFERING_PIXELS or min(np.ptp(pairs, axis=1)) == 0:
         return float("nan")
     return float(np.corrcoef(pairs)[0, 1])

@@ -9,7 +9,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.claims import claims_of
 from xfrustum.compare.diagnosis.composition import exchanged_light, find_composition, unconjugated_share
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.diagnosis.faults import CONVENTIONS, MISTAKEN_UNITS, Fault, faults_of, lights_fault
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
@@ -20,28 +20,29 @@ from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
-ENOUGH = 100
-"""Claims that it takes to fit seven numbers and two symmetries, with some to spare."""
+MIN_FITTED_CLAIMS = 100
+"""Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted and the
+two symmetries."""
 
-
-TRIED_DEPTHS = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""Shares of the scene's vertices below the heights at which pictures are tried to be explained otherwise."""
+TRIED_VERTEX_FRACTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Shares of the scene's vertices that lie below the tried heights. At each of these heights another
+explanation of the pictures is tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What was found out about a renderer.
+    """A renderer's way to draw, and its faults.
 
     Attributes
     ----------
     model
-        How it draws; what was asked for, where no guess explains what it shows.
+        Guess that explains the images; the nominal one where no guess does.
     faults
-        What of that is otherwise than asked.
+        Faults of the renderer: the differences between this guess and what was asked.
     does_not_explain
-        What would be otherwise by the best guess, where that explains too little to be a finding.
+        Faults of the best guess where it explains too little to be a finding.
     means
-        What it was found by, in words.
+        Words for the data and the method that led to the guess.
     """
 
     model: DrawnModel
@@ -61,22 +62,23 @@ def diagnose(
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     images
-        Some of its hogels as found, each with the camera of the aperture that its file is named after.
+        Some of the renderer's hogels as found, each with the camera of the aperture that its file is named
+        after.
     nominal
-        What its author says of it.
+        Model of the renderer by its author's statements.
     judging
-        What counts as wrong.
+        Rules for what counts as wrong.
     """
     test = ExplanationTest(reference=reference, images=images, nominal=nominal, judging=judging or Judging())
     if not images or test.wrong(nominal):
         found = _of_wrong(test)
     else:
-        # There is nothing to be explained: what fits a little better is noise.
+        # Nothing needs an explanation: a guess that fits a little better fits noise.
         means = f"{len(test.tested)} hogels, in which nothing is wrong"
         found = Diagnosis(model=nominal, faults=(), does_not_explain=(), means=means)
-    # Numbers say nothing of light: where images have both, it is tested by itself.
+    # Numbers of surfaces say nothing of light: where images have colors too, light is tested by itself.
     lights = _lights(reference, found.model, images) if not _by_color(images) else None
     if lights is None:
         return found
@@ -87,30 +89,34 @@ def diagnose(
 
 
 def _of_wrong(test: ExplanationTest) -> Diagnosis:
-    """Find out how a renderer draws whose images are wrong."""
+    """Find out how a renderer draws if some of its images are wrong."""
+    # Step 1: fit conventions and geometry, and leave out the hogels that the fit calls spoiled.
     reference, nominal = test.reference, test.nominal
     fit, means = _fitted(reference, test.images, nominal)
     images = [image for image in test.images if image.camera.aperture.index not in fit.spoiled]
     test = replace(test, images=images, known={})
+    # Step 2: plain pictures may be wrong because of their lights.
     lights = _lights(reference, fit.model, images) if _by_color(images) else None
     if lights is not None and _enough(lights.explains):
         fit = replace(fit, model=replace(fit.model, conjugated=False))
+    # Step 3: the guess that explains most, and the test whether it explains enough.
     guess = fit
     model, fit = _best(test, fit)
     faults, share = _named(test, model, fit), test.share(model)
-    if share is None or (faults and share >= LEAST_EXPLAINED):
+    if share is None or (faults and share >= MIN_EXPLAINED_FRACTION):
         if share is None or not test.pays(model):
-            # What is wrong is excused as it is.
+            # The wrong pixels have causes that are nobody's fault, and need no other guess.
             model, faults = nominal, ()
         return Diagnosis(model=model, faults=faults, does_not_explain=(), means=means)
-    # What fits best is told, though it does not explain, and though less of it may be as good.
+    # Step 4: no guess explains enough. The best fit is reported as doubtful, although fewer faults may do as
+    # well.
     doubted = faults or _named(test, guess.model, guess)
     doubted = tuple(map(doubtful, doubted))
     return Diagnosis(model=nominal, faults=(), does_not_explain=doubted, means=means)
 
 
 def _named(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
-    """Return what a guess has that was not asked for, and how much of what is wrong all of it explains."""
+    """Return the faults of a guess, each with the share of the wrong pixels that all of them explain."""
     faults = faults_of(test.reference.scene, test.nominal, model, fit)
     if not model.conjugated:
         faults = (*faults, lights_fault(*exchanged_light(test.reference, model, test.images)))
@@ -125,11 +131,11 @@ def _by_color(images: Sequence[HogelImage]) -> bool:
 def _fitted(
     reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel
 ) -> tuple[GeometryFit, str]:
-    """Return conventions and geometry by the best means that the images allow, and these in words."""
+    """Return conventions and geometry by the best means that the images allow, and the means in words."""
     claiming = [image for image in images if _claims(image)]
     claims = claims_of(reference.scene, claiming) if claiming else None
     pictures = [image for image in images if image.color is not None or _names_objects(image)]
-    if claims is not None and len(claims) >= ENOUGH:
+    if claims is not None and len(claims) >= MIN_FITTED_CLAIMS:
         fit = fit_geometry(claims, reference.scene, nominal)
         means = f"{len(claims):,} claims of {len(claiming)} hogels"
         means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
@@ -145,19 +151,22 @@ def _fitted(
 def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, GeometryFit]:
     """Return the guess that explains most of what is wrong, without faults that add nothing.
 
-    First what was fitted; where that explains too little, the nominal numbers, which other faults may
-    have misled the fit about; and then scenes in wrong units, which may leave too little to fit.
+    The fitted guess comes first. Where it explains too little, the nominal numbers are tried, because other
+    faults may have misled the fit; and then scenes in wrong units, which may show too little to be fitted.
     """
+    # Step 1: the fitted guess, with the halves put together as the images have them.
     nominal, scene = test.nominal, test.reference.scene
     model, *others = _composed(test, fit.model)
     if _enough(test.share(model)):
         also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(scene, nominal, model))
         return model, replace(fit, alternatives=also)
+    # Step 2: the alternatives of the fit. Claims cannot tell them apart, but the reach may cut them
+    # differently.
     for other in fit.alternatives:
-        # Numbers that claims cannot tell apart may differ in what the reach cuts off.
         if _enough(test.share(other)):
             rest = (fit.model, *(one for one in fit.alternatives if one != other))
             return other, _unbounded(fit, nominal, other, rest)
+    # Step 3: the nominal numbers under the conventions that were found, and gross mistakes.
     plain = fit.model.with_parameters(nominal.parameters)
     tried = [[model, *others]]
     if plain != fit.model:
@@ -165,27 +174,29 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
         plain = tried[-1][0]
     if test.hopeless and not _enough(test.share(plain)):
         whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
-        # Where too little is seen to fit, orientation and order may be misled too.
+        # Where too little is seen to be fitted, orientation and order may be wrong as well.
         for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
             tried += [[one] for one in (size, *_twins(scene, nominal, size))]
+    # Step 4: the best of all that were tried, without idle faults.
     found, *others = min(tried, key=lambda models: test.wrong(models[0]))
     best = test.reduced(found)
     others = [*(others if best == found else []), *_twins(scene, nominal, best)]
     if (best.scene_scale, best.pitch) == (model.scene_scale, model.pitch):
         return best, replace(fit, alternatives=(*fit.alternatives, *others))
-    # A common mistake, by which the images are right.
+    # The best guess is a common mistake of units: its interval is not known from a fit.
     return best, _unbounded(fit, nominal, best, others)
 
 
-SAME_FACTOR = 1e-3
-"""Difference between the pitches of columns and rows that is none: a tenth of a percent."""
+MAX_PITCH_DIFFERENCE = 1e-3
+"""Largest relative difference between the pitches of columns and rows at which they count as equal: each may
+be off by `parameters.SMALLEST_FACTOR`, half of this, without having a name."""
 
 
 def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnModel, ...]:
-    """Return guesses with other faults that show the same images, but for what the reach cuts off.
+    """Return guesses with other faults that show the same images, except for what the reach cuts off.
 
-    Through a centered frustum, all depends on (P - a) / s alone: apertures moved aside are a scene moved the
-    other way, and a scene so many times larger is a plate so many times smaller.
+    Through a centered frustum an image depends on (P - a) / s alone. Moving the apertures to one side equals
+    moving the scene to the other side, and enlarging the scene equals shrinking the plate by the same factor.
     """
     if scene.frustum.recentered:
         return ()
@@ -196,7 +207,7 @@ def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnM
     factor, other = model.scene_scale, model.pitch[0]
     if factor != nominal.scene_scale and model.pitch == nominal.pitch:
         found.append(replace(model, scene_scale=1.0, pitch=(other / factor, other / factor)))
-    elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= SAME_FACTOR:
+    elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
         found.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
     return tuple(found)
 
@@ -204,7 +215,7 @@ def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnM
 def _unbounded(
     fit: GeometryFit, nominal: DrawnModel, model: DrawnModel, others: Sequence[DrawnModel]
 ) -> GeometryFit:
-    """Return a fit as one of another guess, of which images do not say within which bounds it is."""
+    """Return a fit with another guess in place of its own; the bounds of its changed numbers are unknown."""
     unknown = np.where(model.parameters == nominal.parameters, nominal.parameters, np.nan)
     return replace(fit, low=unknown, high=unknown, alternatives=tuple(others))
 
@@ -212,7 +223,7 @@ def _unbounded(
 def _composed(test: ExplanationTest, model: DrawnModel) -> list[DrawnModel]:
     """Return a guess with the halves put together as the images have them, without idle faults.
 
-    Ways to put them together that images cannot tell from it follow.
+    Guesses with other ways to put the halves together that images cannot tell apart follow.
     """
     telling = [image for image in test.images if _shows(image)]
     models = list(find_composition(test.reference, model, telling)) if telling else [model]
@@ -223,19 +234,20 @@ def _composed(test: ExplanationTest, model: DrawnModel) -> list[DrawnModel]:
 
 
 def _enough(share: float | None) -> bool:
-    return share is None or share >= LEAST_EXPLAINED
+    return share is None or share >= MIN_EXPLAINED_FRACTION
 
 
 def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tuple[DrawnModel, ...]:
-    """Return guesses that explain pictures as well as a field of view or a shift does, which they may be.
+    """Return guesses of a near offset or a moved scene that explain pictures as well as the fitted numbers.
 
-    At one depth, a near offset n is a field of view 1 + n / |z|, and a moved scene or plate is a shift. So
-    where colors are all there is, each is tried with the depths that the scene has.
+    At one depth, a near offset n looks like a field of view 1 + n / |z| times as large, and a moved scene or
+    plate looks like a shift of the sampling points. Pictures with colors alone cannot tell them apart:
+    therefore both are tried at some depths of the scene.
     """
     nominal, scene = test.nominal, test.reference.scene
     if not fit.by_color or model.parameters.tolist() == nominal.parameters.tolist():
         return ()
-    heights = np.quantile(scene.vertices[:, 2], TRIED_DEPTHS)
+    heights = np.quantile(scene.vertices[:, 2], TRIED_VERTEX_FRACTIONS)
     plain = model.with_parameters(nominal.parameters)
     factor = float(np.mean(model.fov))
     _, half = film_window(scene.frustum, scene.plate.middle)
@@ -253,9 +265,9 @@ def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tup
 
 
 def _lights(reference: Reference, model: DrawnModel, images: Sequence[HogelImage]) -> Fault | None:
-    """Return the fault of lights that are not conjugated, and how much of the viewer's half it explains."""
+    """Return the fault of unconjugated lights with the share that it explains; None where there is none."""
     if not model.plain:
-        # Another surface wins there, in its own color.
+        # The wrong surface wins on the viewer's side, in a color of its own.
         return None
     back, front = exchanged_light(reference, model, images)
     share = unconjugated_share(reference, model, images) if back > 0 > front else None
@@ -263,7 +275,7 @@ def _lights(reference: Reference, model: DrawnModel, images: Sequence[HogelImage
 
 
 def doubtful(fault: Fault) -> Fault:
-    """Return a fault as what it is when it explains too little."""
+    """Return a fault whose words say that it explains too little."""
     assert fault.explains is not None
     return replace(
         fault, words=f"{fault.words}: would explain only {100 * fault.explains:.0f} % of what is wrong"
@@ -271,7 +283,7 @@ def doubtful(fault: Fault) -> Fault:
 
 
 def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) -> DrawnModel:
-    """Return what images are judged by: the nominal guess, with what was found of accepted conventions."""
+    """Return the model that images are judged by: the nominal one with the accepted conventions as found."""
     assert set(accepted) <= set(CONVENTIONS)
     fields = {name: getattr(found, name) for name in accepted}
     if "near" in accepted:

@@ -1,12 +1,10 @@
-"""What do the pixels of a picture mean? Found by reading them in other ways, and comparing with the scene.
+"""The meaning of stored pixels, found by reading them in other ways and comparing with the scene.
 
-As `xfrustum.compare.diagnosis.geometry_fit` finds orientations: by trying. Numbers of triangles are
-compared by what
-their pixels claim (`xfrustum.compare.diagnosis.containment`), which holds whatever lies in front; all else
-is compared
-with the truth in `xfrustum.compare.diagnosis.stored_truth`. Another reading is found only where the one
-that was stated
-fails and it holds.
+Readings are found by trying, as `xfrustum.compare.diagnosis.geometry_fit` finds orientations. Numbers of
+triangles are judged by the claims that they make (`xfrustum.compare.diagnosis.containment`), which hold
+whatever lies in front. Everything else is compared with the truth in
+`xfrustum.compare.diagnosis.stored_truth`. Another reading is a finding only where it holds and the stated
+reading fails.
 """
 
 from __future__ import annotations
@@ -54,62 +52,67 @@ CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING = (
 ENCODING_FAULTS = (CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY)
 
 ENCODING = "encoding"
-"""What `accept` calls all of them; numbers that are lost cannot be accepted."""
+"""Name under which `accept` takes all faults of encoding; lost numbers cannot be accepted."""
 
 ACCEPTABLE = (*CONVENTIONS, ENCODING)
-"""What a renderer's author may declare, so that images are judged by what was found."""
+"""Conventions that a renderer's author may declare, so that images are judged by the values found."""
 
-NUMBERED = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
+NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
+"""Encodings whose pixels hold numbers and not colors."""
 
-HELD_PX = 0.05
-"""Mean distance by which claims of a reading that is right may fail: 20 times what rasterizers snap edges
-by."""
+MAX_HELD_MISFIT_PX = 0.05
+"""Largest mean distance by which the claims of a right reading fail: about 20 times the distance by which
+rasterizers snap edges (`feasible.SNAP_PX`)."""
 
-FAILED_PX = 1.0
-"""Mean distance beyond which claims fail altogether: then even those at a triangle's other side do not
-hold."""
+MIN_FAILED_MISFIT_PX = 1.0
+"""Mean distance beyond which the claims of a reading fail altogether: a pixel off, even the claims at the
+other side of a triangle do not hold."""
 
-CAP_PX = 8.0
-"""How much one claim counts at most; so much counts a claim of what does not exist."""
+MISFIT_CAP_PX = 8.0
+"""Largest distance that one claim counts with; the claim of a triangle that does not exist counts with it."""
 
-FAR_BETTER = 4.0
-"""How many times less another reading must leave than the stated one. A wrong number is most often that of a
-triangle within a pixel or two, so that even the wrong one of two readings leaves little on a fine mesh; but
-the right one leaves what rounding leaves."""
+MIN_IMPROVEMENT = 4.0
+"""Smallest ratio of the misfit of the stated reading to the misfit of a better one. Most wrong numbers belong
+to a triangle within a pixel or two, so that even a wrong reading has a small misfit on a fine mesh; but the
+misfit of the right reading is that of rounding alone."""
 
-VALID = 0.99
-"""Share of stored integers that must exist under a reading that is right; the others are damage."""
+MIN_VALID_FRACTION = 0.99
+"""Smallest share of the stored integers that name something in the scene under a right reading; one in a
+hundred may be damaged."""
 
-SEARCHED_CLAIMS = 600
-"""Claims that are looked at under every orientation and order; more do not change which reading is best."""
+MAX_SEARCHED_CLAIMS = 600
+"""Largest number of claims that are tried under every orientation and order; more do not change which reading
+is best."""
 
 CHANNEL_ORDERS = ((0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1))
-"""The right one first, then OpenCV's: of those that cannot be told apart, the first is named first."""
+"""Orders of the channels, RGB first, then OpenCV's BGR. Of orders that images cannot tell apart, the one that
+comes first here is named first."""
 
-FEWEST_CLAIMS = 100
-"""Claims that it takes to tell readings apart."""
+MIN_CLAIMS = 100
+"""Smallest number of claims by which readings are told apart."""
 
-NEARS = (0.0, 1e-3, 1e-2, 1e-1)
-"""Near offsets that claims are tried with, as parts of the reach."""
+NEAR_FRACTIONS = (0.0, 1e-3, 1e-2, 1e-1)
+"""Near offsets that are tried, as parts of the reach."""
 
-AGREEING, AGREEING_OBJECTS = 0.9, 0.6
-"""Share of pixels that must agree with the truth to within a pixel, under a reading that is right: of
-triangles, and of objects, which near offsets and moved scenes change."""
+MIN_AGREEING_FRACTION, MIN_AGREEING_OBJECTS_FRACTION = 0.9, 0.6
+"""Smallest shares of pixels that agree with the truth to within a pixel under a right reading. The second one
+applies to objects of a renderer that may draw with another near offset or a moved scene, which change
+them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEncoding:
-    """How images are to be read.
+    """The way to read a renderer's images.
 
     Attributes
     ----------
     faults
-        What is otherwise than stated.
+        Differences between the reading that was found and the stated one.
     reading
-        How to read the stored pixels; None where they are as stated.
+        The reading that was found; None where the stated one holds.
     restoring
-        Where numbers were lost, all or only the first one, which looks like nothing: how to tell which were
-        meant, for the figures after correction.
+        The way to restore lost numbers for the figures after correction; None where none are lost. All
+        numbers may be lost, or only number 0, where it is stored like nothing.
     """
 
     faults: tuple[Fault, ...] = ()
@@ -119,28 +122,28 @@ class FoundEncoding:
     @property
     def as_colors(self) -> bool:
         """Whether pixels that should be numbers are colors."""
-        return self.reading is not None and self.reading.encoding not in NUMBERED
+        return self.reading is not None and self.reading.encoding not in NUMBER_ENCODINGS
 
     def read(self, image: HogelImage) -> HogelImage:
-        """Return an image as it is read now; the image itself where nothing was found."""
+        """Return an image read in this way, with lost numbers restored."""
         return self.plainly(image) if self.restoring is None else self.restoring.read(image)
 
     def plainly(self, image: HogelImage) -> HogelImage:
-        """Return an image as it is read now, without telling which numbers were meant that are lost."""
+        """Return an image read in this way, without restoring lost numbers."""
         return image if self.reading is None else read_again(image, self.reading)
 
 
 def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel) -> FoundEncoding:
-    """Find out what the pixels of a renderer's images mean, where they do not mean what was stated.
+    """Find the way to read a renderer's images, where the stated way does not hold.
 
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     images
         Some of the renderer's hogels as found.
     nominal
-        What its author says of it.
+        Model of the renderer by its author's statements.
     """
     stated = _stated(images)
     if stated is None:
@@ -148,7 +151,7 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
     told = [image for image in images if (stored_integers(image, stated) != 0).any()]
     if not told:
         return FoundEncoding()
-    if stated.encoding in NUMBERED:
+    if stated.encoding in NUMBER_ENCODINGS:
         found = _numbers(reference, told, nominal, stated)
     else:
         found = _numbers_as_colors(reference, told, nominal)
@@ -159,7 +162,7 @@ def find_encoding(reference: Reference, images: Sequence[HogelImage], nominal: D
 
 
 def _stated(images: Sequence[HogelImage]) -> Reading | None:
-    """Return how images are read as stated; None where there is nothing to be read in another way."""
+    """Return the stated reading of images; None where no other reading is possible."""
     if any((image.triangle != NOTHING).any() for image in images):
         return Reading(encoding=Encoding.TRIANGLE_ID)
     if any((image.object != NOTHING).any() for image in images):
@@ -176,23 +179,23 @@ def _is_picture(image: HogelImage) -> bool:
 def _numbers(
     reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel, stated: Reading
 ) -> FoundEncoding | None:
-    """Find how numbers are to be read that are stated to be numbers."""
+    """Find the reading of pixels that are stated to be numbers."""
     scene = reference.scene
     truth = StoredTruth(reference, images)
     if stated.encoding is Encoding.TRIANGLE_ID:
         left = _misfit(scene, images, stated, nominal)
-        if left <= HELD_PX:
+        if left <= MAX_HELD_MISFIT_PX:
             return None
         found = _by_claims(scene, images, nominal, stated, left)
-        if found is None and left <= FAILED_PX:
-            # Enlarged pictures claim triangles beside the right ones.
+        if found is None and left <= MIN_FAILED_MISFIT_PX:
+            # Enlarged pictures claim triangles beside the right ones: their claims fail by less than a pixel.
             repeated = repeated_pixels(truth, stated)
             return None if repeated is None else FoundEncoding(faults=repeated[:1], restoring=repeated[1])
         if found is not None:
             return found
     else:
         agreeing = truth.agreement(stated)
-        if agreeing.share >= AGREEING:
+        if agreeing.share >= MIN_AGREEING_FRACTION:
             return None
         found = _by_objects(scene, images, truth, stated, agreeing.share)
         if found is None and any(_is_picture(image) for image in images):
@@ -206,7 +209,7 @@ def _numbers(
 def _by_truth(
     scene: Scene, images: Sequence[HogelImage], truth: StoredTruth, stated: Reading
 ) -> FoundEncoding | None:
-    """Find what else the pixels hold that should be numbers."""
+    """Find by comparison with the truth what pixels hold that should be numbers."""
     if stated.encoding is Encoding.TRIANGLE_ID:
         objects = replace(stated, encoding=Encoding.OBJECT_ID)
         found = _by_objects(scene, images, truth, objects, 0.0, stated)
@@ -216,8 +219,11 @@ def _by_truth(
     if spoiled is not None:
         fault, restoring = spoiled
         return FoundEncoding(faults=(fault,), restoring=restoring)
-    # Numbers that exist are numbers, though they be the wrong ones.
-    if any(_is_picture(image) for image in images) and _valid_share(scene, images, stated) < VALID:
+    # Pixels that name things in the scene are numbers, right or wrong, and not colors.
+    if (
+        any(_is_picture(image) for image in images)
+        and _valid_share(scene, images, stated) < MIN_VALID_FRACTION
+    ):
         colors = truth.colors()
         if colors is not None:
             return FoundEncoding(faults=_faults(stated, colors, ()), reading=colors)
@@ -237,24 +243,24 @@ def _by_claims(
     Parameters
     ----------
     scene, images, nominal
-        As for `find_encoding`.
+        Scene, hogels and model, as for `find_encoding`.
     start
-        A reading as triangles; others are made from it.
+        A reading as triangle numbers, from which the others are derived.
     left
-        What claims leave under it.
+        Misfit of the claims under this reading, px.
     stated
-        What the author says, where that is something else.
+        The stated reading where it is another one than `start`.
     """
     readings = [
         reading
         for reading in _others(scene, images, start, include=stated is not None)
-        if len(claims_of(scene, [read_again(image, reading) for image in images])) >= FEWEST_CLAIMS
+        if len(claims_of(scene, [read_again(image, reading) for image in images])) >= MIN_CLAIMS
     ]
     if not readings:
         return None
     ranked = [(_misfit(scene, images, reading, nominal), reading) for reading in readings]
     least = min(misfit for misfit, _ in ranked)
-    if least > min(FAILED_PX * FAR_BETTER, left):
+    if least > min(MIN_FAILED_MISFIT_PX * MIN_IMPROVEMENT, left):
         return None
     best = next(reading for misfit, reading in ranked if misfit == least)
     claims = claims_of(scene, [read_again(image, best) for image in images])
@@ -265,7 +271,7 @@ def _by_claims(
     if stated is None and valid > 0.5:
         before = claims_of(scene, [read_again(image, start) for image in images])
         noise = fit_geometry(before, scene, nominal).noise_px
-        if max(fit.noise_px, HELD_PX) * FAR_BETTER > noise and least * FAR_BETTER > left:
+        if max(fit.noise_px, MAX_HELD_MISFIT_PX) * MIN_IMPROVEMENT > noise and least * MIN_IMPROVEMENT > left:
             return None
     same = _indistinct(images, best, readings)
     return FoundEncoding(faults=_faults(stated or start, best, same), reading=best)
@@ -285,8 +291,8 @@ def _by_objects(
         return None
     shares = [truth.agreement(reading).share for reading in readings]
     best = readings[int(np.argmax(shares))]
-    least = AGREEING_OBJECTS if stated is None else AGREEING
-    if max(shares) < least or (1 - max(shares)) * FAR_BETTER > 1 - agreeing:
+    least = MIN_AGREEING_OBJECTS_FRACTION if stated is None else MIN_AGREEING_FRACTION
+    if max(shares) < least or (1 - max(shares)) * MIN_IMPROVEMENT > 1 - agreeing:
         return None
     same = _indistinct(images, best, readings)
     return FoundEncoding(faults=_faults(stated or start, best, same), reading=best)
@@ -298,7 +304,7 @@ def _numbers_as_colors(
     """Find numbers in pictures that are stated to hold colors."""
     scene, stated = reference.scene, Reading(encoding=Encoding.RGB)
     triangles = replace(stated, encoding=Encoding.TRIANGLE_ID)
-    found = _by_claims(scene, images, nominal, triangles, HELD_PX * FAR_BETTER, stated)
+    found = _by_claims(scene, images, nominal, triangles, MAX_HELD_MISFIT_PX * MIN_IMPROVEMENT, stated)
     if found is not None:
         return found
     objects = replace(stated, encoding=Encoding.OBJECT_ID)
@@ -310,7 +316,7 @@ def _numbers_as_colors(
 def _others(
     scene: Scene, images: Sequence[HogelImage], start: Reading, *, include: bool
 ) -> Iterator[Reading]:
-    """Yield readings under which nearly all that is stored exists: `start` only if asked, and first."""
+    """Yield readings under which nearly all stored numbers exist; `start` comes first, if `include` asks."""
     pictures = all(_is_picture(image) for image in images)
     for channels in CHANNEL_ORDERS if pictures else CHANNEL_ORDERS[:1]:
         for offset in (1, 0, 2):
@@ -319,12 +325,12 @@ def _others(
                 reading = replace(plain, background=background)
                 if reading == start and not include:
                     continue
-                if _valid_share(scene, images, reading) >= VALID:
+                if _valid_share(scene, images, reading) >= MIN_VALID_FRACTION:
                     yield reading
 
 
 def _common_strange(scene: Scene, images: Sequence[HogelImage], reading: Reading) -> int:
-    """Return the stored integer that most pixels have of those that do not exist; 0 where all exist."""
+    """Return the most frequent stored integer that names nothing in the scene; 0 where all name something."""
     strange = []
     for image in images:
         packed = stored_integers(image, reading)
@@ -338,7 +344,7 @@ def _count(scene: Scene, reading: Reading) -> int:
 
 
 def _valid_share(scene: Scene, images: Sequence[HogelImage], reading: Reading) -> float:
-    """Return the share of pixels that name something which exists, of those that name something."""
+    """Return the share of pixels whose number exists in the scene, among all pixels with a number."""
     named, valid = 0, 0
     for image in images:
         numbers = reading.numbers(stored_integers(image, reading))
@@ -348,29 +354,29 @@ def _valid_share(scene: Scene, images: Sequence[HogelImage], reading: Reading) -
 
 
 def _misfit(scene: Scene, images: Sequence[HogelImage], reading: Reading, nominal: DrawnModel) -> float:
-    """Return by how much claims fail on the average, px, under the best conventions and near offset."""
+    """Return the mean distance by which claims fail under the best conventions and near offset, px."""
     valid = _valid_share(scene, images, reading)
     read = [read_again(image, reading) for image in images]
-    claims = claims_of(scene, read).thinned(SEARCHED_CLAIMS) if valid else None
+    claims = claims_of(scene, read).thinned(MAX_SEARCHED_CLAIMS) if valid else None
     if claims is None or not len(claims):
-        return CAP_PX
-    held = float(outside_px(claims, scene, nominal, CAP_PX).mean())
-    if held > HELD_PX:
+        return MISFIT_CAP_PX
+    held = float(outside_px(claims, scene, nominal, MISFIT_CAP_PX).mean())
+    if held > MAX_HELD_MISFIT_PX:
         several = len(np.unique(claims.hogel, axis=0)) > 1
         orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
         reach = scene.frustum.longest_reach
-        nears = sorted({nominal.near, *(part * reach for part in NEARS)})
+        nears = sorted({nominal.near, *(part * reach for part in NEAR_FRACTIONS)})
         for orientation, order in itertools.product(orientations(claims.size), orders):
             for near in nears:
                 model = replace(nominal, orientation=orientation, order=order, near=near)
-                held = min(held, float(outside_px(claims, scene, model, CAP_PX).mean()))
-    return valid * held + (1 - valid) * CAP_PX
+                held = min(held, float(outside_px(claims, scene, model, MISFIT_CAP_PX).mean()))
+    return valid * held + (1 - valid) * MISFIT_CAP_PX
 
 
 def _indistinct(
     images: Sequence[HogelImage], best: Reading, readings: Sequence[Reading]
 ) -> tuple[Reading, ...]:
-    """Return the other readings that read every pixel alike."""
+    """Return the readings that differ from the best one in channels, and give the same numbers."""
     return tuple(
         reading
         for reading in readings
@@ -384,11 +390,11 @@ def _indistinct(
 
 
 def _faults(stated: Reading, found: Reading, same: Sequence[Reading]) -> tuple[Fault, ...]:
-    """Name what a reading has that the stated one has not."""
+    """Return the differences between a reading and the stated one as faults."""
     faults = []
     if found.encoding is not stated.encoding:
         words = (
-            f"pixels hold {_MEANINGS[found.encoding]}, not {_MEANINGS[stated.encoding]}: "
+            f"pixels hold {_ENCODING_WORDS[found.encoding]}, not {_ENCODING_WORDS[stated.encoding]}: "
             f"--encoding {found.encoding}"
         )
         faults.append(Fault(fault=WRONG_ENCODING, value=str(found.encoding), words=words))
@@ -413,7 +419,7 @@ def _letters(reading: Reading) -> str:
     return "".join("RGB"[channel] for channel in reading.channels)
 
 
-_MEANINGS = {
+_ENCODING_WORDS = {
     Encoding.TRIANGLE_ID: "numbers of triangles",
     Encoding.OBJECT_ID: "numbers of objects",
     Encoding.RGB: "colors",

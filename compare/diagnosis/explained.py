@@ -1,4 +1,4 @@
-"""A diagnosis is put to the test: how much of what is wrong does it explain, and does each fault pay?"""
+"""The test of a diagnosis: the share of the wrong pixels that it explains, and whether each fault pays."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from xfrustum.compare.judging.judged import Judging, covered_by, wrong_pixels
+from xfrustum.compare.judging.judged import Judging, wrong_pixels
+from xfrustum.compare.metrics.surface import covered_by
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.pictures import shows_something
@@ -15,26 +16,26 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
-LEAST_EXPLAINED = 0.9
-"""Share of the wrong pixels that a diagnosis must explain to be a finding.
+MIN_EXPLAINED_FRACTION = 0.9
+"""Smallest share of the wrong pixels that a diagnosis must explain to be a finding.
 
-Under the renderer's true conventions all pixels are right but those that rounding moves across outlines, and
-these are excused where triangles are known. A tenth leaves room for pictures without numbers, whose outlines
-are not excused, and for a second fault that is small; a guess that is wrong leaves the larger part.
+Under the renderer's true conventions only pixels that rounding moves across outlines are wrong, and these are
+excused where triangles are known. The tenth that is left unexplained makes room for pictures without numbers,
+in which outlines are not excused, and for a small second fault. A wrong guess leaves the larger part
+unexplained.
 """
 
 MAX_TESTED_HOGELS = 9
-"""Largest number of hogels that a diagnosis is tested on, spread over the sample: each has thousands of
-pixels, and tells within a few percent what the others would."""
+"""Largest number of hogels that a diagnosis is tested on, spread over the sample. Each has thousands of
+pixels: the share of one hogel is that of all within a few percent."""
 
-DOUBT = 2.0
-"""A fault pays for itself when it makes more pixels right than wrong by this many standard deviations of the
-difference, had each of these pixels been decided by a coin."""
+MIN_GAIN_DEVIATIONS = 2.0
+"""Smallest surplus of pixels that a fault makes right over those that it makes wrong, in standard deviations
+of this difference if a coin decided each pixel. A fault that gains less does not pay."""
 
-
-MOSTLY_WRONG = 0.5
-"""Wrong pixels, as a part of those that images show, from which on gross mistakes are tried: a scene of ten
-times the size is wrong nearly everywhere."""
+GROSS_WRONG_FRACTION = 0.5
+"""Share of wrong pixels, among those that show something, above which gross mistakes are tried: with a scene
+of ten times the size nearly all are wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,13 +45,15 @@ class ExplanationTest:
     Attributes
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     images
-        As found; at most `MAX_TESTED_HOGELS` of them are looked at.
+        Hogels as found; at most `MAX_TESTED_HOGELS` of them are tested.
     nominal
-        What was asked for: what is wrong under it is to be explained.
+        Model that was asked for; the pixels that are wrong under it need an explanation.
     judging
-        What counts as wrong.
+        Rules for what counts as wrong.
+    known
+        Wrong pixels of each tested image, for each guess and whether causes excuse them: a cache.
     """
 
     reference: Reference
@@ -61,33 +64,33 @@ class ExplanationTest:
 
     @property
     def tested(self) -> list[HogelImage]:
-        """The images that are looked at."""
+        """The images that are tested, spread evenly over all."""
         count = len(self.images)
         chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_TESTED_HOGELS)).astype(int))
         return [self.images[index] for index in chosen] if count else []
 
     @property
     def hopeless(self) -> bool:
-        """Whether images that name surfaces or colors show some, most of which are wrong."""
+        """Whether most of what the images show is wrong; false where they show nothing."""
         telling = [image for image in self.tested if _tells(image)]
         shown = sum(int(_covered(image).sum()) for image in telling)
-        return bool(shown) and self.wrong(self.nominal) > MOSTLY_WRONG * shown
+        return bool(shown) and self.wrong(self.nominal) > GROSS_WRONG_FRACTION * shown
 
     def wrong(self, model: DrawnModel) -> int:
-        """Return how many pixels are wrong by a guess, whatever the cause."""
+        """Return the number of pixels that are wrong by a guess, whatever the cause."""
         return self._count(model, explained=False)
 
     def unexplained(self, model: DrawnModel) -> int:
-        """Return how many pixels are wrong by a guess for no known cause."""
+        """Return the number of pixels that are wrong by a guess and have no known cause."""
         return self._count(model, explained=True)
 
     def share(self, model: DrawnModel) -> float | None:
         """Return the share of the wrong pixels that a guess explains; None where none is wrong.
 
-        Explained are pixels that are wrong by what was asked for, and right by the guess, or wrong for a
-        reason that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count
-        against it. So much must hold of all pixels, and of those in which images show something: a guess
-        under which nothing is seen explains black, but not what images show.
+        A pixel is explained if it is wrong by what was asked for, and right by the guess or wrong by a cause
+        that is nobody's fault: edge, order, lost. Pixels that only the guess makes wrong count against it.
+        The result is the smaller of two shares: among all pixels, and among those in which images show
+        something. A guess under which nothing is seen explains black pixels, but not what images show.
         """
         if not self.wrong(self.nominal):
             return None
@@ -106,7 +109,7 @@ class ExplanationTest:
         """Return a guess without the faults that add nothing to what the others explain."""
         while True:
             rest = [simpler for simpler in _simpler(model, self.nominal) if not self._pays(model, simpler)]
-            # The last fault is left to the test of the share.
+            # The last remaining fault is not removed here: its share decides whether it is a finding.
             if not rest or len(list(_simpler(model, self.nominal))) == 1:
                 return model
             model = min(rest, key=self.wrong)
@@ -120,13 +123,13 @@ class ExplanationTest:
         for mine, other in zip(self._wrong(model), self._wrong(simpler), strict=True):
             gained += int((other & ~mine).sum())
             lost += int((mine & ~other).sum())
-        return bool(gained - lost > DOUBT * np.sqrt(gained + lost))
+        return bool(gained - lost > MIN_GAIN_DEVIATIONS * np.sqrt(gained + lost))
 
     def _count(self, model: DrawnModel, *, explained: bool) -> int:
         return sum(int(mask.sum()) for mask in self._wrong(model, explained=explained))
 
     def _wrong(self, model: DrawnModel, *, explained: bool = False) -> list[Mask]:
-        """Return the pixels of each image that are wrong by a guess; if `explained`, for no known cause."""
+        """Return the wrong pixels of each image by a guess; if `explained`, those without a known cause."""
         key = (model, explained)
         if key not in self.known:
             found = self.known[key] = []
@@ -147,7 +150,7 @@ def _covered(image: HogelImage) -> Mask:
 
 
 def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
-    """Yield a guess with one fault less, for each of its faults."""
+    """Yield, for each fault of a guess, the guess without this fault."""
     groups: list[tuple[str, ...]] = [(group.field,) for group in parameters.GROUPS if group.name != "near"]
     groups += [
         ("orientation",),

@@ -1,15 +1,15 @@
-"""What is wrong with a renderer, in words with figures."""
+"""The faults of a renderer, in words with figures."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.geometry_fit import CORNER, GeometryFit
+from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, GeometryFit
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
 from xfrustum.compare.renderer_model.parameters import Kind
@@ -40,69 +40,60 @@ MISTAKEN_UNITS = {
     1000.0: "millimeters taken for meters",
     0.001: "meters taken for millimeters",
 }
-"""Common mistakes of units, by how many times too large they make a scene."""
+"""Common mistakes of units by the factor by which they enlarge a scene."""
 
 CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
-"""What a renderer's author may declare, so that images are judged by it."""
+"""Conventions that a renderer's author may declare, so that images are judged by them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One thing found.
+    """One fault that was found; its fields are those of the JSON object, in this order.
 
     Attributes
     ----------
     fault
-        Its short name.
+        Short name of the fault.
     value
-        A number, or words.
+        Size of the fault as a number, or words.
     low, high
-        The interval of a number.
+        Ends of the interval of a number; None where they are unknown.
     unit
-        Of the three.
+        Unit of `value`, `low` and `high`; None for words.
     words
-        One sentence.
+        One sentence about the fault, with its size.
     alternatives
-        Names of faults that show the same images, or nearly: which of them it is, images cannot tell.
+        Names of faults that show the same images, or nearly the same, so that images cannot tell them apart.
     explains
         Share of the wrong pixels that the whole diagnosis explains; None where none is wrong.
     """
 
     fault: str
     value: float | str
-    words: str
     low: float | None = None
     high: float | None = None
     unit: str | None = None
+    words: str
     alternatives: tuple[str, ...] = ()
     explains: float | None = None
 
     def summary(self) -> dict[str, Any]:
         """Return it as `verify --json` prints it."""
-        return {
-            "fault": self.fault,
-            "value": self.value,
-            "low": self.low,
-            "high": self.high,
-            "unit": self.unit,
-            "words": self.words,
-            "alternatives": list(self.alternatives),
-            "explains": self.explains,
-        }
+        return {**asdict(self), "alternatives": list(self.alternatives)}
 
 
 def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> tuple[Fault, ...]:
-    """Name what a guess has that the nominal one has not.
+    """Return the differences between a guess and the nominal model as faults.
 
     Parameters
     ----------
     scene
-        For its units.
+        Scene that was drawn; its units are named.
     nominal, found
-        What should be, and what was found.
+        Model that was asked for, and the guess.
     fit
-        Intervals of the numbers, and guesses that explain the images as well. A number is named where its
-        interval leaves out the nominal one, and it is worth a name.
+        Intervals of the numbers, and guesses that explain the images as well. A number is a fault if its
+        interval leaves out the nominal value, and if it is large enough to have a name.
     """
     return (
         *_conventions(nominal, found),
@@ -179,7 +170,7 @@ def _witnesses(fit: GeometryFit) -> str:
 def _alternatives(
     name: str, scene: Scene, nominal: DrawnModel, models: Sequence[DrawnModel], named: frozenset[str]
 ) -> tuple[str, ...]:
-    """Return the faults that other guesses have instead of one; those along its own axis where there are."""
+    """Return the faults that other guesses have instead of the named one, preferably along the same axis."""
     smallest = parameters.smallest_named(scene)
     kind = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
     ratios = (Kind.FACTOR, Kind.SIZE)
@@ -191,7 +182,7 @@ def _alternatives(
         if name in other:
             continue
         other = [fault for fault in other if fault not in named]
-        # Of several, a ratio stands for a ratio, and a length for a length along the same axis.
+        # If a guess has several, a ratio replaces a ratio, and a length a length along the same axis.
         alike = [fault for fault in other if (kind[fault] in ratios) == (kind[name] in ratios)] or other
         along = [fault for fault in alike if _axis(fault) in ("", _axis(name)) or not _axis(name)]
         found |= dict.fromkeys(along or alike)
@@ -249,13 +240,13 @@ def _aperture_words(axis: int, scene: Scene, value: float) -> str:
     side = (("to the left", "to the right"), ("downward", "upward"))[axis][value > 0]
     words = f"all apertures are moved by {abs(value):.5g} {scene.units} {side}"
     half = scene.plate.size[axis] / scene.plate.hogels[axis] / 2
-    if abs(abs(value) - half) <= CORNER * 2 * half:
+    if abs(abs(value) - half) <= CORNER_PITCHES * 2 * half:
         words += ": half a pitch, as at the corners of hogels instead of their centers"
     return words
 
 
 def _unit_words(value: float, low: float, high: float) -> str:
-    """Return which mistake of units has a factor inside an interval, as words to append."""
+    """Return words for the mistake of units whose factor lies in an interval; empty where none does."""
     if not math.isfinite(low + high):
         low = high = value
     for factor, mistake in MISTAKEN_UNITS.items():
@@ -274,7 +265,7 @@ def _halves(found: DrawnModel, models: Sequence[DrawnModel]) -> Iterator[Fault]:
 
 
 def _of_halves(found: DrawnModel) -> Iterator[tuple[str, str, str]]:
-    """Yield name, value and words of what became of the halves."""
+    """Yield name, value and words of each fault in the way the halves are put together."""
     if found.front is Front.MISSING:
         yield FRONT_MISSING, "missing", "the half on the viewer's side is missing: only C is drawn"
     if found.front is Front.NEAREST:

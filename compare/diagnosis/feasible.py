@@ -1,8 +1,8 @@
 """The interval of each parameter of a guess: all values under which no claim fails.
 
-A claim bounds a guess from one side only: the pixel's center lies inside the triangle, by at least
-nothing. What all claims leave is a convex cell, after linearizing; its extent along each axis
-is found by linear programming.
+Each claim gives an inequality: the distance of the pixel's center from each edge of its triangle, counted
+inward, is at least zero. After linearizing, the guesses that satisfy all claims form a convex cell; linear
+programming finds its extent along each axis.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.scene import Scene
 
 SNAP_PX = math.sqrt(2) / 2 * 2.0**-8
-"""By how much rasterizers move edges, in pixels: half the diagonal of a step of 8 subpixel bits, which
-is what graphics hardware has."""
+"""Largest distance by which rasterizers move edges, in pixels: half the diagonal of a step of the 8 subpixel
+bits that graphics hardware has."""
 
 NEIGHBORHOOD_PX = 0.5
-"""Only edges this near to a pixel's center can bound a fit that is right to a fraction of a pixel."""
+"""Largest distance of an edge from a pixel's center at which it can bound the fit, in pixels. The fit is
+right to a fraction of a pixel, so that edges farther away bound nothing."""
 
 
 def feasible_interval(
@@ -36,15 +37,15 @@ def feasible_interval(
     Parameters
     ----------
     claims
-        That hold under the guess, but for a few, which bound nothing.
+        Claims, nearly all of which hold under the guess; the others bound nothing.
     scene
-        What was drawn.
+        Scene that was drawn.
     model
-        The guess that fits.
+        Guess that fits the claims.
     free
         Places of the parameters that may move; the others keep their values.
     noise_px
-        By how much claims fail under the guess; at least `SNAP_PX` is allowed for.
+        Distance by which claims fail under the guess; `SNAP_PX` is allowed in addition.
     """
     values = model.parameters
     low, high = values.copy(), values.copy()
@@ -52,6 +53,7 @@ def feasible_interval(
         return values, low, high
     allowed = SNAP_PX + noise_px
     here, rows = _bounding(claims, scene, model, allowed)
+    # Step 1: how fast each distance changes with each free parameter, by finite differences.
     steps = parameters.derivative_steps(scene, values)[list(free)]
     slopes = np.empty((len(here), len(free)))
     for column, (place, step) in enumerate(zip(free, steps, strict=True)):
@@ -59,9 +61,10 @@ def feasible_interval(
         moved[place] += step
         slopes[:, column] = _distances(claims, scene, model.with_parameters(moved), rows) - here
     finite = np.isfinite(slopes).all(axis=1)
-    # here + slopes . x >= -allowed, with x in steps; near must not become negative.
+    # Step 2: here + slopes . x >= -allowed, with x in steps, and each parameter within its bounds.
     least, most = (limit[list(free)] - values[list(free)] for limit in parameters.bounds(scene))
     box = np.stack((least / steps, most / steps), axis=1)
+    # Step 3: the smallest and the largest value of each parameter in the cell, by linear programming.
     middle = values.copy()
     for column, (place, step) in enumerate(zip(free, steps, strict=True)):
         ends = []

@@ -1,4 +1,4 @@
-"""How a renderer's pixels are to be read, and how it draws: both are put to the test together."""
+"""The reading of a renderer's pixels and the way it draws, tested together."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis, diagnose, doubtful
 from xfrustum.compare.diagnosis.encodings import FoundEncoding, find_encoding
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.reference import Reference
@@ -16,16 +16,16 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:
-    """What was found out.
+    """The reading of a renderer's images, and their diagnosis under this reading.
 
     Attributes
     ----------
     encoding
-        How images are to be read; as stated, where no other reading explains what is wrong.
+        The way to read the images; the stated one where no other reading explains the wrong pixels.
     diagnosis
-        Of images read so; the faults of the encoding are among its faults.
+        Diagnosis of the images in this reading; its faults include those of the encoding.
     judging
-        How images are judged when they are read so.
+        Rules by which the images are judged in this reading.
     """
 
     encoding: FoundEncoding
@@ -36,21 +36,21 @@ class Findings:
 def find_out(
     reference: Reference, images: Sequence[HogelImage], nominal: DrawnModel, judging: Judging
 ) -> Findings:
-    """Find out how a renderer's images are to be read, and how it draws.
+    """Find the reading of a renderer's images and the way it draws.
 
-    A reading is put to the test together with the diagnosis of what is read by it: of the pixels that are
-    wrong as stated, both must explain `LEAST_EXPLAINED`. Else neither is a finding.
+    A reading is tested together with the diagnosis of the images in this reading: together they must explain
+    `MIN_EXPLAINED_FRACTION` of the pixels that are wrong as stated. Otherwise neither is a finding.
 
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     images
-        Some of its hogels as found.
+        Some of the renderer's hogels as found.
     nominal
-        What its author says of it.
+        Model of the renderer by its author's statements.
     judging
-        How images are judged.
+        Rules by which images are judged.
     """
     encoding = find_encoding(reference, images, nominal)
     if not encoding.faults:
@@ -58,7 +58,7 @@ def find_out(
             encoding=encoding, diagnosis=diagnose(reference, images, nominal, judging), judging=judging
         )
     read = [encoding.read(image) for image in images]
-    # Where numbers were asked for and colors given, nobody has asked for a shading.
+    # Where numbers were asked for and colors are found, shading was not asked for: only geometry counts.
     judged = replace(judging, compared=Compared.GEOMETRY) if encoding.as_colors else judging
     diagnosis = diagnose(reference, read, nominal, judged)
     before = ExplanationTest(reference=reference, images=images, nominal=nominal, judging=judging)
@@ -66,7 +66,7 @@ def find_out(
     wrong = before.wrong(nominal)
     share = max(0.0, 1.0 - after.unexplained(diagnosis.model) / wrong) if wrong else 0.0
     faults = tuple(replace(fault, explains=share) for fault in (*encoding.faults, *diagnosis.faults))
-    if share >= LEAST_EXPLAINED:
+    if share >= MIN_EXPLAINED_FRACTION:
         return Findings(encoding=encoding, diagnosis=replace(diagnosis, faults=faults), judging=judged)
     stated = diagnose(reference, images, nominal, judging)
     doubted = (*map(doubtful, faults), *stated.does_not_explain)

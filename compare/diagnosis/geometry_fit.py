@@ -1,10 +1,9 @@
 """Conventions and geometry of a renderer, from what its images claim: searched, fitted, bounded.
 
-First the discrete conventions, by how far claims fail on the average. Then the numbers of
-`xfrustum.compare.renderer_model.parameters` by robust least squares, with as few groups of them off their
-nominal values as
-will do; where others will do as well, they are alternatives. Last an interval for each: all values under
-which no claim fails by more than drawing rounds.
+First come the discrete conventions: those under which claims fail least on average. Then the numbers of
+`xfrustum.compare.renderer_model.parameters` are fitted by robust least squares, with as few groups of them
+off their nominal values as suffice; other sets of groups that suffice as well are alternatives. Last comes
+an interval for each number: all values under which no claim fails by more than the rounding of drawing.
 """
 
 from __future__ import annotations
@@ -26,73 +25,89 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 
-SEARCHED, FITTED, BOUNDED = 1200, 2500, 16000
-"""Claims that the search, the fit and the intervals look at: enough for either, and quick."""
+MAX_SEARCHED_CLAIMS, MAX_FITTED_CLAIMS, MAX_BOUNDING_CLAIMS = 1200, 2500, 16000
+"""Largest numbers of claims used by the search, by the fit and by the intervals. The search tries hundreds of
+guesses and only ranks them; the fit needs more for its precision; the intervals are bounded by the few
+claims nearest to an edge, and are computed once."""
 
-MISPLACED = 0.01
-"""Share of claims that may fail under the right guess, for reasons of their own."""
+MAX_MISPLACED_FRACTION = 0.01
+"""Largest share of claims that may fail under the right guess: damaged pixels, and edges that a renderer's
+anti-aliasing or rounding has moved. The noise of a guess is the distance that this share of claims
+exceeds."""
 
-ALIKE = 2.0
-"""A simpler guess is as good when its claims fail by no more than this many times what the best
-leaves: two noises of one size, the guess's and the measure's."""
+NOISE_FACTOR = 2.0
+"""Largest ratio of a simpler guess's noise to the best guess's noise at which the simpler one is as good: the
+comparison has two noises of the same size, one from each guess."""
 
-FAR_OFF_PX, SPOILED = 1.0, 0.1
-"""A hogel is left out when more than this share of its claims fail by more than a pixel; and where that
-holds of all that is left, no convention explains the images."""
+MAX_NOISE_PX = 1.0
+"""Largest noise of a guess under which the claims hold, in pixels. A convention that is off by more than a
+pixel explains no image."""
 
-MAX_SPOILED_HOGELS = 0.5
-"""Largest part of the hogels that may be left out: what holds in fewer than half of them is no convention."""
+MIN_SPOILED_FRACTION = 0.1
+"""Smallest share of a hogel's claims that fail by more than `MAX_NOISE_PX` at which the hogel is left out:
+ten times the share that may fail under the right guess."""
 
-NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
-"""Starting points for near, parts of the reach."""
+MAX_SPOILED_HOGEL_FRACTION = 0.5
+"""Largest share of the hogels that may be left out: a rule that holds in fewer than half of them is no
+convention."""
+
+START_NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
+"""Starting points for near, as parts of the reach."""
 
 START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
-"""Starting points for the size of the scene. Places on the film go with its inverse, so that beyond the last
-one nothing new is seen."""
+"""Starting points for the size of the scene. Places on the film change with the inverse of the size, so that
+larger sizes than the last one look like it."""
 
 START_FILMS = (0.5, 2.0, 3.0)
 """Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
 
 USUAL_GROUPS = ("shift", "fov", "pitch", "near")
-"""Groups that are tried first."""
+"""Groups of parameters that are fitted first: where they suffice, fewer and better-conditioned numbers are
+fitted."""
 
 MAX_GROUPS = 4
-"""Groups that may be off nominal together: with more of them free, noise is fitted too."""
+"""Largest number of groups that may be off nominal together; with more of them free, the fit follows
+noise."""
 
-SCREENED, SCREENING = 600, 2.0
-"""Claims that a guess is tried on first, and how far above the limit it may stay there: two fits of fewer
-claims differ by noise of the limit's own size."""
+MAX_SCREENED_CLAIMS = 600
+"""Largest number of claims on which a guess is screened before it is fitted to all."""
+
+SCREENING_FACTOR = 2.0
+"""Largest ratio of a guess's noise on the screened claims to the limit for all claims: the noise of fewer
+claims differs from that of all by about its own size."""
 
 ATTRACTION_PX = 1.0
-"""Failures of claims up to which the first fit counts their squares, to find the second one's start."""
+"""Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring outlines
+are about that far apart. Larger failures count linearly."""
 
-CORNER = 0.01
-"""Part of a pitch within which apertures are taken to be at the corners of their hogels."""
+CORNER_PITCHES = 0.01
+"""Largest distance from the corner of a hogel at which an aperture counts as being there, in pitches."""
 
-STARTS = 4
-"""Best starting points of the search that are fitted."""
+MAX_STARTS = 4
+"""Largest number of starting points from the search that are fitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeometryFit:
-    """What was found.
+    """A guess about a renderer that was fitted to claims, with intervals and alternatives.
 
     Attributes
     ----------
     model
         The simplest guess under which the claims hold.
     low, high
-        (P,) ends of the intervals of its parameters; the nominal value where a parameter was not free.
+        (P,) ends of the intervals of the guess's parameters; the nominal value where a parameter was not
+        free.
     free
         Names of the groups that had to be off their nominal values.
     noise_px
-        By how much all claims but `MISPLACED` fail under it, at most.
+        Largest distance by which a claim fails under the guess, the worst `MAX_MISPLACED_FRACTION` left out.
     alternatives
         Other guesses, as simple, with other groups off nominal, under which the claims hold as well.
     spoiled
         Column and row of the hogels that were left out, as their files are named.
     by_color
-        Whether it rests on colors alone.
+        Whether the guess rests on colors alone.
     """
 
     model: DrawnModel
@@ -107,7 +122,7 @@ class GeometryFit:
     @property
     def holds(self) -> bool:
         """Whether the claims hold at all."""
-        return self.noise_px <= FAR_OFF_PX
+        return self.noise_px <= MAX_NOISE_PX
 
 
 def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryFit:
@@ -116,35 +131,39 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
     Parameters
     ----------
     claims
-        From several hogels: one leaves their order and pitch open.
+        Claims of several hogels; a single hogel leaves order and pitch open.
     scene
-        What was to be drawn.
+        Scene that was to be drawn.
     nominal
-        What the renderer's author says of it, `DrawnModel()` if nothing.
+        Model of the renderer by its author's statements; `DrawnModel()` where there are none.
     """
-    few, some = claims.thinned(SEARCHED), claims.thinned(FITTED)
+    few, some = claims.thinned(MAX_SEARCHED_CLAIMS), claims.thinned(MAX_FITTED_CLAIMS)
     found = _Found(model=nominal, free=(), alternatives=())
     spoiled: frozenset[tuple[int, int]] = frozenset()
-    # The plain guess is nearly always right or nearly right: it spares the search.
+    # Step 1: the nominal guess is often right or nearly right. The search is skipped where it is.
     if _noise(some, scene, nominal) > SNAP_PX:
+        # Step 2: search the conventions, and try guesses with at most one group off nominal.
         starts = _search(few, scene, nominal)
-        limit = ALIKE * SNAP_PX
+        limit = NOISE_FACTOR * SNAP_PX
         one = _simplest(some, scene, nominal, starts, range(2), limit)
         if one is None:
+            # Step 3: free everything, leave out spoiled hogels, and take the noise that remains as the limit
+            # for the simplest guess.
             freest = _freest(few, scene, nominal, starts)
             claims, spoiled = _without_spoiled(claims, scene, freest)
-            some = claims.thinned(FITTED)
+            some = claims.thinned(MAX_FITTED_CLAIMS)
             freest = _fitted(some, scene, nominal, freest, _freest_groups(claims))
             noise = _noise(some, scene, freest)
-            if noise <= FAR_OFF_PX:
-                limit, counts = ALIKE * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
+            if noise <= MAX_NOISE_PX:
+                limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
                 one = _simplest(some, scene, nominal, [freest], counts, limit)
             starts = [freest, *starts]
         found = one or _least_wrong(some, scene, nominal, starts)
+    # Step 4: an interval for each number that is off nominal.
     best = found.model
     noise = _noise(some, scene, best)
     index = [place for name in found.free for place in parameters.places(name)]
-    values, low, high = feasible_interval(claims.thinned(BOUNDED), scene, best, index, noise)
+    values, low, high = feasible_interval(claims.thinned(MAX_BOUNDING_CLAIMS), scene, best, index, noise)
     return GeometryFit(
         model=best.with_parameters(values),
         low=low,
@@ -168,23 +187,24 @@ class _Found:
 def _without_spoiled(
     claims: Claims, scene: Scene, model: DrawnModel
 ) -> tuple[Claims, frozenset[tuple[int, int]]]:
-    """Return the claims of those hogels in which most of them hold, nearly, and the other hogels.
+    """Return the claims of the hogels in which nearly all claims hold, and the indices of the other hogels.
 
-    One file of noise must not decide about the others; but where most hogels would be left out, the
-    guess is wrong and not they: all are kept.
+    One file of noise must not decide about the others. But where most hogels would be left out, the guess is
+    wrong and not the hogels: then all are kept.
     """
-    off = outside_px(claims, scene, model, np.inf) > FAR_OFF_PX
+    off = outside_px(claims, scene, model, np.inf) > MAX_NOISE_PX
     hogels, which = np.unique(claims.hogel, axis=0, return_inverse=True)
     which = which.reshape(-1)
-    spoiled = np.bincount(which, off) / np.bincount(which) >= SPOILED
-    if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGELS:
+    spoiled = np.bincount(which, off) / np.bincount(which) >= MIN_SPOILED_FRACTION
+    if not spoiled.any() or spoiled.mean() > MAX_SPOILED_HOGEL_FRACTION:
         return claims, frozenset()
     return claims.chosen(~spoiled[which]), frozenset((int(i), int(j)) for i, j in hogels[spoiled])
 
 
 def _noise(claims: Claims, scene: Scene, model: DrawnModel) -> float:
+    """Return the distance, px, by which claims fail at most, `MAX_MISPLACED_FRACTION` of them left out."""
     outside = outside_px(claims, scene, model, max(claims.size))
-    return float(np.quantile(outside, 1 - MISPLACED)) if len(outside) else 0.0
+    return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
 
 
 def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnModel]:
@@ -192,33 +212,36 @@ def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnMode
     cap = scene.frustum.resolution[0] / 2
     reach = scene.frustum.longest_reach
     ranked = []
-    # Coarsely in near and scale, for every orientation and order; then finely for the best of these.
+    # Step 1: every orientation and order, each with a few values of near, scale and film.
     several = len(np.unique(claims.hogel, axis=0)) > 1
     orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
     for orientation, order in itertools.product(orientations(claims.size), orders):
         upright = replace(nominal, orientation=orientation, order=order)
-        tried = [replace(upright, near=near) for near in {nominal.near, *(reach * n for n in NEARS[::4])}]
+        tried = [
+            replace(upright, near=near) for near in {nominal.near, *(reach * n for n in START_NEARS[::4])}
+        ]
         tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
         tried += [replace(upright, fov=(film, film)) for film in START_FILMS]
         ranked += [(float(outside_px(claims, scene, model, cap).mean()), model) for model in tried]
     ranked.sort(key=lambda pair: (pair[0], pair[1].orientation.changes + pair[1].order.changes))
+    # Step 2: the best conventions, each with all values of near.
     conventions = {(model.orientation, model.order): model for _, model in reversed(ranked[:6])}
     finely = [
         (float(outside_px(claims, scene, fine, cap).mean()), fine)
         for model in conventions.values()
-        for near in {nominal.near, *(reach * part for part in NEARS)}
+        for near in {nominal.near, *(reach * part for part in START_NEARS)}
         for fine in (replace(model, near=near),)
     ]
     finely.sort(key=lambda pair: pair[0])
     scaled = [model for _, model in ranked if model.scene_scale != nominal.scene_scale]
     filmed = [model for _, model in ranked if model.fov != nominal.fov]
-    best = [model for _, model in finely[:STARTS]]
-    # Of each group that is searched for, at least one.
+    best = [model for _, model in finely[:MAX_STARTS]]
+    # Step 3: the best starts, and the best one of each group that was searched.
     return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1], *filmed[:1]]))
 
 
 def _groups(claims: Claims) -> tuple[str, ...]:
-    """Return the groups that claims can tell anything about: points say themselves where the scene is."""
+    """Return the groups that claims can determine; claimed points move with the scene, and do not show it."""
     moved = {"scene-offset", "scene-scale"} if claims.of_points else set()
     return tuple(name for name in parameters.GROUP_NAMES if name not in moved)
 
@@ -226,7 +249,7 @@ def _groups(claims: Claims) -> tuple[str, ...]:
 def _freest_groups(claims: Claims) -> tuple[str, ...]:
     """Return the groups that are free together at first.
 
-    Moved apertures are a moved scene, seen through a moved film: only one of the two is free.
+    Moving the apertures looks like moving the scene with the film: only one of the two is free.
     """
     groups = _groups(claims)
     same = "aperture-offset" if "scene-offset" in groups else ""
@@ -237,15 +260,16 @@ def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[
     """Return the best guess with everything free."""
     usual = tuple(name for name in _freest_groups(claims) if name in USUAL_GROUPS)
     fits = []
-    # The usual groups first: where they suffice, less has to be fitted, and to better-conditioned ends.
+    # Step 1: the usual groups alone, which are fewer and better conditioned; then all, from the best fit.
     for free in (usual, _freest_groups(claims)):
         for start in starts:
             fits.append(_fitted(claims, scene, nominal, start, free))
             kept, _ = _without_spoiled(claims, scene, fits[-1])
-            if _noise(kept, scene, fits[-1]) <= ALIKE * SNAP_PX:
+            if _noise(kept, scene, fits[-1]) <= NOISE_FACTOR * SNAP_PX:
                 return fits[-1]
         fits.sort(key=lambda model: _misfit(claims, scene, model))
         starts = [*fits[:1], *starts[:1]]
+    # Step 2: recentered frusta, every pivot and fit.
     freest = min(fits, key=lambda model: _misfit(claims, scene, model))
     best = freest
     if scene.frustum.recentered:
@@ -268,22 +292,22 @@ def _simplest(
     counts: Iterable[int],
     limit_px: float,
 ) -> _Found | None:
-    """Return the guess with the fewest groups off nominal whose noise stays below a limit, if there is one.
+    """Return the guess with the fewest groups off nominal whose noise stays below a limit; None without one.
 
-    Where several sets of so many groups will do, the images cannot tell them apart: the preferred one is
-    returned, with the others as alternatives.
+    Where several sets with the same number of groups suffice, images cannot tell them apart: the preferred
+    one is returned, with the others as alternatives.
     """
-    few = claims.thinned(SCREENED)
+    few = claims.thinned(MAX_SCREENED_CLAIMS)
     for count in counts:
         passing: dict[tuple[str, ...], tuple[tuple[float, ...], DrawnModel]] = {}
         for free in itertools.combinations(_groups(claims), count):
             for start in _variants(scene, nominal, starts, free):
-                # Most sets are far off, which little work on few claims shows.
+                # Three fits, each more expensive: a rough one on few claims already rejects most sets.
                 model = _fitted(few, scene, nominal, start, free, roughly=True)
-                if _noise(few, scene, model) > max(FAR_OFF_PX, limit_px):
+                if _noise(few, scene, model) > max(MAX_NOISE_PX, limit_px):
                     continue
                 model = _fitted(few, scene, nominal, model, free)
-                if _noise(few, scene, model) > SCREENING * limit_px:
+                if _noise(few, scene, model) > SCREENING_FACTOR * limit_px:
                     continue
                 model = _fitted(claims, scene, nominal, model, free)
                 if _noise(claims, scene, model) > limit_px:
@@ -301,7 +325,7 @@ def _simplest(
 
 
 def _least_wrong(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> _Found:
-    """Return the best guess with one group off nominal, where no guess is good."""
+    """Return the best guess with at most one group off nominal, for use where no guess is good."""
     fits = [
         (free, _fitted(claims, scene, nominal, start, free))
         for free in ((), *((name,) for name in _groups(claims)))
@@ -314,7 +338,7 @@ def _least_wrong(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequ
 def _rank(
     claims: Claims, scene: Scene, model: DrawnModel, nominal: DrawnModel, free: tuple[str, ...]
 ) -> tuple[float, ...]:
-    """Return what the preferred one of several guesses has least of."""
+    """Return the sort key of a guess: the preferred one of several has the smallest."""
     odd = _oddity(scene, model, nominal)
     preference = sum(parameters.PREFERENCE.index(name) for name in free)
     if "aperture-offset" in free and at_corner(scene, model):
@@ -323,17 +347,17 @@ def _rank(
 
 
 def at_corner(scene: Scene, model: DrawnModel) -> bool:
-    """Return whether a guess has apertures at corners or edges of hogels, half a pitch from their centers."""
+    """Return whether a guess has the apertures at corners or edges of hogels, half a pitch off center."""
     offset = np.abs(model.aperture_offset)
     pitch = np.asarray(scene.plate.size) / scene.plate.hogels
-    off = np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER * pitch
-    return bool(off.all() and (offset > CORNER * pitch).any())
+    off = np.minimum(offset, np.abs(offset - pitch / 2)) <= CORNER_PITCHES * pitch
+    return bool(off.all() and (offset > CORNER_PITCHES * pitch).any())
 
 
 def _oddity(scene: Scene, model: DrawnModel, nominal: DrawnModel) -> tuple[int, int]:
-    """Return how many numbers are off nominal by more than has a name, and how many choices are.
+    """Return how many numbers are off nominal by enough to have a name, and how many choices are.
 
-    A fit to the screen is a field of view: of two ways to say the same, the one with fewer numbers.
+    A fit to the screen can also be written as a field of view: the way with fewer numbers is preferred.
     """
     off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
     choices = int(model.pivot is not nominal.pivot) + int(model.fit is not nominal.fit)
@@ -343,10 +367,10 @@ def _oddity(scene: Scene, model: DrawnModel, nominal: DrawnModel) -> tuple[int, 
 def _variants(
     scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel], free: tuple[str, ...]
 ) -> list[DrawnModel]:
-    """Return where fits of some groups begin: the values that starting points have for them.
+    """Return the start values of fits of some groups, taken from the starting points.
 
-    What a starting point says in terms of another group is translated: the freest guess has a moved scene
-    for moved apertures, and may have another pitch for another size.
+    A fault that a starting point states in another group is translated: the freest guess has a moved scene
+    in place of moved apertures, and may have another pitch in place of another size.
     """
     variants: dict[tuple[object, ...], DrawnModel] = {}
     for start in starts:
@@ -374,7 +398,7 @@ def _variants(
 
 
 def _misfit(claims: Claims, scene: Scene, model: DrawnModel) -> float:
-    """Return the mean distance by which claims fail, none counting more than a pixel."""
+    """Return the mean distance by which claims fail, px; each counts a pixel at most."""
     return float(outside_px(claims, scene, model, 1.0).mean())
 
 
@@ -387,7 +411,10 @@ def _fitted(
     *,
     roughly: bool = False,
 ) -> DrawnModel:
-    """Return a guess with some groups of parameters fitted, the others nominal; roughly, to about a pixel."""
+    """Return a guess with some groups of parameters fitted and the others nominal.
+
+    With `roughly`, the fit ends at about a pixel.
+    """
     values = nominal.parameters
     index = np.array([place for name in free for place in parameters.places(name)], dtype=np.int64)
     if not len(index):
@@ -401,7 +428,8 @@ def _fitted(
         values[index] = scaled * scales
         return outside_px(claims, scene, start.with_parameters(values), cap)
 
-    # Outlines that lie pixels apart attract each other first; then they are told apart finely.
+    # The first fit counts failures of up to a pixel by their squares, so that outlines that are pixels apart
+    # attract each other. The second one, with the scale of snapping, is precise.
     scaled = np.clip(values[index], low, high) / scales
     for attraction_px, trials in ((ATTRACTION_PX, 12), (SNAP_PX, 25))[: 1 if roughly else 2]:
         found = least_squares(

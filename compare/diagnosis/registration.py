@@ -1,7 +1,7 @@
 """Conventions and geometry from pictures without numbers of triangles: registered with the reference's own.
 
-Orientation and order by normalized correlation; the sampling point and the field of view by moving a
-finer picture of the reference until its squared difference from the image is least.
+Orientation and order are found by normalized correlation. The sampling point and the field of view are found
+by moving a finer picture of the reference until its difference from the image is least.
 """
 
 from __future__ import annotations
@@ -24,46 +24,58 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 
-FINER = 8
-"""Reference pixels for each pixel of an image, along each side: between them it is interpolated."""
+SUPERSAMPLING = 8
+"""Reference pixels for each pixel of an image, along each side; values between them are interpolated."""
 
-WIDER = 1.25
-"""How much farther than the film the reference looks, so that another field of view finds something there."""
+PICTURE_FILMS = 1.25
+"""Width of the reference's picture in widths of the film: a wider field of view finds surfaces there."""
 
-CONFIDENCE = 0.99
-"""Of the intervals, over hogels."""
+INTERVAL_CONFIDENCE = 0.99
+"""Confidence of the intervals, which are estimated from the spread over hogels."""
 
-SEVERAL = 3
-"""Hogels that it takes to say how far apart they lie."""
+MIN_INTERVAL_HOGELS = 3
+"""Smallest number of hogels from which an interval is estimated: two give a spread with one degree of
+freedom, whose interval at 99 % is 64 standard errors wide to either side."""
 
-REGISTERED = 16
-"""Hogels that are fitted: more would tell the same."""
+MAX_REGISTERED_HOGELS = 16
+"""Largest number of hogels used for fitting; more do not change the result."""
 
-COARSE = 0.25
-"""Steps of derivatives in pixels: outlines are steps themselves, whose slopes are seen from afar only."""
+DERIVATIVE_STEP_PX = 0.25
+"""Step of finite differences in pixels. Outlines are discontinuous, so that smaller steps see no slope; the
+reference's own pixels are half as large."""
 
-SETTLED_PX = 1e-3
-"""The search for the best shift ends when it moves by no more."""
+SHIFT_TOLERANCE_PX = 1e-3
+"""Change of the parameters in pixels below which the search for the best shift ends: a fiftieth of the
+smallest shift that has a name (`parameters.SMALLEST_SHIFT_PX`)."""
 
 BLUR_PX = 1.5
 """Standard deviation of the filter under which outlines that lie pixels apart still attract each other."""
 
-SMALL_DIFFERENCE = 0.05
-"""Differences in brightness beyond which a pixel shows another surface, and by how much says nothing."""
+MAX_BRIGHTNESS_DIFFERENCE = 0.05
+"""Largest difference in brightness that is taken for a small error. A pixel with a larger one shows another
+surface, and how much brighter this surface is says nothing about the geometry."""
 
-AWAY = 1e3
-"""Where the scaled parameters start: steps of derivatives are relative to values, and shall all be one."""
+PARAMETER_OFFSET = 1e3
+"""Added to every fitted parameter, so that scipy's relative steps become absolute."""
 
-NOMINAL = np.array([0.0, 0.0, 1.0, 1.0])
-"""Shift and fov where nothing is wrong."""
+NOMINAL_SHIFT_AND_FOV = np.array([0.0, 0.0, 1.0, 1.0])
+"""Shift (columns, rows) in pixels and factors of the field of view (x, y) where nothing is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pair:
-    """An image, upright, and a finer and wider picture of the same by the reference.
+    """An image, and a finer and wider picture of the same hogel by the reference.
 
-    The latter's grid is off by some fraction of its own pixels, columns and rows in pixels of the image,
-    another one for each hogel: else the best shift would be whole numbers of them.
+    Attributes
+    ----------
+    image
+        (H, W) brightness of the image, upright.
+    wide
+        Brightness of the reference's picture, `SUPERSAMPLING` pixels for each pixel of the image.
+    offset
+        (2,) shift of the picture's grid, columns and rows in pixels of the image, less than one of the
+        picture's own pixels. Each hogel has another one: without them, the best shift would always be a whole
+        number of the picture's pixels.
     """
 
     image: Floats
@@ -71,10 +83,10 @@ class _Pair:
     offset: Floats
 
     def blurred(self) -> _Pair:
-        """Return both under the same filter."""
+        """Return image and picture after the same filter."""
         return _Pair(
             image=gaussian_filter(self.image, BLUR_PX),
-            wide=gaussian_filter(self.wide, BLUR_PX * FINER),
+            wide=gaussian_filter(self.wide, BLUR_PX * SUPERSAMPLING),
             offset=self.offset,
         )
 
@@ -85,12 +97,13 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     images
-        As found, with colors or numbers of objects; several, else order and intervals stay open.
+        Hogels as found, with colors or numbers of objects; a single hogel leaves order and intervals open.
     nominal
-        What the renderer's author says of it.
+        Model of the renderer by its author's statements.
     """
+    # Step 1: leave out pictures of one brightness, which show nothing to register.
     grays = [as_gray(image) for image in images]
     told = [index for index, gray in enumerate(grays) if np.ptp(gray) > 0]
     values = nominal.parameters
@@ -98,21 +111,25 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     if not told:
         return unknown
     images, grays = [images[index] for index in told], [grays[index] for index in told]
+    # Step 2: orientation and order by correlation.
     model = _conventions(reference, images, grays, nominal)
-    chosen = np.unique(np.linspace(0, len(images) - 1, REGISTERED).astype(int))
-    # Halton's sequence in two dimensions: even, and without a period.
-    offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / FINER
+    # Step 3: the reference's finer picture of each hogel that is fitted, on a grid of its own.
+    chosen = np.unique(np.linspace(0, len(images) - 1, MAX_REGISTERED_HOGELS).astype(int))
+    # Halton's sequence covers the square evenly, and has no period.
+    offsets = (Halton(2, scramble=False).random(len(chosen)) - 0.5) / SUPERSAMPLING
     pairs = [
         _pair(reference, model, images[index], grays[index], offset)
         for index, offset in zip(chosen, offsets, strict=True)
     ]
+    # Step 4: shift and field of view, from blurred outlines that attract each other to sharp ones.
     blurred = [pair.blurred() for pair in pairs]
-    best = _least(blurred, _start(pairs), COARSE)
-    best = _closest(pairs, _least(pairs, best, COARSE))
+    best = _least(blurred, _start(pairs), DERIVATIVE_STEP_PX)
+    best = _closest(pairs, _least(pairs, best, DERIVATIVE_STEP_PX))
+    # Step 5: intervals; the four fitted numbers are the first four parameters.
     values, low, high = model.parameters, model.parameters, model.parameters
     half = _uncertainty(pairs, best)
     low[:4], high[:4] = best - half, best + half
-    # What is not off for sure is taken to be right.
+    # A number whose interval holds the nominal value keeps the nominal value.
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
     return GeometryFit(
         model=model.with_parameters(values), low=low, high=high, free=("shift", "fov"), noise_px=0.0
@@ -139,13 +156,14 @@ def _conventions(
                         truth = replace(truth, color=None)
                     truths[aperture.index] = as_gray(truth)
                 agreement += _correlation(orientation.upright(gray), truths[aperture.index])
-            # Equal pictures of a symmetric scene decide for what needs no change.
+            # Pictures of a symmetric scene agree equally well: the first convention, no change, wins then.
             if agreement > best + 1e-6 * len(images):
                 best, found = agreement, model
     return found
 
 
 def _correlation(a: Floats, b: Floats) -> float:
+    """Return the correlation of two pictures, 0 where one of them is uniform."""
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a**2).sum() * (b**2).sum()))
     return float((a * b).sum()) / norm if norm > 0 else 0.0
@@ -154,33 +172,44 @@ def _correlation(a: Floats, b: Floats) -> float:
 def _pair(reference: Reference, model: DrawnModel, image: HogelImage, gray: Floats, offset: Floats) -> _Pair:
     aperture = model.answers(reference.scene, image.camera.aperture)
     shifted = replace(model, shift=(float(offset[0]), float(offset[1])))
-    wide = picture_of(reference, shifted, aperture, FINER, WIDER)
+    wide = picture_of(reference, shifted, aperture, SUPERSAMPLING, PICTURE_FILMS)
     if image.color is None:
         wide = replace(wide, color=None)
     return _Pair(image=model.orientation.upright(gray), wide=as_gray(wide), offset=offset)
 
 
 def _start(pairs: Sequence[_Pair]) -> Floats:
-    """Return shift (columns, rows) and fov (x, y) to begin with, the shift by phase correlation."""
+    """Return the start values of shift (columns, rows) and fov (x, y), the shift by phase correlation."""
     moved = np.array(
         [
-            phase_cross_correlation(pair.image, _sampled(pair, NOMINAL), upsample_factor=20)[0]
+            phase_cross_correlation(pair.image, _sampled(pair, NOMINAL_SHIFT_AND_FOV), upsample_factor=20)[0]
             for pair in pairs
         ]
     )
-    # What moved to the right was sampled to the left.
+    # A picture that moved to the right was sampled to the left.
     down, right = -np.median(moved, axis=0)
+    # Larger shifts than an eighth of the film are false peaks of the correlation.
     small = min(pairs[0].image.shape) / 8
     return np.array([right if abs(right) < small else 0.0, down if abs(down) < small else 0.0, 1.0, 1.0])
 
 
 def _least(pairs: Sequence[_Pair], start: Floats, step_px: float) -> Floats:
-    """Return shift and fov at which the pictures differ least, moved by steps that size at their borders."""
+    """Return shift and fov at which image and picture differ least, found with derivatives.
+
+    Parameters
+    ----------
+    pairs
+        Images and pictures.
+    start
+        (4,) start values of shift and fov.
+    step_px
+        Step of the derivatives: the distance by which it moves the borders of the picture, px.
+    """
     height, width = pairs[0].image.shape
     scales = step_px / np.array([1.0, 1.0, width / 2, height / 2])
 
     def at(units: Floats) -> Floats:
-        return np.asarray(start + (units - AWAY) * scales)
+        return np.asarray(start + (units - PARAMETER_OFFSET) * scales)
 
     def differences(units: Floats) -> Floats:
         values = at(units)
@@ -188,20 +217,21 @@ def _least(pairs: Sequence[_Pair], start: Floats, step_px: float) -> Floats:
 
     found = least_squares(
         differences,
-        np.full(4, AWAY),
+        np.full(4, PARAMETER_OFFSET),
         jac="3-point",
-        diff_step=1 / AWAY,
+        diff_step=1 / PARAMETER_OFFSET,
         loss="soft_l1",
-        f_scale=SMALL_DIFFERENCE,
+        f_scale=MAX_BRIGHTNESS_DIFFERENCE,
         max_nfev=20,
     )
     return at(found.x)
 
 
 def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
-    """Return shift and fov at which fewest pixels show something else, from a start that is nearly right.
+    """Return shift and fov at which fewest pixels show another surface, from a start that is nearly right.
 
-    Without derivatives, which steps do not have, and without interpolating between surfaces.
+    The search needs no derivatives, which discontinuous outlines do not have, and does not interpolate
+    between surfaces.
     """
     height, width = pairs[0].image.shape
     scales = 1 / np.array([1.0, 1.0, width / 2, height / 2])
@@ -209,36 +239,37 @@ def _closest(pairs: Sequence[_Pair], start: Floats) -> Floats:
     def different(units: Floats) -> float:
         values = start + units * scales
         errors = [np.abs(_sampled(pair, values, 0) - pair.image) for pair in pairs]
-        return float(np.mean([np.minimum(error, SMALL_DIFFERENCE).mean() for error in errors]))
+        return float(np.mean([np.minimum(error, MAX_BRIGHTNESS_DIFFERENCE).mean() for error in errors]))
 
-    simplex = np.vstack([np.zeros(4), COARSE * np.eye(4)])
-    settings = {"initial_simplex": simplex, "xatol": SETTLED_PX, "fatol": 1e-9, "maxfev": 300}
+    simplex = np.vstack([np.zeros(4), DERIVATIVE_STEP_PX * np.eye(4)])
+    settings = {"initial_simplex": simplex, "xatol": SHIFT_TOLERANCE_PX, "fatol": 1e-9, "maxfev": 300}
     found = minimize(different, np.zeros(4), method="Nelder-Mead", options=settings)
     return np.asarray(start + found.x * scales)
 
 
 def _uncertainty(pairs: Sequence[_Pair], best: Floats) -> Floats:
-    """Return half the width of the intervals: the jackknife over hogels; infinite for too few."""
+    """Return half the width of the intervals by the jackknife over hogels; infinite for too few of them."""
     count = len(pairs)
-    if count < SEVERAL:
+    if count < MIN_INTERVAL_HOGELS:
         return np.full(4, np.inf)
+    # Step 1: the jackknife's variance, from fits that leave out one hogel each.
     without = np.array([_closest([*pairs[:out], *pairs[out + 1 :]], best) for out in range(count)])
     variance = (count - 1) / count * np.square(without - without.mean(axis=0)).sum(axis=0)
     height, width = pairs[0].image.shape
-    # Each fine picture places outlines to half of its pixels, independently of the others.
-    grid = 1 / (2 * FINER * np.sqrt(count)) / np.array([1.0, 1.0, width / 2, height / 2])
-    return np.asarray(grid + student.ppf((1 + CONFIDENCE) / 2, count - 1) * np.sqrt(variance))
+    # Step 2: each fine picture places outlines to within half of its pixels, independently of the others.
+    grid = 1 / (2 * SUPERSAMPLING * np.sqrt(count)) / np.array([1.0, 1.0, width / 2, height / 2])
+    return np.asarray(grid + student.ppf((1 + INTERVAL_CONFIDENCE) / 2, count - 1) * np.sqrt(variance))
 
 
 def _sampled(pair: _Pair, values: Floats, order: int = 1) -> Floats:
-    """Return the reference's picture as an image with some shift and field of view would have it."""
+    """Return the reference's picture at the pixels of an image with some shift and field of view."""
     height, width = pair.image.shape
     fine = []
     for count, total, shift, factor, offset in zip(
         (height, width), pair.wide.shape, values[1::-1], values[:1:-1], pair.offset[::-1], strict=True
     ):
-        # Pixels from the film's middle, where factors act; then the fine picture's own pixels.
+        # Factors act on pixels counted from the film's middle; the result is in the fine picture's pixels.
         place = (np.arange(count) + 0.5 - count / 2 + shift) * factor - offset
-        fine.append(place * FINER + total / 2 - 0.5)
+        fine.append(place * SUPERSAMPLING + total / 2 - 0.5)
     rows, columns = np.meshgrid(*fine, indexing="ij")
     return np.asarray(map_coordinates(pair.wide, (rows, columns), order=order, mode="nearest"))

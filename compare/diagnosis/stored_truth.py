@@ -1,4 +1,4 @@
-"""Stored pixels beside what the truth would have stored: what kind of damage explains the difference?"""
+"""Stored pixels beside what the truth would have stored, and the damage that explains the difference."""
 
 from __future__ import annotations
 
@@ -10,52 +10,78 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation, orientations
-from xfrustum.compare.renderer_model.pictures import as_gray
+from xfrustum.compare.renderer_model.pictures import COLOR_TOLERANCE, as_gray
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
-from xfrustum.scenes.files.foreign_images import Encoding, ForeignImage, Reading, read_again, stored_rgb
+from xfrustum.scenes.files.foreign_images import (
+    Encoding,
+    ForeignImage,
+    Reading,
+    radiance,
+    read_again,
+    stored_rgb,
+)
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
 OVERFLOW, RESAMPLED, LOSSY = "8-bit-overflow", "resampled", "lossy"
-FIRST = "first"
-"""What is lost where number 0 and nothing are stored alike."""
+"""Names of the kinds of damage that lose numbers, as faults."""
 
-COMPARED_HOGELS = 3
-"""Hogels that are compared with the truth; more do not change what kind of damage it is."""
+FIRST_NUMBER = "first"
+"""Name of the damage that loses number 0 alone, where it is stored like nothing; no fault by itself."""
 
-COMPARED_PX = 100
-"""Columns and rows of each that are looked at, at most, evenly spread."""
+MAX_COMPARED_HOGELS = 3
+"""Largest number of hogels that are compared with the truth; more do not change which damage is found."""
 
-EXPLAINED = 0.9
-"""Share of the pixels that show something which a kind of damage must account for."""
+COMPARED_LINES = 100
+"""Approximate number of rows and columns of each hogel that are compared with the truth, evenly spread."""
 
-REPEATED = 0.15
-"""Share of columns and of rows that repeat the ones before, from which on pictures were enlarged, by about a
-sixth or more: of what is drawn at its own size, few lines are alike."""
+MIN_ACCOUNTED_FRACTION = 0.9
+"""Smallest share of the pixels that show something for which a kind of damage must account; equal to
+`explained.MIN_EXPLAINED_FRACTION`."""
 
-BLENDED = 0.01
-"""Share of pixels between the numbers around them from which on pictures are resampled: fewer are
+MIN_REPEATED_FRACTION = 0.15
+"""Smallest share of columns and of rows that repeat the ones before in an enlarged picture. Enlarging by a
+factor f repeats 1 - 1 / f of the lines: 15 % at 1.18. In pictures drawn at their own size few lines
+repeat."""
+
+MIN_MIXED_FRACTION = 0.01
+"""Smallest share of pixels with a number between those around them in a resampled picture; fewer are
 accidents."""
 
-NEW_VALUES = 1.2
-"""How many times as many different integers as the truth has, mixed or compressed pictures store at least:
-what lies between two numbers is new. Numbers that are merely wrong, as of objects in another order, are as
+MIN_VALUES_FACTOR = 1.2
+"""Smallest ratio of the number of different integers in a mixed or compressed picture to that in the truth:
+values between two numbers are new. Merely wrong numbers, such as those of objects in another order, are as
 many as the right ones."""
 
-LOSSY_STEPS = 24
-"""How far lossy compression may move a byte: the coarsest quantization that JPEG's quality 75 has for
-brightness, its low frequencies, is 16; chroma adds half of its own."""
+MAX_LOSSY_STEPS = 24
+"""Largest change of a byte by lossy compression. JPEG of quality 75 quantizes the low frequencies of
+brightness in steps of at most 16, and chroma adds half a step of its own."""
 
-SHADES = 3
-"""Different gray values that a shaded picture has, at least."""
+MIN_SHADES = 3
+"""Smallest number of different gray values in a shaded picture; masks and outlines have fewer."""
 
-CORRELATED = 0.5
-"""Correlation of brightness with the truth's, within surfaces, from which on colored pixels are a picture."""
+MIN_CORRELATION = 0.5
+"""Smallest correlation of brightness with the truth's within surfaces at which colored pixels count as a
+picture of the scene: that of numbers is random."""
+
+
+MIN_SAME_COLOR_FRACTION = 0.5
+"""Smallest share of pixels as bright as the truth for pictures to be read as sRGB. Under the right reading
+nearly all are, but for those beside outlines that have moved; a picture under another light, which is as
+bright in few, says nothing of its encoding."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """Share of pixels that agree with the truth, and the conventions under which most do."""
+    """The share of pixels that agree with the truth under the conventions under which most do.
+
+    Attributes
+    ----------
+    share
+        Share of the pixels that show something, 0 to 1.
+    orientation, order
+        Orientation of the images and order of the apertures.
+    """
 
     share: float
     orientation: Orientation = UPRIGHT
@@ -64,9 +90,17 @@ class Agreement:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Beside:
-    """Stored bytes (h, w, 3), upright, beside the truth's numbers of the same pixels and their neighbors.
+    """The stored pixels of an image beside the truth of the same pixels and their neighbors.
 
-    Numbers are (9, h, w); the first of the nine is the pixel itself. `gray` is the truth's brightness (h, w).
+    Attributes
+    ----------
+    rgb
+        (h, w, 3) stored bytes, upright.
+    triangle, object
+        (9, h, w) the truth's numbers; the first of the nine belongs to the pixel itself, the others to its
+        neighbors.
+    gray
+        (h, w) the truth's brightness.
     """
 
     rgb: Bytes
@@ -75,16 +109,17 @@ class _Beside:
     gray: Floats
 
     def shown(self) -> Mask:
-        """Pixels where either shows something."""
+        """Return the pixels where the image or the truth shows something, (h, w)."""
         return np.asarray((self.rgb != 0).any(axis=-1) | (self.triangle[0] != NOTHING))
 
     def stored(self, reading: Reading) -> Numbers:
-        """Return what the truth would have stored, (9, h, w)."""
+        """Return the integers that the truth would have stored, (9, h, w)."""
         named = self.object if reading.encoding is Encoding.OBJECT_ID else self.triangle
         return reading.stored(named)
 
 
 Matching = Callable[[_Beside], Mask]
+"""A function that returns the pixels (h, w) which match the truth in some sense."""
 
 
 class StoredTruth:
@@ -93,21 +128,21 @@ class StoredTruth:
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     images
-        As found.
+        Hogels as found.
     """
 
     def __init__(self, reference: Reference, images: Sequence[HogelImage]) -> None:
         self.reference = reference
-        count = min(COMPARED_HOGELS, len(images))
+        count = min(MAX_COMPARED_HOGELS, len(images))
         chosen = np.unique(np.linspace(0, max(len(images) - 1, 0), count).astype(int)).tolist()
         self.images = [images[index] for index in chosen]
         self.several = len({image.camera.aperture.index for image in images}) > 1
         self._truths: dict[tuple[int, int], HogelImage] = {}
 
     def agreement(self, reading: Reading) -> Agreement:
-        """Return the share of pixels that store what the truth would, at the pixel itself or beside it."""
+        """Return the agreement of pixels that store the truth's number of the same pixel or a neighbor."""
 
         def matching(beside: _Beside) -> Mask:
             return np.asarray((reading.packed(beside.rgb) == beside.stored(reading)).any(axis=0))
@@ -126,7 +161,7 @@ class StoredTruth:
                 shown += int(some.sum())
                 matched += int((matching(beside) & some).sum())
             share = matched / shown if shown else 0.0
-            # Equal agreement decides for what needs no change.
+            # Where conventions agree equally well, the first one, no change, wins.
             if share > best.share + 1e-6:
                 best = Agreement(share=share, orientation=orientation, order=order)
         return best
@@ -145,7 +180,7 @@ class StoredTruth:
     ) -> _Beside:
         """Return an image's pixels beside the truth's."""
         truth = self.truth(order.index(image.camera.aperture.index, self.reference.scene.plate.hogels))
-        step = max(1, min(truth.triangle.shape) // COMPARED_PX) if thinned else 1
+        step = max(1, min(truth.triangle.shape) // COMPARED_LINES) if thinned else 1
         return _Beside(
             rgb=orientation.upright(stored_rgb(image))[::step, ::step],
             triangle=_around(truth.triangle, step),
@@ -156,23 +191,31 @@ class StoredTruth:
     def colors(self) -> Reading | None:
         """Return how to read pixels that are colors of the scene; None where they are not."""
         found = self.best(_covers)
-        if found.share < EXPLAINED:
+        if found.share < MIN_ACCOUNTED_FRACTION:
             return None
         parts = [self.beside(image, found.orientation, found.order) for image in self.images]
         inner = [(part.rgb != 0).any(axis=-1) & (part.triangle[0] != NOTHING) for part in parts]
         rgb = np.concatenate([part.rgb[some] for part, some in zip(parts, inner, strict=True)])
         gray = np.concatenate([part.gray[some] for part, some in zip(parts, inner, strict=True)])
         shades = rgb.astype(np.float64).mean(axis=1)
-        if len(np.unique(shades)) < SHADES:
+        if len(np.unique(shades)) < MIN_SHADES:
             return None
-        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= EXPLAINED
-        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < CORRELATED):
+        colorless = float((np.ptp(rgb, axis=1) == 0).mean()) >= MIN_ACCOUNTED_FRACTION
+        if not colorless and (np.ptp(gray) == 0 or np.corrcoef(shades, gray)[0, 1] < MIN_CORRELATION):
             return None
-        return Reading(encoding=Encoding.RGB)
+        linear, encoded = (_same_color(rgb, encoding, gray) for encoding in (Encoding.RGB, Encoding.SRGB))
+        is_encoded = encoded >= MIN_SAME_COLOR_FRACTION and encoded > linear
+        return Reading(encoding=Encoding.SRGB if is_encoded else Encoding.RGB)
+
+
+def _same_color(rgb: Bytes, encoding: Encoding, gray: Floats) -> float:
+    """Return the share of pixels (N, 3) that are as bright as the truth (N,) when read in some encoding."""
+    off = radiance(rgb, encoding).mean(axis=-1) - np.clip(gray, 0.0, 1.0)
+    return float((np.abs(off) <= COLOR_TOLERANCE).mean())
 
 
 def _around(numbers: Numbers, step: int) -> Numbers:
-    """Return numbers of pixels and of their neighbors, (9, h, w), the pixel itself first."""
+    """Return the numbers of every `step`-th pixel and its neighbors, (9, h, w), the pixel itself first."""
     height, width = numbers.shape
     padded = np.pad(numbers, 1, mode="edge")
     places = sorted(itertools.product(range(3), range(3)), key=lambda place: place != (1, 1))
@@ -180,29 +223,29 @@ def _around(numbers: Numbers, step: int) -> Numbers:
 
 
 def _covers(beside: _Beside) -> Mask:
-    """Return the pixels that are black where the truth shows nothing, and only there, to within a pixel."""
+    """Return the pixels that are lit where the truth or a neighbor shows a surface, and black elsewhere."""
     lit = (beside.rgb != 0).any(axis=-1)
     return np.asarray(((beside.triangle != NOTHING) == lit).any(axis=0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Restoring:
-    """Tells which numbers were meant where stored ones are damaged, with the truth's help.
+    """A way to restore damaged numbers with the help of the truth.
 
-    It serves the figures after correction only; nothing passes by it.
+    Restored numbers serve the figures after correction only; no image passes because of them.
 
     Attributes
     ----------
     truth
-        Of the scene.
+        Truth and images of the renderer.
     kind
-        The damage.
+        Kind of the damage.
     reading
-        What was stated.
+        Stated reading of the images.
     agreement
-        The conventions under which images were compared.
+        Conventions under which images were compared with the truth.
     bits
-        How many of each number were kept; of `OVERFLOW` only.
+        Number of low bits of each number that were kept; only for `OVERFLOW`.
     """
 
     truth: StoredTruth
@@ -220,13 +263,13 @@ class Restoring:
         numbers = np.array(orientation.upright(getattr(as_read, name)))
         meant = beside.object if name == "object" else beside.triangle
         candidates: Iterable[tuple[Mask, Numbers]]
-        if self.kind == FIRST:
+        if self.kind == FIRST_NUMBER:
             first = self.reading.packed(beside.rgb) == self.reading.background
             candidates = [(first & (meant[0] == 0), meant[0])]
         elif self.kind == OVERFLOW:
             candidates = zip(_overflown(beside, self.reading, self.bits), meant, strict=True)
         else:
-            margin = LOSSY_STEPS if self.kind == LOSSY else 0
+            margin = MAX_LOSSY_STEPS if self.kind == LOSSY else 0
             candidates = zip([_between(beside, self.reading, margin)], meant[:1], strict=True)
         open_pixels = np.ones(numbers.shape, dtype=np.bool_)
         for explained, number in candidates:
@@ -239,8 +282,8 @@ class Restoring:
 
 
 def restored_first(truth: StoredTruth, reading: Reading) -> Restoring:
-    """Return how to tell number 0 from nothing, where both are stored alike."""
-    return Restoring(truth=truth, kind=FIRST, reading=reading, agreement=truth.agreement(reading))
+    """Return a way to tell number 0 from nothing where both are stored alike."""
+    return Restoring(truth=truth, kind=FIRST_NUMBER, reading=reading, agreement=truth.agreement(reading))
 
 
 def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
@@ -249,9 +292,9 @@ def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
     Parameters
     ----------
     truth
-        With the renderer's images.
+        Truth and images of the renderer.
     stated
-        How they should have been stored.
+        Stated reading of the images.
     """
     count = len(truth.reference.scene.faces)
     for bits in (8, 16):
@@ -263,7 +306,7 @@ def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
             return np.asarray(_overflown(beside, stated, kept).any(axis=0))
 
         found = truth.best(overflown)
-        if found.share >= EXPLAINED:
+        if found.share >= MIN_ACCOUNTED_FRACTION:
             words = (
                 f"only the low {bits} bits of each number are stored, of {count:,} triangles: others are lost"
             )
@@ -273,11 +316,11 @@ def spoiled_numbers(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
 
 
 def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | None:
-    """Find numbers that were averaged with those beside them, or compressed with loss."""
+    """Find numbers that were averaged with their neighbors, or compressed with loss."""
     named_lossy = any(
         isinstance(i, ForeignImage) and i.stored is not None and i.stored.lossy for i in truth.images
     )
-    for kind, margin in ((RESAMPLED, 0), (LOSSY, LOSSY_STEPS)):
+    for kind, margin in ((RESAMPLED, 0), (LOSSY, MAX_LOSSY_STEPS)):
         if kind == RESAMPLED and named_lossy:
             continue
         space = margin
@@ -291,8 +334,8 @@ def _mixed(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restoring] | Non
         mixed = 1 - float(np.concatenate(exact).mean()) if parts else 0.0
         stored = np.concatenate([stated.packed(part.rgb).ravel() for part in parts])
         should = np.concatenate([part.stored(stated)[0].ravel() for part in parts])
-        new = len(np.unique(stored)) >= NEW_VALUES * len(np.unique(should))
-        explained = found.share >= EXPLAINED and mixed >= BLENDED and new
+        new = len(np.unique(stored)) >= MIN_VALUES_FACTOR * len(np.unique(should))
+        explained = found.share >= MIN_ACCOUNTED_FRACTION and mixed >= MIN_MIXED_FRACTION and new
         if explained or (kind == LOSSY and named_lossy):
             words = {
                 RESAMPLED: f"numbers are mixed with their neighbors' in {mixed:.0%} of the pixels, "
@@ -310,14 +353,17 @@ def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
     Parameters
     ----------
     truth
-        With the renderer's images.
+        Truth and images of the renderer.
     stated
-        How they store numbers.
+        Stated reading of the images.
     """
     images = [stated.packed(stored_rgb(image)) for image in truth.images]
     expected = [truth.truth(image.camera.aperture.index).triangle for image in truth.images]
     repeated = [_repeated(images, axis) for axis in (0, 1)]
-    if any(mine < REPEATED or _repeated(expected, axis) > mine / 2 for axis, mine in enumerate(repeated)):
+    if any(
+        mine < MIN_REPEATED_FRACTION or _repeated(expected, axis) > mine / 2
+        for axis, mine in enumerate(repeated)
+    ):
         return None
     share = float(np.mean(repeated))
     words = f"{share:.0%} of columns and rows repeat the ones before: images were drawn smaller and enlarged"
@@ -327,7 +373,7 @@ def repeated_pixels(truth: StoredTruth, stated: Reading) -> tuple[Fault, Restori
 
 
 def _repeated(images: Sequence[Numbers], axis: int) -> float:
-    """Return the share of rows (axis 0) or columns that repeat the ones before, of those not all alike."""
+    """Return the share of rows (axis 0) or columns that repeat the ones before, uniform ones left out."""
     repeated = telling = 0
     for image in images:
         lines = np.moveaxis(image, axis, 0)
@@ -338,9 +384,9 @@ def _repeated(images: Sequence[Numbers], axis: int) -> float:
 
 
 def _overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:
-    """Return where pixels hold the low bits of the numbers that the truth shows there or beside, (9, h, w).
+    """Return whether pixels hold the low bits of the truth's numbers, their own and neighbors', (9, h, w).
 
-    Eight bits may be in blue, with red and green black, or in all three.
+    Eight bits may be in blue alone, with red and green black, or in all three channels.
     """
     low = beside.stored(stated) & (2**bits - 1)
     packed = stated.packed(beside.rgb)
@@ -351,7 +397,7 @@ def _overflown(beside: _Beside, stated: Reading, bits: int) -> Mask:
 
 
 def _between(beside: _Beside, stated: Reading, margin: int) -> Mask:
-    """Return where every byte lies between those of the truth's numbers there and beside, (h, w)."""
+    """Return the pixels whose bytes lie in the range of the truth's bytes around them, (h, w)."""
     around = beside.stored(stated)
     matching = np.ones(around.shape[1:], dtype=np.bool_)
     for channel, shift in zip(stated.channels, (16, 8, 0), strict=True):

@@ -18,18 +18,18 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Sight:
-    """Which apertures of a plate have some of an object in their crossed frusta, whatever hides it.
+    """The apertures of a plate whose crossed frusta hold some part of an object, whatever hides it.
 
     Attributes
     ----------
     apertures, of
-        How many do, of how many.
+        Number of apertures that hold some part, and number of all apertures.
     columns, rows
-        First and last column and row of these; None where no aperture does.
+        First and last column and row of the apertures that hold some part; None where there are none.
     middle
-        Whether the middle aperture does.
+        Whether the middle aperture holds some part.
     corners
-        Whether those at the top left, top right, bottom left and bottom right do.
+        Whether the apertures at the top left, top right, bottom left and bottom right hold some part.
     """
 
     apertures: int
@@ -57,20 +57,20 @@ class Sight:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectExtent:
-    """Where one object lies.
+    """The place and the size of one object.
 
     Attributes
     ----------
     number, name
-        As in the scene.
+        Number and name of the object in its scene.
     triangles
-        How many there are.
+        Number of its triangles.
     low, high
-        Corners of the box about it, scene units; its height runs from low[2] to high[2].
+        Corners of the box around the object, scene units; its heights run from low[2] to high[2].
     share_in_reach
-        Share of its surface between the ends of the reach; None where its surface has no area.
+        Share of the object's surface between the ends of the reach; None where the surface has no area.
     sight
-        Which apertures may see some of it.
+        Apertures that may see some part of the object.
     """
 
     number: int
@@ -83,13 +83,13 @@ class ObjectExtent:
 
     @property
     def size(self) -> Point:
-        """Lengths of the box about it along x, y and z, scene units."""
+        """Lengths of the box around the object along x, y and z, scene units."""
         x, y, z = (high - low for low, high in zip(self.low, self.high, strict=True))
         return x, y, z
 
 
 def extents(scene: Scene) -> tuple[ObjectExtent, ...]:
-    """Return where each object of a scene lies."""
+    """Return the place and the size of each object of a scene."""
     return tuple(
         ObjectExtent(
             number=number,
@@ -118,7 +118,7 @@ def share_in_reach(part: SceneObject, frustum: Frustum) -> float | None:
     """Return the share of an object's surface between the ends of the reach; None where it has no area."""
     toward, back = frustum.reach
     whole = within = 0.0
-    # Of size one, so that areas neither underflow nor overflow.
+    # Coordinates are scaled to at most one, so that areas neither underflow nor overflow.
     size = max(float(np.abs(part.vertices).max()), np.finfo(np.float64).tiny)
     for triangles in triangles_in_chunks(part):
         area = areas(triangles / size)

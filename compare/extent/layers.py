@@ -20,9 +20,9 @@ class Layer:
     Attributes
     ----------
     corners
-        (F, 9, 3) points, scene units: the corners of each part, in no order. Its convex hull is the part.
+        (F, 9, 3) corners of each part in no order, scene units. The part is their convex hull.
     valid
-        (F, 9) which of them there are; none where a triangle has no part here.
+        (F, 9) whether each of these corners exists; all false where a triangle has no part in the layer.
     behind
         Whether the layer lies behind the plate, z <= 0, and not before it.
     """
@@ -35,7 +35,7 @@ class Layer:
 def triangles_in_chunks(part: SceneObject, at_once: int = TRIANGLES_AT_ONCE // 4) -> Iterator[Floats]:
     """Yield (F, 3, 3) corners of an object's triangles, some at a time.
 
-    Cutting takes four times the memory for each that `TRIANGLES_AT_ONCE` reckons with.
+    Cutting takes four times the memory per triangle that `TRIANGLES_AT_ONCE` allows for.
     """
     for start in range(0, len(part.faces), at_once):
         yield part.vertices[part.faces[start : start + at_once]]
@@ -44,8 +44,8 @@ def triangles_in_chunks(part: SceneObject, at_once: int = TRIANGLES_AT_ONCE // 4
 def layers(triangles: Floats, frustum: Frustum) -> Iterator[Layer]:
     """Cut triangles (F, 3, 3) by the reach, the plate, and the height of the projection screen.
 
-    Within one layer no line's film coordinate has a pole, and the apertures that see a point depend on it
-    without a pole.
+    Within one layer the film coordinate of a point, and the range of apertures that see it, are functions of
+    the point's height without a pole.
     """
     toward, back = frustum.reach
     heights = [-back, 0.0, toward]
@@ -88,16 +88,23 @@ def share_between(triangles: Floats, low: float, high: float) -> Floats:
 
 
 def _share_below(z: Floats, height: float) -> Floats:
-    """Return the (F,) share of the area below a height, of corners' heights (F, 3) in ascending order.
+    """Return the (F,) share of each triangle's area below a height.
 
     The length of a triangle's section grows linearly from its lowest corner to its middle one, and
-    shrinks linearly from there: the area below is a square on either side.
+    shrinks linearly from there: the area below is quadratic in the height on either side.
+
+    Parameters
+    ----------
+    z
+        (F, 3) heights of the corners in ascending order, scene units.
+    height
+        Height below which the area counts, scene units.
     """
     lowest, middle, highest = z.T
     ones = np.ones(len(z))
 
     def quotient(part: Floats, whole: Floats) -> Floats:
-        # Where it is used it lies between 0 and 1; elsewhere it might overflow.
+        # Quotients outside 0 to 1 are not used, and might overflow.
         usable = (whole > 0) & (part >= 0) & (part <= whole)
         return np.divide(part, whole, out=ones.copy(), where=usable)
 

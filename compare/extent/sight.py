@@ -1,6 +1,6 @@
 """Whether an aperture's image can show any of an object, and which apertures of a plate can.
 
-Nothing here asks what hides what: an object behind another one is in sight.
+Hidden surfaces are not considered: an object behind another one is in sight.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 FILM_MARGIN_PX = 1e-6
-"""Added around what a triangle covers on the film. Film coordinates are a dozen roundings of doubles, good
-to 1e-12 px on films of any size; what is nearer than this to a pixel's center counts as in sight."""
+"""Margin around the area that a triangle covers on the film. Film coordinates have a dozen roundings of
+doubles, an error below 1e-12 px on films of any size; a triangle nearer than the margin to a pixel's center
+counts as in sight."""
 
-FIRST_LOOK = 1 << 14
-"""Triangles looked at together when any that is in sight will do: most meshes show one among the first."""
+IN_SIGHT_CHUNK_TRIANGLES = 1 << 14
+"""Triangles examined together to find any one in sight: most meshes have one among the first."""
 
-FINE_TRIANGLES = 50_000
-"""Coarse meshes are split up to about this many triangles before apertures are counted, because a large
-triangle's apertures are counted by the rectangle about them."""
+MAX_SPLIT_TRIANGLES = 50_000
+"""Largest number of triangles that a coarse mesh is split into before its apertures are counted. The
+apertures that see a triangle are counted by the rectangle around them, which is too large for large ones."""
 
 
 def in_sight(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
@@ -35,7 +36,7 @@ def in_sight(part: SceneObject, frustum: Frustum, aperture: Aperture) -> bool:
     """
     return any(
         bool(_can_be_shown(triangles, layer, frustum, aperture).any())
-        for triangles in triangles_in_chunks(part, FIRST_LOOK)
+        for triangles in triangles_in_chunks(part, IN_SIGHT_CHUNK_TRIANGLES)
         for layer in layers(triangles, frustum)
     )
 
@@ -57,8 +58,8 @@ def _can_be_shown(triangles: Floats, layer: Layer, frustum: Frustum, aperture: A
 def _film_range(layer: Layer, frustum: Frustum, aperture: Aperture, axis: int) -> tuple[Floats, Floats]:
     """Return the (F,) lowest and highest film coordinate of each part; +-inf for points in the plate.
 
-    u is a fraction of linear functions whose denominator keeps its sign in a layer: over a convex part its
-    extremes lie at corners.
+    The film coordinate is a quotient of linear functions whose denominator keeps its sign in a layer: over a
+    convex part its extremes lie at corners.
     """
     shear, half = _slopes(frustum, aperture, axis)
     s = -layer.corners[..., 2]
@@ -67,7 +68,7 @@ def _film_range(layer: Layer, frustum: Frustum, aperture: Aperture, axis: int) -
     across = across if layer.behind else -across
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         u = across / (half * np.abs(s))
-    # A point in the aperture itself lies on every line.
+    # A point in the aperture itself lies on every line: its film coordinate is undefined.
     nowhere = np.isnan(u)
     low = np.where(layer.valid, np.where(nowhere, -np.inf, u), np.inf).min(axis=1)
     high = np.where(layer.valid, np.where(nowhere, np.inf, u), -np.inf).max(axis=1)
@@ -94,7 +95,7 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
     (kx, tx), (ky, ty) = (_slopes(frustum, aperture, axis) for axis in (0, 1))
     corner = [(kx + u * tx, ky + v * ty, -1.0) for u in (-1, 1) for v in (-1, 1)]
     from_aperture = triangles - (aperture.x, aperture.y, 0.0)
-    # Of size one, so that products of three neither underflow nor overflow.
+    # Coordinates are scaled to at most one, so that products of three neither underflow nor overflow.
     size = np.abs(from_aperture).max(axis=(1, 2), keepdims=True)
     from_aperture = from_aperture / np.where(size > 0, size, 1.0)
     edge_normals = np.cross(from_aperture, np.roll(from_aperture, -1, axis=1))
@@ -109,19 +110,20 @@ def _film_beyond_an_edge(triangles: Floats, behind: bool, frustum: Frustum, aper
 
 
 def apertures_in_sight(part: SceneObject, frustum: Frustum, plate: Plate) -> Mask:
-    """Return (rows, columns) which apertures' crossed frusta hold any of an object.
+    """Return (rows, columns) whether each aperture's crossed frustum holds any part of an object.
 
-    None that holds some is left out; at the border of those that do, one too many may be counted by the
-    size of a triangle, because the apertures that see a triangle are counted by the rectangle about them.
+    No aperture that holds a part is missed. Beside these, apertures within the size of a triangle may be
+    counted too, because the apertures that see a triangle are counted by the rectangle around them.
     """
     columns, rows = plate.hogels
-    # +1 at the first corner of each rectangle, -1 past its last: sums of sums are the numbers of rectangles.
+    # Each rectangle adds +1 where it begins and -1 past its end, in rows and columns: cumulative sums along
+    # both are the numbers of rectangles over each aperture.
     steps = np.zeros((rows + 1, columns + 1), dtype=np.int64)
     for triangles in triangles_in_chunks(part):
         fine = _split_coarse(triangles, len(part.faces))
         for layer in layers(fine, frustum):
             (left, right), (low, high) = (_aperture_range(layer, frustum, plate, axis) for axis in (0, 1))
-            # Rows count down.
+            # Rows are numbered downward, heights upward.
             top, bottom = rows - 1 - high, rows - 1 - low
             some = layer.valid.any(axis=1) & (left <= right) & (top <= bottom)
             for r, c, sign in (
@@ -135,8 +137,8 @@ def apertures_in_sight(part: SceneObject, frustum: Frustum, plate: Plate) -> Mas
 
 
 def _split_coarse(triangles: Floats, total: int) -> Floats:
-    """Return the triangles, each split in four until there are about `FINE_TRIANGLES` in all."""
-    while 4 * total <= FINE_TRIANGLES:
+    """Return the triangles, each split in four as long as all stay below `MAX_SPLIT_TRIANGLES`."""
+    while 4 * total <= MAX_SPLIT_TRIANGLES:
         a, b, c = triangles.transpose(1, 0, 2)
         ab, bc, ca = a / 2 + b / 2, b / 2 + c / 2, c / 2 + a / 2
         quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -148,9 +150,9 @@ def _split_coarse(triangles: Floats, total: int) -> Floats:
 def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> tuple[Indices, Indices]:
     """Return the (F,) first and last column, or row counted upward, whose lines may meet each part.
 
-    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s), with the screen
-    at s = S, its middle m; without a screen 1/S is zero. In a layer 1 - s/S keeps its sign, and so the ends
-    of the interval of a have their extremes at the part's corners.
+    A point is on a line of the aperture at a where abs(x - s m/S - a (1 - s/S)) <= t abs(s). The screen is at
+    s = S and has its middle at m; without a screen 1/S is zero. In a layer 1 - s/S keeps its sign. Therefore
+    both ends of the interval of a take their extremes at the part's corners.
     """
     s = -layer.corners[..., 2]
     _, half = _slopes(frustum, plate.middle, axis)
@@ -174,15 +176,21 @@ def _aperture_range(layer: Layer, frustum: Frustum, plate: Plate, axis: int) -> 
 def aside_of_frusta(
     frustum: Frustum, apertures: Sequence[Aperture], axis: int, ends: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return how far the lines of some apertures run to either side between two heights.
+    """Return the least and the largest x or y of the lines of some apertures between two heights.
+
+    Lines are straight: the extremes lie at the two heights or, where these are on both sides of the plate, in
+    the apertures.
 
     Parameters
     ----------
+    frustum
+        Frustum of the scene.
+    apertures
+        Apertures whose lines count.
     axis
-        0 for x, 1 for y.
+        Axis of the result: 0 for x, 1 for y.
     ends
-        Two heights; lines are straight, so that nothing between them runs farther than at them, or in the
-        plate, where lines are as far aside as their apertures.
+        The two heights, scene units.
     """
     between = [z for z in (*ends, 0.0) if min(ends) <= z <= max(ends)]
     places = []

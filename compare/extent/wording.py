@@ -14,26 +14,28 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.plate import Aperture
 
-OBJECTS_NAMED = 3
-"""Objects that one sentence speaks of, so that it stays one line; the others are counted."""
+MAX_NAMED_OBJECTS = 3
+"""Largest number of objects that one message names, so that it stays one line; the others are counted."""
 
-FEW_APERTURES = 4
-"""Up to this many apertures are looked at one by one; of more, those that see nothing are left out first."""
+MAX_SINGLE_APERTURES = 4
+"""Largest number of apertures that are examined one by one. With more, the count over the whole plate first
+leaves out those that see nothing."""
 
-TINY_SHARE = 0.01
-"""An object smaller than this share of the plate's longer side is more likely one in other units, meters for
-millimeters or inches, than one made for the plate: a pixel of a hogel is a hundredth or more of that side."""
+MIN_SIZE_FRACTION = 0.01
+"""Smallest size of an object, as a share of the plate's longer side, that raises no warning. A smaller object
+is more likely in other units, meters for millimeters or inches, than made for the plate: a pixel of a hogel
+is a hundredth or more of that side."""
 
 
 def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
-    """Raise InputError where a scene has objects and none of the apertures can show any of them.
+    """Raise InputError if a scene has objects and none of the apertures can show any of them.
 
     A scene without objects passes: the true image of nothing is nothing.
 
     Raises
     ------
     InputError
-        One line that says where the objects lie and how far the frusta go.
+        No aperture can show any object; the line says where the objects lie and how far the frusta go.
     """
     sentence = unseen_sentence(scene, apertures)
     if sentence is not None:
@@ -41,7 +43,7 @@ def require_seen(scene: Scene, apertures: Sequence[Aperture]) -> None:
 
 
 def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
-    """Say why some apertures see nothing, as `unseen_facts` does, and what to do about it."""
+    """Say why apertures see nothing, as `unseen_facts` does, and what to do about it; None where they see."""
     facts = unseen_facts(scene, apertures)
     command = shlex.join(("xfrustum", "check", scene.source or scene.name))
     advice = "Change the object's scale or translate, or the frustum's reach"
@@ -49,12 +51,12 @@ def unseen_sentence(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 
 
 def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
-    """Say with sizes why some apertures see nothing; None where they do, or where there are no objects."""
+    """Say with sizes why apertures see nothing; None where one sees an object, or where there are none."""
     if not scene.objects or any(_seen(scene, part, apertures) for part in scene.objects):
         return None
     named = [
         f"{_name(number, part)} {_why_unseen(scene, part, apertures)}"
-        for number, part in enumerate(scene.objects[:OBJECTS_NAMED])
+        for number, part in enumerate(scene.objects[:MAX_NAMED_OBJECTS])
     ]
     more = len(scene.objects) - len(named)
     where = "; ".join([*named, f"and {more} more objects are not in sight"] if more else named)
@@ -62,31 +64,34 @@ def unseen_facts(scene: Scene, apertures: Sequence[Aperture]) -> str | None:
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:
-    """Say of each object that the reach cuts which part of it is beyond, and of each tiny one its size."""
+    """Return a sentence for each object that the reach cuts, and for each object that is tiny."""
     return (*reach_warnings(scene), *scale_warnings(scene))
 
 
 def reach_warnings(scene: Scene) -> tuple[str, ...]:
-    """Say of each object that the reach cuts which part of it is beyond."""
+    """Return a sentence for each object that the reach cuts: which part of the object is beyond."""
     found = (_reach_warning(scene, number, part) for number, part in enumerate(scene.objects))
     return _first([text for text in found if text is not None])
 
 
 def _first(found: Sequence[str]) -> tuple[str, ...]:
-    """Return the first few sentences, the last of them with the number of those that are left out."""
-    more = len(found) - OBJECTS_NAMED
+    """Return the first few sentences; the last one ends with the number of sentences that are left out."""
+    more = len(found) - MAX_NAMED_OBJECTS
     if more <= 0:
         return tuple(found)
-    return (*found[: OBJECTS_NAMED - 1], f"{found[OBJECTS_NAMED - 1]}; and so for {more} more objects")
+    return (
+        *found[: MAX_NAMED_OBJECTS - 1],
+        f"{found[MAX_NAMED_OBJECTS - 1]}; and so for {more} more objects",
+    )
 
 
 def scale_warnings(scene: Scene) -> tuple[str, ...]:
-    """Say of each object that is tiny beside the plate what size it has: its units may not be the scene's."""
+    """Return a sentence for each object that is tiny beside the plate: its units may not be the scene's."""
     side = max(scene.plate.size)
     found = []
     for number, part in enumerate(scene.objects):
         low, high = box(part)
-        if max(np.subtract(high, low)) < TINY_SHARE * side:
+        if max(np.subtract(high, low)) < MIN_SIZE_FRACTION * side:
             found.append(
                 f"{_name(number, part)} is {_size(low, high, scene.units)}, and the plate is {length(side)} "
                 f"{scene.units} wide: give it a scale if it is in other units"
@@ -113,7 +118,7 @@ def heights(low: float, high: float, units: str) -> str:
 
 
 def _spans(low: float, high: float, units: str) -> str:
-    """Say the same with its verb: what is flat lies at one height and spans none."""
+    """Say between which heights something lies, with the verb: a flat object lies at one height."""
     return f"{'lies' if length(low) == length(high) else 'spans'} {heights(low, high, units)}"
 
 
@@ -140,7 +145,7 @@ def _none_of(scene: Scene, apertures: Sequence[Aperture]) -> str:
 
 def _seen(scene: Scene, part: SceneObject, apertures: Sequence[Aperture]) -> bool:
     """Return whether any of the apertures can show some of an object."""
-    if len(apertures) > FEW_APERTURES:
+    if len(apertures) > MAX_SINGLE_APERTURES:
         flags = apertures_in_sight(part, scene.frustum, scene.plate)
         apertures = [one for one in apertures if flags[one.row, one.column]]
     return any(in_sight(part, scene.frustum, one) for one in apertures)
@@ -176,7 +181,7 @@ def _why_aside(scene: Scene, low: Point, high: Point, apertures: Sequence[Apertu
     widest, text = 0.0, None
     for axis, (less, more) in enumerate(sides):
         left, right = aside_of_frusta(scene.frustum, apertures, axis, ends)
-        # How far beyond the lines, and from where to where, both counted from the plate's middle.
+        # The gap between box and lines; the ends of the box and of the lines, from the plate's middle.
         for gap, first, last, limit, word in (
             (left - high[axis], -high[axis], -low[axis], -left, less),
             (low[axis] - right, low[axis], high[axis], right, more),

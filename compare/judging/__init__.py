@@ -1,7 +1,7 @@
 """One hogel of a foreign renderer, judged.
 
-causes         Why a renderer whose settings are known still shows another triangle here and there
-judged         One hogel of a foreign renderer, judged by a question: the truth, or what its author declares
-outline_shift  How far have the outlines of a picture moved? Registration step by step, where no pixel
-               names a triangle
+foreign_cameras  The cameras of a foreign renderer, with bounds of rounding for a precision that nobody has
+                 stated
+judged           One hogel of a foreign renderer, judged by a question: the truth, or what its author declares
+outline_shift    Displacement of a picture's outlines by registration, where no pixel names a triangle
 """

@@ -1,14 +1,23 @@
-"""One hogel of a foreign renderer, judged by a question: the truth, or what its author declares."""
+"""One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
+
+The arithmetic is that of `xfrustum.compare.metrics`: which pixels are judged, which show another surface or a
+hidden point, where the film shows a point and how far that is from the pixel's center. The two judges are not
+one function, because they are asked different things. `compare_images` has a truth and an image that answer
+the same question, name surfaces and say where these lie; it also knows that the true frustum sees the plate
+through the aperture only. A foreign image may be turned, may name triangles that do not exist, or show
+colors alone, and its question may be two offset cameras, which do see the plate, and of which the front one
+covers the other. Here colors are right or wrong within a tolerance; there their error is measured.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from xfrustum.compare.judging.causes import cause_masks
+from xfrustum.compare.judging.foreign_cameras import foreign_cameras
 from xfrustum.compare.judging.outline_shift import (
     Steps,
     contrast,
@@ -19,6 +28,8 @@ from xfrustum.compare.judging.outline_shift import (
 )
 from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.metrics.error_maps import judged_pixels
+from xfrustum.compare.metrics.film import pixel_centers
+from xfrustum.compare.metrics.surface import covered_by, existing_triangles, hidden_pixels, other_surfaces
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.compare.renderer_model.pictures import (
@@ -27,31 +38,32 @@ from xfrustum.compare.renderer_model.pictures import (
     reference_colors,
     shows_something,
 )
-from xfrustum.compare.rounding.positions import position_tolerance
+from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.tracers.visibility import hidden
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 
 class Compared(StrEnum):
-    """What pictures without numbers are compared by."""
+    """Property by which pictures without numbers are compared."""
 
     COLOR = "color"
     GEOMETRY = "geometry"
-    """Where they show something, and where outlines run; their shading may be any."""
+    """Places where pictures show something, and where outlines run; their shading may be any."""
 
 
 class MeasuredBy(StrEnum):
-    """What a displacement was measured by."""
+    """Means by which a displacement was measured."""
 
     POINTS = "surface points"
-    """Of a pixel that names a triangle which its line misses, the point of that triangle drawn nearest to
-    it."""
+    """The surface point of each pixel; where a pixel's line misses the triangle that it names, the point of
+    that triangle drawn nearest to it."""
     OUTLINES = "registration of outlines"
     NOTHING = "nothing"
-    """It cannot be known."""
+    """The displacement cannot be known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,9 +73,9 @@ class Judging:
     Attributes
     ----------
     compared
-        What pictures without numbers are compared by.
+        Property by which pictures without numbers are compared.
     color_tolerance
-        Difference of linear radiance that is no error.
+        Largest difference of linear radiance that is no error.
     """
 
     compared: Compared = Compared.COLOR
@@ -77,12 +89,43 @@ WRONG_WORDS = {
     "color": "wrong colors",
     "outlines": "wrong outlines",
 }
-"""What `Figures.wrong` counts, by `Figures.by`."""
+"""Words for what `Figures.wrong` counts, by `Figures.by`."""
 
-PLAIN = ("color", "outlines")
-"""What pictures are judged by that name no surfaces."""
+COLOR_ONLY = ("color", "outlines")
+"""Values of `Figures.by` of pictures that name no surfaces."""
 
 SURFACES = "wrong surfaces"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceFigures:
+    """Pixels that show the wrong surface, and their share."""
+
+    wrong: int
+    fraction: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColorFigures:
+    """Pixels that show the right surface in another color."""
+
+    wrong: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelNumbers:
+    """The numbers of one hogel's `Figures`, without its images, as they are written."""
+
+    shown: int
+    by: str
+    wrong: int
+    fraction: float
+    surface: SurfaceFigures | None
+    invalid: int
+    displacement_px: Spread | None
+    displacement_by: MeasuredBy
+    radiance: ColorFigures | None
+    causes: dict[str, int] | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,31 +135,31 @@ class Figures:
     Attributes
     ----------
     shown
-        Judged pixels where image or answer shows a surface.
+        Number of judged pixels where image or answer shows a surface.
     by
-        What `wrong` counts: triangle, object, color, outlines, or coverage.
+        Property that `wrong` counts: triangle, object, color, outlines, or coverage.
     wrong
-        Of these, the ones that differ.
+        Number of shown pixels that differ in it.
     surface
-        Of these, the ones with the wrong surface; None where the image does not say.
+        Number of shown pixels with the wrong surface; None where the image does not say.
     claimed, invalid
-        Pixels where the image shows something, and of these the ones that name a triangle or an object which
-        the scene does not have.
+        Number of shown pixels where the image shows something, and of those that name a triangle or an object
+        which the scene does not have.
     displacement_px
-        Of what the image shows; None where it cannot be known.
+        Spread of the displacement of what the image shows; None where it cannot be known.
     measured_by
-        What the displacement was measured by.
+        Means by which the displacement was measured.
     radiance
-        Pixels with the right surface in another color; None where the image does not say both, or colors are
-        not compared.
+        Number of pixels with the right surface in another color; None where the image does not say both, or
+        colors are not compared.
     causes
-        Why pixels are wrong; None where that was not asked.
+        Number of wrong pixels by cause; None where that was not asked.
     answer
-        What should be shown.
+        Image that should be shown.
     image
         The image as the question turns it.
     error
-        (H, W) pixels that are wrong: of the surface, or whatever can be told.
+        (H, W) pixels with a wrong surface or color, or that differ in `by` where the image says no surfaces.
     """
 
     shown: int
@@ -145,12 +188,12 @@ class Figures:
 
     @property
     def limited_words(self) -> str:
-        """What that counts, in words."""
+        """Words for what `limited` counts."""
         return WRONG_WORDS[self.by] if self.surface is None else SURFACES
 
     @property
     def judged_fraction(self) -> float:
-        """The same as a share."""
+        """Share of shown pixels that `limited` counts."""
         return self.limited / self.shown if self.shown else 0.0
 
     @property
@@ -158,23 +201,24 @@ class Figures:
         """Whether most of what the image shows does not exist."""
         return 2 * self.invalid > self.claimed
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `verify --json` prints them."""
+    @property
+    def numbers(self) -> HogelNumbers:
+        """The numbers alone, without the images."""
         surface = None
         if self.surface is not None:
-            surface = {"wrong": self.surface, "fraction": self.judged_fraction}
-        return {
-            "shown": self.shown,
-            "by": self.by,
-            "wrong": self.wrong,
-            "fraction": self.fraction,
-            "surface": surface,
-            "invalid": self.invalid,
-            "displacement_px": asdict(self.displacement_px) if self.displacement_px else None,
-            "displacement_by": str(self.measured_by),
-            "radiance": None if self.radiance is None else {"wrong": self.radiance},
-            "causes": self.causes,
-        }
+            surface = SurfaceFigures(wrong=self.surface, fraction=self.judged_fraction)
+        return HogelNumbers(
+            shown=self.shown,
+            by=self.by,
+            wrong=self.wrong,
+            fraction=self.fraction,
+            surface=surface,
+            invalid=self.invalid,
+            displacement_px=self.displacement_px,
+            displacement_by=self.measured_by,
+            radiance=None if self.radiance is None else ColorFigures(wrong=self.radiance),
+            causes=self.causes,
+        )
 
 
 def judge(
@@ -191,29 +235,29 @@ def judge(
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     question
         How the renderer is supposed to draw: `DrawnModel()` is the true crossed frustum.
     image, points
         As found, and the (H, W, 3) surface points that it shows, as found (`shown_points`). Its camera is
         that of the aperture that its file is named after.
     judging
-        What is compared, and how exactly.
+        Property that is compared, and how exactly.
     explained
-        Whether to find causes, by triangles.
+        Whether to find causes, which needs triangle numbers.
     """
     judging = judging or Judging()
     seen = _compared(reference, question, image, points, judging)
     answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
     invalid = invalid_claims(reference, question, image) & shown
     surface = None
-    if by not in PLAIN:
+    if by not in COLOR_ONLY:
         surface = (wrong_surfaces(reference, question, answer, upright) & shown) | invalid
     radiance = None
     if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
         radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
     spread, measured_by = _displacement(reference, question, answer, upright, by)
-    masks = seen.causes(reference, question) if explained else None
+    causes = seen.causes(reference.scene, question) if explained else None
     return Figures(
         shown=int(shown.sum()),
         by=by,
@@ -224,7 +268,7 @@ def judge(
         displacement_px=spread,
         measured_by=measured_by,
         radiance=None if radiance is None else int(radiance.sum()),
-        causes=None if masks is None else {name: int(mask.sum()) for name, mask in masks.items()},
+        causes=None if causes is None else causes.counts(),
         answer=answer,
         image=upright,
         error=(seen.differs if surface is None else surface) | (False if radiance is None else radiance),
@@ -251,8 +295,8 @@ def wrong_pixels(
     # Which surface a pixel shows is asked, not how far its point has moved.
     nowhere = np.full((*image.triangle.shape, 3), np.nan)
     seen = _compared(reference, question, image, nowhere, judging or Judging())
-    masks = seen.causes(reference, question) if explained else None
-    return seen.differs if masks is None else masks["unexplained"]
+    causes = seen.causes(reference.scene, question) if explained else None
+    return seen.differs if causes is None else causes.unexplained
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -266,11 +310,12 @@ class _Compared:
     shown: Mask
     differs: Mask
 
-    def causes(self, reference: Reference, question: DrawnModel) -> dict[str, Mask] | None:
-        """Return which of the wrong pixels have which cause; None where images name no triangles."""
+    def causes(self, scene: Scene, question: DrawnModel) -> Causes | None:
+        """Return the causes of the wrong pixels; None where images name no triangles."""
         if self.by != "triangle":
             return None
-        return cause_masks(reference.scene, question, self.answer, self.upright, self.differs)
+        cameras = foreign_cameras(scene, question, self.answer.camera.aperture)
+        return find_causes(scene.triangles, cameras, self.answer, self.upright, self.differs)
 
 
 def _compared(
@@ -280,9 +325,9 @@ def _compared(
     answer = trace_drawn(reference, question, aperture)
     upright = turned(reference, question, image, aperture, points)
     by = _named_by(image, judging.compared)
-    if by in PLAIN:
+    if by in COLOR_ONLY:
         answer = reference_colors(reference, question, answer)
-    covered: Mask = shows_something(upright) if by in PLAIN else covered_by(upright)
+    covered: Mask = shows_something(upright) if by in COLOR_ONLY else covered_by(upright)
     shown = judged_pixels(answer) & (answer.covered | covered)
     differs = _differing(answer, upright, covered, by, judging.color_tolerance) & shown
     return _Compared(answer=answer, upright=upright, by=by, covered=covered, shown=shown, differs=differs)
@@ -313,10 +358,8 @@ def _displacement(
 ) -> tuple[Spread | None, MeasuredBy]:
     """Return how far what an image shows has moved, and what that was measured by."""
     if by == "triangle" or np.isfinite(image.position[..., :2]).any():
-        moved = question.project(reference.scene, answer.camera.aperture, image.position.astype(np.float64))
-        height, width = image.triangle.shape
-        moved -= np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-        length = lengths(moved)
+        places = question.project(reference.scene, answer.camera.aperture, image.position.astype(np.float64))
+        length = lengths(places - pixel_centers(answer.camera))
         known = np.isfinite(length)
         # What most pixels do not say, the others do not say for them.
         if 2 * known.sum() < covered_by(image).sum():
@@ -328,22 +371,23 @@ def _displacement(
     return spread, MeasuredBy.NOTHING if spread is None else MeasuredBy.OUTLINES
 
 
-SEEN_CONTRAST = 0.1
-"""Contrast beyond which one edge counts no more than another, of the square root of the radiance."""
+MAX_EDGE_CONTRAST = 0.1
+"""Contrast, of the square root of the radiance, beyond which one edge counts no more than another."""
 
 
 def _outlines(answer: HogelImage, image: HogelImage, by: str) -> tuple[Steps, Steps]:
     """Return where an answer has outlines, and where an image has."""
-    if by in PLAIN:
+    if by in COLOR_ONLY:
         seen = contrast(image)
         capped = Steps(
-            across=np.minimum(seen.across, SEEN_CONTRAST), down=np.minimum(seen.down, SEEN_CONTRAST)
+            across=np.minimum(seen.across, MAX_EDGE_CONTRAST), down=np.minimum(seen.down, MAX_EDGE_CONTRAST)
         )
         if by == "outlines":
             return true_outlines(answer), capped
         expected = contrast(answer)
         return Steps(
-            across=np.minimum(expected.across, SEEN_CONTRAST), down=np.minimum(expected.down, SEEN_CONTRAST)
+            across=np.minimum(expected.across, MAX_EDGE_CONTRAST),
+            down=np.minimum(expected.down, MAX_EDGE_CONTRAST),
         ), capped
     if by == "object":
         return steps_of(answer.object), steps_of(image.object)
@@ -366,8 +410,7 @@ def turned(
     # A number below every number is as strange as one above them, and safer to look up.
     named = np.where(image.triangle < NOTHING, len(scene.faces), image.triangle).astype(np.int32)
     triangle = upright(named)
-    known = np.where((triangle >= 0) & (triangle < len(scene.faces)), triangle, NOTHING)
-    by_triangle = np.append(scene.object_of_triangle, np.int32(NOTHING))[known]
+    by_triangle = np.append(scene.object_of_triangle, np.int32(NOTHING))[existing_triangles(triangle, scene)]
     objects = upright(image.object)
     return HogelImage(
         camera=reference.camera(aperture),
@@ -391,11 +434,6 @@ def _named_by(image: HogelImage, compared: Compared) -> str:
     return "color" if compared is Compared.COLOR else "outlines"
 
 
-def covered_by(image: HogelImage) -> Mask:
-    """Return the pixels that show a surface, by whichever number or position an image has."""
-    return np.asarray(image.covered | (image.object != NOTHING))
-
-
 def wrong_surfaces(reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage) -> Mask:
     """Return the pixels that show the wrong surface, (H, W): see `xfrustum.compare.metrics.surface`.
 
@@ -403,31 +441,31 @@ def wrong_surfaces(reference: Reference, question: DrawnModel, answer: HogelImag
     the plate and the answer has the viewer's half where the point is drawn. A triangle that neither
     camera draws anywhere shows no point, and is wrong.
     """
-    covered = covered_by(image)
-    # What an image does not say of its objects is taken from the answer.
-    objects = np.where(covered & (image.object == NOTHING), answer.object, image.object)
-    wrong: Mask = np.asarray((answer.covered != covered) | (answer.object != objects))
-    known = np.isfinite(image.position).all(axis=-1) & ~wrong & covered
-    named_only = (image.triangle != NOTHING) & ~np.isfinite(image.position).all(axis=-1)
-    wrong |= named_only & (image.triangle != answer.triangle)
+    scene, plate = reference.scene, question.plate_height
+    wrong = other_surfaces(answer, image, scene)
+    pointed = np.isfinite(image.position).all(axis=-1)
+    known = pointed & ~wrong & covered_by(image)
+    wrong |= (image.triangle != NOTHING) & ~pointed & (image.triangle != answer.triangle)
     if not question.plain:
         return wrong
-    scene, aperture = reference.scene, answer.camera.aperture
-    plate = question.plate_height
     sides = [(0, known & (image.height != plate))]
     if question.near:
         sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
     for side, asked in sides:
-        position, number = image.position[asked].astype(np.float64), image.triangle[asked]
-        known_number = (number >= 0) & (number < len(scene.faces))
-        number = np.where(known_number, number, NOTHING).astype(np.int32)
-        points = SurfacePoints(
-            position=position, triangle=number, tolerance=position_tolerance(scene, number, position)
-        )
-        wrong[asked] |= hidden(reference.tracer, scene, question.pencil(scene, aperture, side), points)
-        if side == 1:
-            wrong[asked] |= _covered_by_front(question, reference, answer, position)
+        hides = partial(_hides, reference, question, answer, side)
+        wrong |= hidden_pixels(asked, image, scene, hides)
     return wrong
+
+
+def _hides(
+    reference: Reference, question: DrawnModel, answer: HogelImage, side: int, points: SurfacePoints
+) -> Mask:
+    """Return which surface points a camera, or for C the viewer's half in front of it, does not show."""
+    pencil = question.pencil(reference.scene, answer.camera.aperture, side)
+    behind = hidden(reference.tracer, reference.scene, pencil, points)
+    if side == 1:
+        behind |= _covered_by_front(question, reference, answer, points.position)
+    return behind
 
 
 def _covered_by_front(question: DrawnModel, reference: Reference, answer: HogelImage, points: Floats) -> Mask:

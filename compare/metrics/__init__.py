@@ -3,14 +3,16 @@
 comparison    The judge: truth against raster, pixel by pixel and in numbers (docs/method.md, "What is
               compared")
 displacement  Displacement: how far the picture moved, pixel by pixel (docs/method.md, "What is compared")
-display       How pictures are shown, here and on every page: clipped to what a screen has, sRGB, 8 bits
+display       How pictures are shown on every page: clipped to what a screen has, sRGB, 8 bits
 error_maps    Each error as an image, pixel by pixel (docs/method.md, "What is compared")
-film          Where on the true film does a surface point belong? (CONVENTIONS.md, film coordinates)
+film          Places on the film: of surface points, and of the centers of pixels (CONVENTIONS.md, "Film")
 left_out      What a rasterizer leaves out: shadows and interreflection, measured by light paths
-noise         Is a picture what a noisy reference converges to? A test per pixel, corrected for their number
+noise         A test of whether a picture is what a noisy reference converges to, per pixel, corrected for
+              their number
 paired        Whether one picture of a pair has more wrong pixels than the other, beyond chance
 perceptual    How different two pictures look: FLIP and SSIM
-pixel_bands   What is judged pixel by pixel, in bands of rows: small enough for a processor's cache
+pixel_bands   Bands of rows, small enough for a processor's cache, in which two images are judged pixel by
+              pixel
 radiance      Radiance error: how far colors are off, in linear RGB, raster minus truth
-surface       Surface: which pixels show the wrong one? (docs/method.md, "What is compared")
+surface       Surface: the pixels that show the wrong one (docs/method.md, "What is compared")
 """

@@ -23,18 +23,18 @@ class Spread:
 
     @classmethod
     def of(cls, values: Floats) -> Spread | None:
-        """Return the spread of some values of any shape, None where there is none."""
+        """Return the spread of some values of any shape, None where there are no values."""
         if values.size == 0:
             return None
         p50, p95, p99 = np.percentile(values, [50, 95, 99])
         largest = float(values.max())
-        # Scaled first: near the plate squares of displacements may overflow.
+        # Values are scaled first: near the plate the squares of displacements may overflow.
         rms = largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0 else 0.0
         return cls(rms=rms, p50=float(p50), p95=float(p95), p99=float(p99), max=largest)
 
 
 def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(None)) -> Floats:
-    """Return where each pixel's surface point belongs, minus where it was drawn.
+    """Return the place where each pixel's surface point belongs, minus the place where it was drawn.
 
     No optical flow is needed: the image says which surface point it shows, and the true frustum
     says where that point belongs.
@@ -42,11 +42,11 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     Parameters
     ----------
     raster
-        The image to be judged.
+        Image that is judged.
     camera
-        The true frustum.
+        Camera of the true frustum.
     rows
-        Which of its rows the image has.
+        Rows of the true frustum that the image has.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     """
     shift = true_pixel(raster.position, camera)
     shift -= pixel_centers(camera, rows)
-    # As one complex number each: numpy is several times slower along rows of two.
+    # Each vector is one complex number: numpy is several times slower along rows of two numbers.
     shift.view(np.complex128)[..., 0][~raster.off_plate] = complex(np.nan, np.nan)
     return shift
 

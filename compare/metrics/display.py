@@ -1,7 +1,7 @@
-"""How pictures are shown, here and on every page: clipped to what a screen has, sRGB, 8 bits.
+"""How pictures are shown on every page: clipped to what a screen has, sRGB, 8 bits.
 
-No tone mapping beyond that: what is brighter than one is shown as one, and the same radiance looks
-the same in every picture.
+There is no further tone mapping: radiance above one is shown as one, and the same radiance looks the same
+in every picture.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from xfrustum.scenes.arrays import Floats
 
 LEVELS = 255
-"""Steps of an 8-bit channel."""
+"""Largest value of an 8-bit channel."""
 
 _KNEE, _ENCODED_KNEE = 0.0031308, 0.04045
-"""Where the curve's straight part ends (IEC 61966-2-1), in linear radiance and encoded."""
+"""End of the curve's straight part (IEC 61966-2-1), in linear radiance and encoded."""
 
 
 def encoded(radiance: NDArray[np.floating]) -> Floats:
@@ -34,5 +34,5 @@ def decoded(shown: NDArray[np.floating]) -> Floats:
 
 
 def through_8_bits(radiance: NDArray[np.floating]) -> Floats:
-    """Return the linear radiance that is left of a picture after 8-bit output."""
+    """Return the linear radiance that a picture has after 8-bit output."""
     return decoded(np.rint(LEVELS * encoded(radiance)) / LEVELS)

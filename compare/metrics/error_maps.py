@@ -49,14 +49,14 @@ class ErrorMaps:
 def error_maps(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, *, numbered: bool
 ) -> tuple[ErrorMaps, Floats]:
-    """Return the error maps but that of radiance, and the lengths of all displacements, (N,) px.
+    """Return the error maps without that of radiance, and the lengths of all displacements, (N,) px.
 
     Parameters
     ----------
     truth, raster
-        Of the same size, aperture and scene.
+        Images of one size, aperture and scene.
     reference
-        Of that scene; without it there is no `surface`.
+        Tracer of this scene; without it there is no `surface`.
     numbered
         Whether the raster image names triangles.
     """
@@ -85,7 +85,7 @@ def judged_pixels(truth: HogelImage) -> Mask:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Band:
-    """Some rows of the error maps, and how long their displacements are."""
+    """Some rows of the error maps, and the lengths of their displacements."""
 
     maps: ErrorMaps
     lengths: Floats
@@ -117,6 +117,6 @@ def _judge(
 def _height_map(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:
     same = truth.covered & (truth.triangle == raster.triangle) & judged
     same &= np.isfinite(raster.height)
-    # What is not the same may be anything.
+    # Heights of pixels that are not the same may be any number.
     with np.errstate(invalid="ignore", over="ignore"):
         return np.where(same, raster.height - truth.height.astype(np.float64), np.nan)

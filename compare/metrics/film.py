@@ -1,10 +1,11 @@
-"""Where on the true film does a surface point belong? (CONVENTIONS.md, film coordinates)"""
+"""Places on the film: of surface points, and of the centers of pixels (CONVENTIONS.md, "Film")."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.reference.lines.lines import Pencil, pixel_places
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera
 
@@ -17,29 +18,21 @@ def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
     points
         (..., 3) scene units.
     camera
-        Only its aperture, shear, half-extent and resolution matter, not who drew the image.
+        Camera of an image; only its aperture, shear, half-extent and resolution matter.
 
     Returns
     -------
     (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
-    points in the plane of the plate, which the film does not show anywhere in particular.
+    points in the plane of the plate, which have no place on the film.
     """
-    film = film_coordinates(points, camera)
-    width, height = camera.resolution
-    place = np.empty(film.shape)
-    place[..., 0], place[..., 1] = (film[..., 0] + 1) * width / 2 - 0.5, (1 - film[..., 1]) * height / 2 - 0.5
-    return place
-
-
-def film_coordinates(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
-    """Return film coordinates u and v, (..., 2), of surface points (..., 3); see `true_pixel`."""
-    points = np.asarray(points, dtype=np.float64)
-    z = points[..., 2]
-    depth = np.where(z == 0, np.nan, -z)
-    film = np.empty((*z.shape, 2))
-    film[..., 0] = ((points[..., 0] - camera.aperture.x) / depth - camera.shear[0]) / camera.half_extent[0]
-    film[..., 1] = ((points[..., 1] - camera.aperture.y) / depth - camera.shear[1]) / camera.half_extent[1]
-    return film
+    pencil = Pencil(
+        center=(camera.aperture.x, camera.aperture.y, 0.0),
+        shear=camera.shear,
+        half_extent=camera.half_extent,
+        resolution=camera.resolution,
+        s_range=(-camera.reach[0], camera.reach[1]),
+    )
+    return pixel_places(points, pencil)
 
 
 def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> Floats:

@@ -1,4 +1,4 @@
-"""Is a picture what a noisy reference converges to? A test per pixel, corrected for their number.
+"""A test of whether a picture is what a noisy reference converges to, per pixel, corrected for their number.
 
 A reference that samples light paths knows its mean and, from the samples' spread, the variance of that
 mean. Where the picture is the mean's expectation, (mean - picture) / standard error follows Student's t

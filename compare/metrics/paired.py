@@ -11,17 +11,17 @@ from scipy.stats import binom
 from xfrustum.scenes.arrays import Mask
 
 CONFIDENCE = 0.95
-"""Probability that no picture of a family is called worse than another by chance."""
+"""Probability that no picture among those compared is called worse than another by chance."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PixelSet:
-    """Some pixels of a film, a few bytes where they are few.
+    """A set of pixels of a film, which takes a few bytes where the pixels are few.
 
     Attributes
     ----------
     count
-        How many they are.
+        Number of pixels.
     packed
         One bit for each pixel of the film, compressed.
     """
@@ -43,17 +43,17 @@ class PixelSet:
 def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
     """Return whether more pixels are wrong in one picture than in another, beyond chance.
 
-    The exact test of McNemar (1947): pixels that are wrong in both pictures, or in neither, say nothing.
-    If neither picture were worse, each other pixel would be wrong in this one or in that one like a coin
-    that is thrown. Pixels along one contour change together, so that the test sees differences too soon
-    rather than too late; callers set a least difference beside it.
+    This is the exact test of McNemar (1947). Pixels that are wrong in both pictures, or in neither, say
+    nothing. If neither picture were worse, each other pixel would be wrong in the one or in the other
+    with equal chances. Pixels along one contour change together, so that the test sees differences too soon
+    rather than too late; callers ask for a smallest difference besides.
 
     Parameters
     ----------
     only_here, only_there
-        Pixels wrong in this picture alone, and in the other one alone.
+        Number of pixels that are wrong in this picture alone, and in the other one alone.
     comparisons
-        How many pictures are compared with the other one; `CONFIDENCE` holds for all of them together
+        Number of pictures that are compared with the other one; `CONFIDENCE` holds for all of them together
         (Bonferroni).
     """
     by_chance = binom.sf(only_here - 1, only_here + only_there, 0.5)

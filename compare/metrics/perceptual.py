@@ -18,11 +18,11 @@ from xfrustum.compare.metrics.display import encoded
 from xfrustum.scenes.arrays import Singles
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180
-"""FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, from 0.7 m. It stands for a
-picture looked at on a screen; through a plate one aperture's picture is not seen as a whole."""
+"""FLIP's own viewing condition: a screen 3840 pixels and 0.7 m wide, seen from 0.7 m. It is that of a
+picture on a screen; through a plate one aperture's picture is not seen as a whole."""
 
 SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
-"""Of the Gaussian window (Wang, Bovik, Sheikh, Simoncelli, 2004)."""
+"""Standard deviation and width of SSIM's Gaussian window (Wang, Bovik, Sheikh, Simoncelli, 2004)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,12 +32,12 @@ class PerceptualDifference:
     Attributes
     ----------
     flip
-        Mean over the picture, 0 (the same) to 1 (Andersson et al., 2020).
+        Mean FLIP over the picture, 0 (the same) to 1 (Andersson et al., 2020).
     ssim
         Mean structural similarity over the picture and its channels, 1 for equal pictures; None for
         pictures smaller than its window.
     flip_map
-        (H, W) float32.
+        (H, W) float32, FLIP of each pixel.
     """
 
     flip: float
@@ -54,7 +54,7 @@ def perceptual_difference(truth: NDArray[np.floating], raster: NDArray[np.floati
         (H, W, 3) linear RGB.
     """
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
-    # FLIP's neighborhoods reach over the whole picture, so nothing can be left out of it.
+    # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
     flip_map, _, _ = flip_evaluator.evaluate(
         *shown, "LDR", applyMagma=False, computeMeanError=False, parameters={"ppd": PIXELS_PER_DEGREE}
     )

@@ -1,4 +1,4 @@
-"""What is judged pixel by pixel, in bands of rows: small enough for a processor's cache."""
+"""Bands of rows, small enough for a processor's cache, in which two images are judged pixel by pixel."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 Judged = TypeVar("Judged")
 
 BAND_PIXELS = 1 << 16
-"""Of a band: a plane in double precision takes 512 kB, and a processor's caches hold a few. In smaller bands
-threads wait for each other: NumPy lets go of Python's lock only while it computes."""
+"""Largest number of pixels of a band: one number for each takes 512 kB in double precision, and the caches of
+a processor hold a few such arrays. In smaller bands threads wait for each other: NumPy releases Python's lock
+only while it computes."""
 
-ALONE_PIXELS = 1 << 20
-"""Of an image: up to here bands follow each other. Smaller images come in numbers, each with a thread of
-its own, and that is less to wait for."""
+MAX_SERIAL_PIXELS = 1 << 20
+"""Largest number of pixels of an image whose bands are judged one after the other. Many of these are judged
+at a time, each in a thread of its own, and threads for their bands would only wait for each other."""
 
 
 def in_bands(
@@ -28,9 +29,9 @@ def in_bands(
     Parameters
     ----------
     truth, raster
-        Of the same size.
+        Images of one size.
     judge
-        Takes the two bands and their rows; what it finds in one pixel depends on no other.
+        Function of a band of each image and their rows; its finding for a pixel depends on no other pixel.
     """
     height, width = truth.triangle.shape
     size = max(1, BAND_PIXELS // max(1, width))
@@ -39,7 +40,7 @@ def in_bands(
     def judged(rows: slice) -> Judged:
         return judge(truth.rows(rows), raster.rows(rows), rows)
 
-    if height * width <= ALONE_PIXELS:
+    if height * width <= MAX_SERIAL_PIXELS:
         return [judged(rows) for rows in bands]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(judged, bands))

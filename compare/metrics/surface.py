@@ -1,16 +1,22 @@
-"""Surface: which pixels show the wrong one? (docs/method.md, "What is compared")
+"""Surface: the pixels that show the wrong one (docs/method.md, "What is compared").
 
-Independent of how finely a mesh is tessellated, hence the headline. A picture merely displaced
-is not a wrong surface.
+Their number does not depend on how finely a mesh is tessellated: reports put it first. A picture that is
+merely displaced shows no wrong surface.
+
+A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there is one, or
+that of another object (`other_surfaces`); or the point that it shows belongs outside the film; or it is hidden
+behind something else (`hidden_pixels`). The lines along which points are hidden depend on the question: here they are those of the true frustum, in
+`xfrustum.compare.judging.judged` those of a renderer's own cameras.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import film_coordinates
+from xfrustum.compare.metrics.film import true_pixel
 from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.scenes.arrays import Indices, Mask, Numbers
@@ -18,25 +24,74 @@ from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, H
 from xfrustum.scenes.model.scene import Scene
 
 
-def shown_objects(truth: HogelImage, raster: HogelImage, scene: Scene) -> Numbers:
-    """Return the object that each raster pixel shows; where that is not said, the truth's."""
-    objects = np.where(raster.object != NOTHING, raster.object, truth.object)
-    unnamed = np.flatnonzero((raster.object == NOTHING) & (raster.triangle != NOTHING))
-    objects.flat[unnamed] = scene.object_of_triangle[raster.triangle.ravel()[unnamed]]
+def covered_by(image: HogelImage) -> Mask:
+    """Return the pixels that show a surface, by whichever number or position an image has."""
+    return np.asarray(image.covered | (image.object != NOTHING))
+
+
+def existing_triangles(numbers: Numbers, scene: Scene) -> Numbers:
+    """Return triangle numbers of any shape; `NOTHING` where a number is not one of the scene's."""
+    return np.where((numbers >= 0) & (numbers < len(scene.faces)), numbers, np.int32(NOTHING))
+
+
+def shown_objects(expected: HogelImage, shown: HogelImage, scene: Scene) -> Numbers:
+    """Return the object that each pixel shows; where the image does not say it, the expected one."""
+    objects = np.where(shown.object != NOTHING, shown.object, expected.object)
+    unnamed = np.flatnonzero((shown.object == NOTHING) & (shown.triangle != NOTHING))
+    number = existing_triangles(shown.triangle.ravel()[unnamed], scene)
+    exists = number != NOTHING
+    objects.flat[unnamed[exists]] = scene.object_of_triangle[number[exists]]
     return objects
+
+
+def other_surfaces(expected: HogelImage, shown: HogelImage, scene: Scene) -> Mask:
+    """Return the pixels (H, W) that show a surface where none is expected, none, or another object's."""
+    wrong: Mask = expected.covered != covered_by(shown)
+    wrong |= expected.covered & (expected.object != shown_objects(expected, shown, scene))
+    return wrong
+
+
+def hidden_pixels(
+    asked: Mask, shown: HogelImage, scene: Scene, hides: Callable[[SurfacePoints], Mask]
+) -> Mask:
+    """Return which of the asked pixels show a hidden point, (H, W).
+
+    Parameters
+    ----------
+    asked
+        (H, W) pixels that show a surface point off the plate.
+    shown
+        Image that is judged.
+    scene
+        Scene that it shows.
+    hides
+        Says which of some surface points (N,) are hidden.
+    """
+    pixels = np.flatnonzero(asked)
+    found = np.zeros_like(asked)
+    found.flat[pixels] = hides(_shown_points(shown, pixels, scene))
+    return found
+
+
+def _shown_points(shown: HogelImage, pixels: Indices, scene: Scene) -> SurfacePoints:
+    """Return the surface points of some pixels (N,), with how exactly they are known."""
+    position = shown.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
+    number = existing_triangles(shown.triangle.ravel()[pixels], scene)
+    tolerance = position_tolerance(scene, number, position)
+    return SurfacePoints(position=position, triangle=number, tolerance=tolerance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceErrors:
-    """Which pixels show the wrong surface, and which of these show what lies beside the true film.
+    """The pixels that show the wrong surface, and those of them that show what lies beside the true film.
 
     Attributes
     ----------
     wrong
         (H, W) pixels that show the wrong surface.
     outside
-        (H, W) of these, the ones whose point belongs outside the film [-1, 1]^2: the true frustum shows it
-        in no pixel.
+        (H, W) of these, the pixels whose point belongs outside the film [-1, 1]^2: no pixel of the true
+        frustum shows it.
     """
 
     wrong: Mask
@@ -51,64 +106,55 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
 def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
-    Wrong is hit against miss, another object, or a surface point that the true frustum does not
-    see: something else is in front of it on its own true line, or that line is none of the frustum's,
-    because the point belongs outside the film. A point in the plate is seen by the true frustum only
-    through the aperture, where every line meets it.
+    A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
+    where the point that it shows belongs outside the true film, and where the true frustum does not see that
+    point: something else is in front of it on its own true line. The true frustum sees a point in the plate
+    only in the aperture's center, where all lines meet.
 
-    A point belongs outside from half a pixel beyond the border's outermost pixel centers on, so that
-    a picture displaced by less shows none.
+    The film ends half a pixel beyond the outermost pixels' centers, so that a picture that is displaced by
+    less shows nothing from outside.
     """
-    objects = shown_objects(truth, raster, reference.scene)
-    wrong: Mask = truth.covered != raster.covered
-    wrong |= (truth.object != objects) & truth.covered
+    scene = reference.scene
+    wrong = other_surfaces(truth, raster, scene)
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
-
-    outside = np.zeros(wrong.shape, dtype=np.bool_)
-    unsure = raster.off_plate.copy()
-    unsure.flat[_surely_seen(truth, raster, raster.off_plate & ~wrong, reference.scene)] = False
-    unsure_pixels = np.flatnonzero(unsure)
-    points = _points(raster, unsure_pixels, reference.scene)
-    outside.flat[unsure_pixels] = _outside_film(points, truth.camera)
+    unproven = raster.off_plate.copy()
+    unproven.flat[_surely_seen(truth, raster, raster.off_plate & ~wrong, scene)] = False
+    outside = _outside_film(unproven, raster, truth.camera, scene)
     wrong |= outside
-
-    asked = ~wrong.ravel()[unsure_pixels]
-    other = unsure_pixels[asked]
-    shown = SurfacePoints(
-        position=points.position[asked], triangle=points.triangle[asked], tolerance=points.tolerance[asked]
+    wrong |= hidden_pixels(
+        unproven & ~wrong, raster, scene, lambda points: reference.hidden(truth.camera.aperture, points)
     )
-    wrong.flat[other] = reference.hidden(truth.camera.aperture, shown)
     return SurfaceErrors(wrong=wrong, outside=outside)
 
 
-def _points(raster: HogelImage, pixels: Indices, scene: Scene) -> SurfacePoints:
-    """Return the surface points that some pixels show, with how exactly they are known."""
-    position = raster.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
-    number = raster.triangle.ravel()[pixels]
-    tolerance = position_tolerance(scene, number, position)
-    return SurfacePoints(position=position, triangle=number, tolerance=tolerance)
-
-
-def _outside_film(points: SurfacePoints, camera: HogelCamera) -> Mask:
-    """Return which points (N,) belong outside the film, however their positions were rounded.
+def _outside_film(asked: Mask, shown: HogelImage, camera: HogelCamera, scene: Scene) -> Mask:
+    """Return which of the asked pixels show a point that belongs outside the film, however it was rounded.
 
     A point that is known to within a tolerance is known on the film to within that over |z| t.
     """
-    u = film_coordinates(points.position, camera)
-    known_to = points.tolerance[:, None] / (np.abs(points.position[:, 2:]) * camera.half_extent)
-    return np.asarray((np.abs(u) > 1 + known_to).any(axis=1))
+    pixels = np.flatnonzero(asked)
+    points = _shown_points(shown, pixels, scene)
+    sides = np.asarray(camera.resolution, dtype=np.float64)
+    per_length = sides / (2 * np.asarray(camera.half_extent))
+    known_to = points.tolerance[:, None] * per_length / np.abs(points.position[:, 2:])
+    place = true_pixel(points.position, camera)
+    beyond = (place < -0.5 - known_to) | (place > sides - 0.5 + known_to)
+    found = np.zeros_like(asked)
+    found.flat[pixels] = beyond.any(axis=1)
+    return found
 
 
 def _surely_seen(truth: HogelImage, raster: HogelImage, asked: Mask, scene: Scene) -> Indices:
-    """Return which of the pixels asked for show, as exactly as that is known, the point that the truth shows.
+    """Return the numbers of the pixels in `asked` that show, within rounding, the point that the truth shows.
 
-    What the truth has proven to be seen need not be asked again: most of a picture with a small near.
+    The truth has proven that this point is seen, so that the tracer need not be asked. With a small near
+    these are most pixels of a picture.
     """
     if truth.certainty is None:
         return np.zeros(0, dtype=np.int64)
     same = asked & (truth.certainty <= Certainty.EXACT) & (truth.triangle == raster.triangle)
-    # Most that are farther apart are so in height already: only the others need all coordinates.
+    # Most points that are farther apart differ in height already: only the others need all coordinates.
     with np.errstate(invalid="ignore", over="ignore"):
         same &= np.abs(raster.height - truth.height) <= largest_tolerance(scene)
     pixels = np.flatnonzero(same & (raster.triangle != NOTHING))

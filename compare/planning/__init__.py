@@ -1,4 +1,4 @@
-"""Which settings to draw with: the fewest slabs, then the largest near.
+"""The planner: settings to draw with, the fewest slabs, then the largest near.
 
 cuts          Where to cut: each height as near to the plate as a separation allows
 displacement  How far the drawn picture is displaced, from the truth: a bound in closed form, and the
@@ -10,10 +10,10 @@ numbers       Lengths of three significant digits: what a plan is made of, so th
 plan          The planner: the fewest slabs, and then the largest near, that keep what is required
 plate         A plan that holds for the plate: made from its worst apertures, measured at these and at a
               random sample
-reason        Why a plan is what it is, or why there is none, in words
+reason        Reasons of a plan, or for having none, in words
 robust        The most robust of some settings that all hold: with a margin for what was not looked at
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
 sheets        Two parallel sheets at the far end of a camera, drawn and counted: does a depth buffer tell
               them apart?
-views         What a plan must hold for: a requirement, and what some apertures of a scene truly show
+views         The requirement that a plan must keep, and what some apertures of a scene truly show
 """

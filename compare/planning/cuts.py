@@ -1,8 +1,8 @@
 """Where to cut: each height as near to the plate as a separation allows.
 
-With k cuts everything wants the first one, z1, as near to the plate as can be. Outside of z1 nothing is
-displaced, and within it the less the smaller z1 is, so that near may be larger; and a first slab that is
-shallow needs the smaller near for its depths. How near to the plate z1 can be is decided from the far end
+With k cuts, the first one, z1, is minimised. Outside of z1 nothing is displaced, and within it the less
+the smaller z1 is, so that near may be larger; and a first slab that is shallow needs the smaller near for its
+depths. How near to the plate z1 can be is decided from the far end
 inward. The outermost slab ends at the reach, and its cut may be as low as the separation at the farthest
 surface that is seen in it allows: lower, depths would be coarser. A lower cut only helps the next slab,
 which then ends sooner and sees nothing farther. So each slab in turn takes as much as it may, and no other
@@ -19,7 +19,8 @@ from xfrustum.compare.prediction.share import Slab
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
 
 SMALLEST_PER_REACH = 1e-8
-"""Smallest near and cut, of the larger reach: in float32, n this small beside the reach is nothing."""
+"""Smallest near and cut, as a part of the larger reach: in float32, n this small beside the reach is
+nothing."""
 
 
 class Cutter:
@@ -28,7 +29,7 @@ class Cutter:
     Parameters
     ----------
     views
-        What is seen, and at which heights.
+        Views of the scene: what is seen, and at which heights.
 
     Attributes
     ----------
@@ -51,11 +52,12 @@ class Cutter:
         Parameters
         ----------
         depth, mapping
-            Of the depth buffer.
+            Format of the depth buffer, and what it stores.
         count
-            Of the cuts; fewer where they come as near to the plate as any may.
+            Largest number of cuts; there are fewer where they come as near to the plate as any may.
         separation
-            The largest that may be the smallest at the farthest visible surface of any slab but the first.
+            Separation that sheets at the farthest visible surface of every slab but the first must be ordered
+            at.
         """
         cuts: list[float] = []
         highest = self.highest

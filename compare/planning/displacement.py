@@ -25,9 +25,9 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 
 PERCENTILE = 99.0
-"""Of displacement."""
+"""Percentile of displacement that a requirement limits."""
 
-NEIGHBORS = 3
+NEIGHBORHOOD_PX = 3
 """Width of a neighborhood in pixels: one to each side."""
 
 
@@ -63,7 +63,7 @@ def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrus
         ratio = (1 + settings.near / np.abs(points.height[bent])) / (1 + settings.near * per_fit)
         moved[bent] *= ratio
     moved = np.where(truth.covered & (truth.height == 0), np.inf, np.nan_to_num(moved, nan=0.0))
-    largest = maximum_filter(moved, size=NEIGHBORS)[truth.covered]
+    largest = maximum_filter(moved, size=NEIGHBORHOOD_PX)[truth.covered]
     return float(np.percentile(largest, PERCENTILE, method="higher"))
 
 

@@ -13,7 +13,7 @@ from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.planning.displacement import displacement_percentile
 from xfrustum.compare.planning.sheets import misordered
 from xfrustum.compare.planning.views import Quality, Requirement, View, Views
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -80,7 +80,7 @@ def meets(quality: Quality, requirement: Requirement) -> bool:
     return (
         quality.displacement_p99_px <= requirement.tolerance_px
         and quality.depth_wrong <= requirement.max_wrong
-        and quality.misordered <= MISORDERED
+        and quality.misordered <= MAX_MISORDERED_FRACTION
     )
 
 
@@ -103,7 +103,7 @@ def _smallest_separation(views: Views, view: View, settings: DoubleFrustum) -> f
         return 0.0
 
     def ordered(separation: float) -> bool:
-        return misordered(views.scene, view, settings, separation) <= MISORDERED
+        return misordered(views.scene, view, settings, separation) <= MAX_MISORDERED_FRACTION
 
     low, high = predicted / SEARCH_RATIO, predicted * SEARCH_RATIO
     if not ordered(high):

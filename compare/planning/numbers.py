@@ -6,23 +6,24 @@ A plan in round numbers is also the same for meshes that differ by rounding alon
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 
-_SMALLEST, _PER_DECADE = 100, 900
-"""Of the whole numbers of three digits: the smallest, and how many there are."""
+_FIRST_OF_DECADE, _PER_DECADE = 100, 900
+"""Smallest whole number of three digits, and how many whole numbers have three digits."""
 
 
 def round_number(index: int) -> float:
     """Return a length of three digits; successive indices give successive ones, index 0 gives 1."""
     decade, place = divmod(index, _PER_DECADE)
     # Parsed, not multiplied: the float nearest to the digits.
-    return float(f"{_SMALLEST + place}e{decade - 2}")
+    return float(f"{_FIRST_OF_DECADE + place}e{decade - 2}")
 
 
 def index_below(length: float, *, strictly: bool = False) -> int:
     """Return the index of the largest length of three digits up to a positive one, or strictly below it."""
     decade = math.floor(math.log10(length))
-    place = int(length / float(f"1e{decade}") * _SMALLEST) - _SMALLEST
+    place = int(length / float(f"1e{decade}") * _FIRST_OF_DECADE) - _FIRST_OF_DECADE
     # Logarithms and quotients round: begin above, and come down.
     index = decade * _PER_DECADE + place + 2
     while round_number(index) > length or (strictly and round_number(index) == length):
@@ -61,10 +62,4 @@ def smallest_index(low: int, high: int, holds: Callable[[float], bool]) -> int:
     holds
         False up to some length, true beyond it.
     """
-    while low < high:
-        middle = (low + high) // 2
-        if holds(round_number(middle)):
-            high = middle
-        else:
-            low = middle + 1
-    return low
+    return low + bisect_left(range(low, high), True, key=lambda index: holds(round_number(index)))

@@ -11,7 +11,7 @@ from xfrustum.compare.planning.hogels import PlateResult
 from xfrustum.compare.planning.measure import measured, meets
 from xfrustum.compare.planning.reason import Outcome, disproved, why, why_not
 from xfrustum.compare.planning.robust import most_robust, price
-from xfrustum.compare.planning.search import MOST_CUTS, SEPARATION_MARGIN, Attempt, DepthBuffer, Search
+from xfrustum.compare.planning.search import MAX_CUTS, SEPARATION_MARGIN, Attempt, DepthBuffer, Search
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
@@ -29,7 +29,8 @@ class Plan:
     slabs
         Heights |z| of the cuts, ascending.
     depth, mapping
-        Of the depth buffer; None where there is no plan and more than one was to be chosen from.
+        Format of the depth buffer, and what it stores; None where there is no plan and more than one
+        was to be chosen from.
     predicted, measured
         Of these settings, at the worst aperture; None where there is no plan.
     plate
@@ -37,7 +38,7 @@ class Plan:
     within
         Whether everything that is required was measured to hold.
     reason
-        Why this and nothing simpler, in words.
+        Reason for this plan and nothing simpler, in words.
     """
 
     near: float | None
@@ -157,7 +158,7 @@ def predicted_plan(
 
 def steps(apertures: int) -> int:
     """Return the number of steps of a plan for some apertures: traced, searched, measured."""
-    return 2 * apertures + MOST_CUTS + 1
+    return 2 * apertures + MAX_CUTS + 1
 
 
 def search(
@@ -172,18 +173,18 @@ def search(
     choices
         At least one.
     done
-        Called with the number of steps that are done, out of `MOST_CUTS` + 1.
+        Called with the number of steps that are done, out of `MAX_CUTS` + 1.
     """
     finest = {choice: searched.cutter.finest(*choice) for choice in choices}
     possible = [choice for choice in choices if finest[choice] * SEPARATION_MARGIN <= searched.separation]
     failed: list[Attempt] = []
     holding: list[Attempt] = []
     cuts = 0
-    while possible and not searched.displaces_too_much and not holding and cuts <= MOST_CUTS:
+    while possible and not searched.displaces_too_much and not holding and cuts <= MAX_CUTS:
         attempts = [searched.attempt(*choice, cuts) for choice in possible]
         holding = sorted((one for one in attempts if one.holds), key=lambda one: price(one.settings))
         failed = failed if holding else attempts
         cuts += 1
         done(1)
-    done(MOST_CUTS + 1 - cuts)
+    done(MAX_CUTS + 1 - cuts)
     return Outcome(choices=choices, finest=min(finest.values()), failed=failed, holding=holding)

@@ -1,4 +1,4 @@
-"""Why a plan is what it is, or why there is none, in words."""
+"""Reasons of a plan, or for having none, in words."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from xfrustum.compare.planning.displacement import PERCENTILE
 from xfrustum.compare.planning.numbers import index_below, round_number
 from xfrustum.compare.planning.robust import ENOUGH_MARGIN
 from xfrustum.compare.planning.search import (
-    MOST_CUTS,
+    MAX_CUTS,
     SEPARATION_MARGIN,
     Attempt,
     DepthBuffer,
 )
 from xfrustum.compare.planning.views import Quality, Requirement, Views
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-MOST_SPELLED = 4
-"""Heights in a sentence."""
+MAX_SPELLED_HEIGHTS = 4
+"""Largest number of heights that a sentence lists."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a search came to.
+    """Result of a search.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ def why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
         )
     nearest = min(found.failed, key=lambda attempt: attempt.excess)
     return (
-        f"No plan with up to {MOST_CUTS} cuts: even {_spelled(nearest.settings, units)} "
+        f"No plan with up to {MAX_CUTS} cuts: even {_spelled(nearest.settings, units)} "
         f"would {_shortfall(nearest, requirement, separation, units)}."
     )
 
@@ -116,7 +116,7 @@ def disproved(measured: Quality, requirement: Requirement) -> str:
         )
     if measured.depth_wrong > requirement.max_wrong:
         parts.append(f"{measured.depth_wrong:.2g} of all pixels are wrong by depth")
-    if measured.misordered > MISORDERED:
+    if measured.misordered > MAX_MISORDERED_FRACTION:
         parts.append(f"{measured.misordered:.2g} of the sheets' pixels are out of order")
     return f"But measured it does not hold: {' and '.join(parts)}."
 
@@ -191,7 +191,7 @@ def _shortfall(attempt: Attempt, requirement: Requirement, separation: float, un
 def _spelled(settings: DoubleFrustum, units: str) -> str:
     heights = [f"{height:g}" for height in settings.slabs]
     listed = f"{', '.join(heights)} {units}"
-    if len(heights) > MOST_SPELLED:
+    if len(heights) > MAX_SPELLED_HEIGHTS:
         listed = f"{heights[0]} {units} and {len(heights) - 1} times beyond"
     cuts = f", cut at {listed}," if heights else ""
     return f"{settings.depth_label} with near {settings.near:g} {units}{cuts}"

@@ -16,17 +16,17 @@ SEPARATION_MARGIN = 2.0
 """Sheets must be ordered by prediction when they are this many times closer than is asked for: the factor
 within which predicted and measured smallest separations agree."""
 
-TIGHTENED = 2.0**-0.5
+TARGET_RATIO = 2.0**-0.5
 """Ratio of successive targets for the cuts, where gaps in the scene are narrower than the separation."""
 
 INDICES_PER_OCTAVE = 271
-"""Steps of three digits to half a length, on average."""
+"""Mean number of lengths of three digits between a length and half of it."""
 
-MOST_CUTS = 16
-"""With more there is no plan: each slab is a pass over the whole scene, for each camera."""
+MAX_CUTS = 16
+"""Largest number of cuts of a plan: each slab is a pass over the whole scene, for each camera."""
 
-MOST_TIGHTENED = 24
-"""Targets that are tried: down to 1/4096 of the separation."""
+MAX_TARGETS = 24
+"""Largest number of targets that are tried: down to 1/4096 of the separation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +36,12 @@ class Attempt:
     Attributes
     ----------
     settings
-        Of the two cameras.
+        Settings of the two cameras.
     predicted
-        What is to be expected of them.
+        Quality that is predicted of them.
     displacement_excess, depth_excess
-        Ratios to what is allowed, the second that of wrong pixels or of separation, whichever is worse.
+        Ratios of the predicted quality to what is allowed; for depth, the worse one of wrong pixels and of
+        separation.
     """
 
     settings: DoubleFrustum
@@ -50,7 +51,7 @@ class Attempt:
 
     @property
     def excess(self) -> float:
-        """By how much the worst of the requirements is exceeded, as a ratio; at most 1 if none is."""
+        """Ratio by which the worst of the requirements is exceeded; at most 1 if none is."""
         return max(self.displacement_excess, self.depth_excess)
 
     @property
@@ -65,9 +66,9 @@ class Search:
     Parameters
     ----------
     views
-        What must be shown.
+        Views of the scene that must be shown.
     requirement
-        How well.
+        Quality that they must keep.
     """
 
     def __init__(self, views: Views, requirement: Requirement) -> None:
@@ -94,7 +95,7 @@ class Search:
         """
         best: tuple[float, tuple[float, ...]] | None = None
         target = self.separation / SEPARATION_MARGIN
-        for _ in range(MOST_TIGHTENED if cuts else 1):
+        for _ in range(MAX_TARGETS if cuts else 1):
             heights = self.cutter.cuts(depth, mapping, cuts, target)
             by_depth = self._depth_excess(depth, mapping, heights) if heights else (0.0, 0.0)
             if max(by_depth) <= 1:
@@ -107,7 +108,7 @@ class Search:
             # Shallower outer slabs help only what is wrong by depth, at the cost of the first one.
             if by_depth[0] <= 1:
                 break
-            target *= TIGHTENED
+            target *= TARGET_RATIO
         assert best is not None
         return self._with_largest_near(depth, mapping, best[1])
 

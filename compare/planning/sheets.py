@@ -138,7 +138,7 @@ def misordered(scene: Scene, view: View, settings: DoubleFrustum, separation: fl
     scene
         Scene that gives the plate and the frustum.
     view
-        What is seen from the aperture, and so where its farthest surfaces are.
+        Truth of the aperture, which says where its farthest surfaces are.
     settings
         Settings of the cameras.
     separation

@@ -1,4 +1,4 @@
-"""What a plan must hold for: a requirement, and what some apertures of a scene truly show."""
+"""The requirement that a plan must keep, and what some apertures of a scene truly show."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from statistics import NormalDist
 import numpy as np
 
 from xfrustum.compare.planning.displacement import displacement_bound, traced_displacement
-from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.compare.prediction.share import Slab, depth_wrong_share, slabs
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.reference import Reference
@@ -23,14 +23,14 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 SEPARATION_PER_REACH = 1e-3
-"""Of the larger reach: the separation that is asked for where none is given."""
+"""Separation that is asked for where none is given, as a part of the larger reach."""
 
-SAME_HEIGHT = 1e-9
-"""Relative: a surface this close to a cut counts on both sides of it. Rounding moves the surfaces of a
-refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
+HEIGHT_TOLERANCE_RATIO = 1e-9
+"""Relative distance from a cut within which a surface counts on both sides of it. Rounding moves the surfaces
+of a refined mesh by 1e-16 of their coordinates, and cuts have three digits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class Requirement:
     tolerance_px
         Largest 99th percentile of displacement, pixels.
     separation
-        Of two sheets that must be ordered at the farthest visible surface, scene units; None for
+        Distance of two sheets that must be ordered at the farthest visible surface, scene units; None for
         `SEPARATION_PER_REACH` of the larger reach.
     max_wrong
         Largest share of judged pixels whose wrong surface is charged to depth.
@@ -91,8 +91,8 @@ class Quality:
         Share of pixels in which the wrong one of two parallel sheets shows, as far apart as is asked for,
         at the farthest visible surface of each camera and slab; the worst.
     separation
-        The smallest separation there of which no more than `MISORDERED` are wrong, scene units; the
-        largest of all cameras and slabs, 0 where no two surfaces can be misordered.
+        The smallest separation there of which no more than `MAX_MISORDERED_FRACTION` are wrong, scene
+        units; the largest of all cameras and slabs, 0 where no two surfaces can be misordered.
     """
 
     displacement_p99_px: float
@@ -137,8 +137,8 @@ class View:
     def farthest(self, camera: Camera, low: float, high: float) -> float | None:
         """Return the largest |z| that a camera sees between two heights; None where it sees nothing."""
         seen = self.seen[camera]
-        count = int(np.searchsorted(seen, high * (1 + SAME_HEIGHT), side="right"))
-        if not count or seen[count - 1] < low * (1 - SAME_HEIGHT):
+        count = int(np.searchsorted(seen, high * (1 + HEIGHT_TOLERANCE_RATIO), side="right"))
+        if not count or seen[count - 1] < low * (1 - HEIGHT_TOLERANCE_RATIO):
             return None
         return min(float(seen[count - 1]), high)
 
@@ -216,7 +216,7 @@ class Views:
     def predicted(self, settings: DoubleFrustum, separation: float) -> Quality:
         """Return what settings are predicted to do, with sheets as far apart as is asked for."""
         smallest = self.separation(settings)
-        certain = NormalDist().inv_cdf(1 - MISORDERED)
+        certain = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
         return Quality(
             displacement_p99_px=max(self.displaced(settings), default=0.0),
             depth_wrong=self.depth_wrong(settings),

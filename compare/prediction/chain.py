@@ -31,9 +31,9 @@ class Chain:
         T0 the true crossed frustum; T1 with the near offset; T2 with pivot; T3 with fit; T4 with
         slabs, all traced and certified; R0 rasterized with linear depth; R1 with the depth buffer asked for.
     settings
-        Those of R1.
+        Settings of R1.
     subpixel_bits
-        Of the device that drew R0 and R1.
+        Subpixel bits of the device that drew R0 and R1.
     """
 
     images: tuple[HogelImage, ...]

@@ -1,7 +1,7 @@
-"""Where in a true image does one surface end before another? Contours, with normals and lengths.
+"""The contours of a true image, where one surface ends before another, with normals and lengths.
 
-A contour is found step by step between neighboring pixels, and a step knows no direction but along
-the axes. Its normal is that of the steps about it together.
+A contour is found step by step between neighboring pixels. A single step runs along an axis; the normal of
+the contour there is averaged over the steps around it.
 """
 
 from __future__ import annotations
@@ -16,28 +16,30 @@ from scipy.ndimage import gaussian_filter
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 
-SIGMA_PX = 1.5
-"""Over which a staircase of pixels becomes a contour with a normal. A line that leans by one pixel in m
-repeats its stairs every m pixels: up to m = 4 that lies within two sigma on either side, and the normal is
-exact. Less inclined stairs have a normal too near to an axis, but at most 1/5 of a radian beside it, and
-on average along the line none. More would round corners off, and mix up contours that are as near."""
+CONTOUR_SIGMA_PX = 1.5
+"""Standard deviation of the filter that turns a staircase of pixels into a contour with a normal. A line
+that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a period lies within two sigma on
+either side, and the normal is exact. On stairs that lean less the normal is too near to an axis, but by at
+most 1/5 of a radian, and on average along the line by nothing. A wider filter would round corners off, and
+mix contours that are as near to each other."""
 
-OCCLUSION_FOOTPRINTS = 2
-"""Of a pixel, that neighboring points of one surface may lie off each other's tangent planes. With one
-crease between them it is one at most, on whichever of the two the line meets less steeply, and
-two on a surface bent twice. Where a surface hides another so close to itself, both are displaced
-alike, but for 4 t / W of their displacement: that none is found there makes no difference."""
+MIN_OCCLUSION_FOOTPRINTS = 2
+"""Distance, in footprints of a pixel, by which neighboring points must lie off each other's tangent planes
+to count as an occlusion. Two points of one surface lie at most one footprint off, with one crease between
+them, measured from the face that the line meets less steeply; two footprints on a surface that bends twice.
+An occlusion that is closer is not found. This makes no difference: both surfaces are displaced alike, but
+for 4 t / W of their displacement."""
 
 
 class Kind(IntEnum):
-    """What the two sides of a contour have to do with each other."""
+    """The relation between the two sides of a contour."""
 
     OBJECTS = 0
-    """They are different objects, or one is none."""
+    """The sides are different objects, or one shows no surface."""
     OCCLUSION = 1
-    """One part of an object stands before another."""
+    """One part of an object stands before another part."""
     SEAM = 2
-    """One surface runs on, but another camera draws it."""
+    """One surface continues, but another camera draws it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,14 +50,14 @@ class Contours:
     ----------
     front, back
         (N,) pixels on both sides, as indices of the flattened image: the surface nearer to the
-        viewer, and what lies behind. Of a seam it does not matter which is which.
+        viewer, and what lies behind it. At a seam the two are interchangeable.
     normal
         (N, 2) unit vectors from front to back, columns to the right and rows down.
     length
-        (N,) px of contour that the step stands for. Steps along both axes, weighted by their
+        (N,) length of the contour that the step stands for, px. Steps along both axes, weighted by their
         normals, add up to the contour's length, however it leans.
     kind
-        (N,) `Kind`.
+        (N,) kind of the contour at each step, `Kind`.
     resolution
         W, H in pixels.
     """
@@ -76,10 +78,18 @@ class Contours:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Steps:
-    """Steps along one axis: the pixel before and after, their kind, and whether the normal points on.
+    """Steps along one axis.
 
-    `oriented` is +1 or -1 by a rule that stays the same all along a contour. Which side is in
-    front is none: where two objects meet, their heights are equal and rounding decides.
+    Attributes
+    ----------
+    before, after
+        (N,) pixels before and after each step, as indices of the flattened image.
+    kind
+        (N,) kind of the contour at each step, `Kind`.
+    oriented
+        (N,) +1 where the normal points on along the axis, -1 where it points back. The rule must stay the
+        same all along a contour. "From the front to the back" would not: where two objects meet, their
+        heights are equal, and rounding decides which is in front.
     """
 
     before: Indices
@@ -94,10 +104,11 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     Parameters
     ----------
     truth
-        Its objects, positions and normals; how finely they are tessellated makes no difference.
+        The true image; its objects, positions and normals count. How finely the objects are tessellated
+        makes no difference.
     slab
-        (H, W) pixels whose surface is drawn by other cameras than the rest; its border on a
-        surface is a seam.
+        (H, W) pixels whose surface is drawn by other cameras than the other pixels'; the border of this
+        region on a surface is a seam.
     """
     shape = truth.triangle.shape
     index = np.arange(truth.triangle.size).reshape(shape)
@@ -122,7 +133,7 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
 
 
 def _steps(truth: HogelImage, slab: Mask, before: Indices, after: Indices) -> _Steps:
-    """Find the pairs of pixels that a contour runs between."""
+    """Return the pairs of neighboring pixels that a contour runs between."""
     objects, apart = truth.object.ravel(), slab.ravel()
     kind = np.full(len(before), -1, dtype=np.int8)
     kind[(apart[before] != apart[after]) & truth.covered.ravel()[before]] = Kind.SEAM
@@ -147,19 +158,19 @@ def _occludes(truth: HogelImage, before: Indices, after: Indices) -> Mask:
     k, t = np.asarray(truth.camera.shear), np.asarray(truth.camera.half_extent)
     z = truth.height.ravel()
     footprint = 2 * np.max(t / truth.camera.resolution) * np.maximum(np.abs(z[before]), np.abs(z[after]))
-    # Neighboring lines are a footprint apart: points of equal height are not off any plane by more.
+    # Neighboring lines are a footprint apart: two points of equal height are no farther off any plane.
     longest = np.hypot(1, np.hypot(*(np.abs(k) + t)))
-    deep = np.abs(z[after] - z[before]) * longest > (OCCLUSION_FOOTPRINTS - 1) * footprint
+    deep = np.abs(z[after] - z[before]) * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
     pairs = np.flatnonzero(deep)
     points, normals = truth.position.reshape(-1, 3), truth.normal.reshape(-1, 3)
     chord = points[after[pairs]] - points[before[pairs]]
     off = [np.abs(np.einsum("ij,ij->i", chord, normals[ends[pairs]])) for ends in (before, after)]
-    found[pairs] = np.minimum(*off) > OCCLUSION_FOOTPRINTS * footprint[pairs]
+    found[pairs] = np.minimum(*off) > MIN_OCCLUSION_FOOTPRINTS * footprint[pairs]
     return found
 
 
 def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> Floats:
-    """Return the oriented steps about each pixel, (kinds, pixels, 2), smoothed over `SIGMA_PX`."""
+    """Return the oriented steps around each pixel, (kinds, pixels, 2), smoothed over `CONTOUR_SIGMA_PX`."""
     size = int(np.prod(shape))
     gradients = np.zeros((len(Kind), size, 2))
     for kind in Kind:
@@ -167,9 +178,9 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> Floats:
             weight = step.oriented * (step.kind == kind)
             if not weight.any():
                 continue
-            # Half a step at each of its two pixels.
-            spread = np.bincount(step.before, weight, size) + np.bincount(step.after, weight, size)
-            smooth = gaussian_filter(spread.reshape(shape), SIGMA_PX, mode="constant")
+            # Each of a step's two pixels takes half of it.
+            halves = np.bincount(step.before, weight, size) + np.bincount(step.after, weight, size)
+            smooth = gaussian_filter(halves.reshape(shape), CONTOUR_SIGMA_PX, mode="constant")
             gradients[kind, :, axis] = smooth.ravel()
     return gradients
 
@@ -177,8 +188,8 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> Floats:
 def _normals(gradients: Floats, step: _Steps, axis: int) -> Floats:
     """Return the unit normals of steps along an axis, oriented as the steps are.
 
-    On both sides of a surface thinner than `SIGMA_PX` the steps cancel: where what is left points
-    against the step itself, that has the axis for a normal.
+    On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the rest points against
+    the step itself, the step's normal is the axis.
     """
     normal = gradients[step.kind, step.before] + gradients[step.kind, step.after]
     length = np.hypot(normal[:, 0], normal[:, 1])

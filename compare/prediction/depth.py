@@ -1,12 +1,12 @@
 """Closed form of the smallest separation of two surfaces that a depth buffer still orders.
 
-Two errors limit it, and they are independent, so their squares add.
+Two errors limit it. They are independent, so that their squares add.
 
- * The step: distinct depths are stored as equal ones up to one step of the format, and strict tests
-   then keep the wrong surface where that was drawn first (docs/method.md).
- * Float32: whatever the format, depth is computed in float32 before it is stored. Each of its
-   roundings is uniform within half a unit in the last place of the number that is rounded, a variance
-   of a twelfth of a unit squared. Two surfaces have twice that; their sum is close to normal.
+ * The step: distinct depths are stored as equal ones up to one step of the format, and a strict test
+   then keeps the wrong surface where it was drawn first (docs/method.md).
+ * Float32: whatever the format, depth is computed in float32 before it is stored. Each rounding is
+   uniform within half a unit in the last place of the rounded number: a variance of a twelfth of a
+   unit squared. The difference of two surfaces has twice that variance, and is close to normal.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from xfrustum.compare.rounding.depth import LOG_ULPS, STEP
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
-MISORDERED = 0.01
-"""Share of pixels in which the wrong surface may show, for a separation to count as ordered."""
+MAX_MISORDERED_FRACTION = 0.01
+"""Largest share of pixels that may show the wrong surface at a separation that counts as ordered; equal to
+`tolerances.MAX_WRONG`."""
 
-CLIP_ROUNDINGS = 3
-"""Of clip depth's product and sum, and of clip w: relative to w."""
+CLIP_DEPTH_ROUNDINGS = 3
+"""Roundings of a vertex's depth, relative to w: clip depth is a product and a sum, and clip w is rounded."""
 
 PLANE_ROUNDINGS = 2
-"""The steps of a triangle's plane equation along x and y."""
+"""Roundings of a triangle's plane equation: one step along x and one along y."""
 
 W_ROUNDINGS = 6
-"""Of a fragment's w: the surface's position, clip w, its reciprocal, the two steps of the plane
-equation of 1 / w, and the reciprocal of that."""
+"""Roundings of a fragment's w: the surface's position, clip w, its reciprocal, the two steps of the plane
+equation of 1 / w, and the reciprocal of 1 / w."""
 
 EXPRESSION_ROUNDINGS = {DepthMapping.LINEAR: 3, DepthMapping.LOGARITHMIC: LOG_ULPS}
-"""Roundings of what the fragment computes from w: a difference, a division, and storing; for the
-logarithm its half units in the last place. What a logarithm's approximation gets wrong beyond
-rounding is the same for two depths so near to each other, and cancels."""
+"""Roundings of the depth that a fragment computes from w. Linear depth has a difference, a division, and
+storing; the logarithm counts its half units in the last place. The approximation error of the logarithm
+beyond rounding is the same for two depths so near to each other, and cancels."""
 
 
 def smallest_separation(
@@ -43,23 +44,24 @@ def smallest_separation(
 ) -> Floats:
     """Return the smallest separation of two surfaces that a depth buffer still orders.
 
-    Depth resolution does not depend on which surface wins: for C (nearest wins) and C* (farthest
-    wins) the same w, the distance from the camera, has the same separation. A C* keeps the surfaces
-    of largest w, where hyperbolic depth is coarsest.
+    Depth resolution does not depend on which surface wins: at the same distance w from the camera the
+    separation is the same for C (nearest wins) and C* (farthest wins). C* keeps the surfaces of largest w,
+    where hyperbolic depth is coarsest.
 
     Parameters
     ----------
     w
         Distances of the surfaces from the camera along its axis, scene units, between the planes.
     near_plane, far_plane
-        Distances of the camera's near and far plane: n, and n + the reach of that side without slabs.
+        Distances of the near and far plane from the camera: without slabs n, and n + the reach on the
+        camera's side.
     depth, mapping
         Format and mapping of the depth buffer.
 
     Returns
     -------
-    The difference of two surfaces' w, scene units, at which `MISORDERED` of the pixels still show the
-    wrong one, where equal depths count as wrong; the shape of `w`.
+    The difference of two surfaces' w, scene units, at which `MAX_MISORDERED_FRACTION` of the pixels still
+    show the wrong one, where equal depths count as wrong; the shape of `w`.
 
     Notes
     -----
@@ -70,7 +72,7 @@ def smallest_separation(
     w = np.asarray(w, dtype=np.float64)
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
     step = STEP[depth] or float32_spacing(stored)
-    chance = NormalDist().inv_cdf(1 - MISORDERED)
+    chance = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
     rounding = chance * np.sqrt(2 * depth_variance(w, stored, near_plane, far_plane, mapping))
     return np.asarray(np.hypot(step, rounding) / slope)
 
@@ -97,9 +99,9 @@ def depth_variance(w: Floats, stored: Floats, n: float, f: float, mapping: Depth
         return np.asarray((W_ROUNDINGS * position + after) / 12)
     # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
     largest = f * n / ((f - n) * w) if mapping is DepthMapping.REVERSED else f / (f - n)
-    clip = CLIP_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
+    clip = CLIP_DEPTH_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
     if mapping is DepthMapping.GL:
-        # What is rounded from -1 to 1 is halved, and once more rounded when it is moved by a half.
+        # Depth from -1 to 1 is rounded, halved, and rounded once more when it is moved by a half.
         divided = float32_spacing(2 * stored - 1) ** 2
         moved = (1 + PLANE_ROUNDINGS) * float32_spacing(stored) ** 2
         return np.asarray((position + (clip + divided) / 4 + moved) / 12)

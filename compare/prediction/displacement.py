@@ -28,22 +28,22 @@ def displacement_field(truth: HogelImage, frustum: Frustum, settings: DoubleFrus
     truth
         The true image of an aperture.
     frustum
-        The scene's: its reach and screen.
+        Frustum of the scene, for its reach and screen.
     settings
-        How the two cameras draw; the depth buffer plays no part.
+        Settings of the two cameras; the depth buffer plays no part.
 
     Returns
     -------
     (H, W, 2) columns to the right and rows down, in pixels, with the sign of `displacement`; NaN
-    where the truth shows no surface, where it lies in the plate, and where no camera draws it: the
-    other side of a camera alone, and closer than n without an offset.
+    where the truth shows no surface, where the surface lies in the plate, and where no camera draws it: on
+    the other side of the plate when only one camera draws, and closer than n without an offset.
     """
     return displacements(TruePoints.of(truth), frustum, settings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TruePoints:
-    """Surface points where the truth shows them.
+    """Surface points at the places on the film where the truth shows them.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class TruePoints:
         return lengths(self.from_middle)
 
     def at(self, pixels: NDArray[Any]) -> TruePoints:
-        """Return some of them, by a mask or by indices of the flattened image."""
+        """Return the points at some pixels, given as a mask or as indices of the flattened image."""
         chosen = pixels.ravel()
         return TruePoints(
             height=self.height.ravel()[chosen],
@@ -84,7 +84,7 @@ class TruePoints:
         )
 
     def shown(self) -> TruePoints:
-        """Return those that are surface points off the plate."""
+        """Return the points that are on a surface and off the plate."""
         return self.at(np.isfinite(self.height))
 
 
@@ -96,16 +96,16 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
     Both cameras see a point at height z from a distance w = |z| + n. In coordinates sheared about
     the aperture the point lies |z| t u off the axis, so that it is drawn at
 
-        u_d = u |z| / w                     fit angle; fit zf multiplies by (zf + n) / zf
-        u_d = (u |z| - n k / t) / w         pivot camera, likewise
+        u_d = u |z| / w                     pivot aperture, fit angle
+        u_d = (u |z| - n k / t) / w         pivot camera, fit angle
 
-    The camera's own center, by the second line, misses the axis by n k: C sees the point at
-    x' - n k, and C* at -(x' + n k), which with its turned film is the same shift. True minus drawn is
-    therefore, without a difference of nearly equal numbers,
+    and fit zf multiplies both by (zf + n) / zf. In the second line the camera's own center misses the axis by
+    n k: C sees the point at x' - n k, and C* at -(x' + n k), which on its turned film is the same shift. True
+    minus drawn is therefore, written without a difference of nearly equal numbers,
 
         u n / w (1 - |z| / zf)  +  n k / (t w) (1 + n / zf).
 
-    All that holds in the first slab. The cameras of the others stand in the aperture: no displacement.
+    This holds in the first slab. The cameras of the other slabs stand in the aperture, and displace nothing.
     """
     bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
@@ -123,14 +123,14 @@ def displacement_lengths(points: TruePoints, frustum: Frustum, settings: DoubleF
     """Return the lengths of the displacements of some points, (...) in pixels; see `displacements`."""
     if settings.pivot is Pivot.CAMERA:
         return lengths(displacements(points, frustum, settings))
-    # Away from the middle of the film, or toward it.
+    # Every point moves along its radius, away from the middle of the film or toward it.
     moved = points.radius * _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
     return moved if fitted is None else moved * np.abs(1 - np.abs(points.height) / fitted)
 
 
 def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
-    """Return n / w of some points, (...); 0 outside the first slab, NaN where no camera draws."""
+    """Return n / w of some points, (...): 0 outside the first slab, NaN where no camera draws."""
     near = settings.near if settings.offset is Offset.PLATE else 0.0
     bent = near / (np.abs(points.height) + near)
     if settings.slabs:
@@ -141,13 +141,13 @@ def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floa
 
 
 def in_first_slab(height: NDArray[np.floating], frustum: Frustum, settings: DoubleFrustum) -> Mask:
-    """Return which surfaces at some heights the slab that touches the plate draws."""
+    """Return for each height whether the slab that touches the plate draws a surface there."""
     toward, behind = (settings.sections(reach)[0][1] for reach in frustum.reach)
     return np.asarray((height <= toward) & (height >= -behind))
 
 
 def is_drawn(height: NDArray[np.floating], settings: DoubleFrustum) -> Mask:
-    """Return which surfaces at some heights off the plate some camera draws."""
+    """Return for each height off the plate whether any camera draws a surface there."""
     drawn: Mask = np.isfinite(height)
     if settings.camera is not Camera.BOTH:
         drawn &= (height < 0) == (settings.camera is Camera.C)

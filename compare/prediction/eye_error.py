@@ -1,4 +1,4 @@
-"""What the bent eye vector costs at an image's surface points: predicted and measured.
+"""The error of the bent eye vector at an image's surface points, predicted and measured.
 
 See docs/method.md, "Light".
 """
@@ -21,9 +21,9 @@ def predicted_eye_error(scene: Scene, image: HogelImage, near: float) -> Floats:
     Parameters
     ----------
     image
-        Any that shows surface points, such as the truth: those off the plate count.
+        Image of surface points, such as the truth; the points off the plate count.
     near
-        Offset of both cameras (pivot aperture, fit angle, no slabs).
+        Near offset of both cameras, scene units (pivot aperture, fit angle, no slabs).
     """
     where = image.off_plate
     triangle, position = image.triangle[where], image.position[where].astype(np.float64)
@@ -39,10 +39,10 @@ def measured_eye_error(scene: Scene, shader: Shader, drawn: HogelImage) -> Float
     Parameters
     ----------
     shader
-        Of the scene.
+        Shader of the scene.
     drawn
-        With color, sampled once per pixel. What double precision computes otherwise than float32 is in
-        the difference, too.
+        Drawn image with color, sampled once per pixel. The difference between its float32 and the shader's
+        double precision is part of the result.
     """
     assert drawn.color is not None
     where = drawn.off_plate

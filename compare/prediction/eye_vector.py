@@ -1,4 +1,4 @@
-"""Which way a surface point is looked at: truly, and by the camera that draws it (docs/method.md, "Light").
+"""The line on which a surface point is seen, truly and by its camera (docs/method.md, "Light").
 
 At one *pixel* the drawn line is parallel to the true one (pivot aperture, fit angle), and another
 surface point is met. At one *surface point* the two lines differ: the eye vector bends.
@@ -45,7 +45,7 @@ def drawn_lines(
 
 
 def bend(position: NDArray[np.floating], camera: HogelCamera, near: float) -> Floats:
-    """Return the closed form of drawn minus true line, d of each as above: (..., 3).
+    """Return the drawn minus the true direction d of the line to each point, in closed form, (..., 3).
 
     A point that belongs at film coordinate u is drawn at u |z| / (|z| + n) (pivot aperture, fit angle),
     and pixels' lines have slope k + u t: the line bends by - u t n / (|z| + n) toward the middle of the film.
@@ -67,11 +67,11 @@ def radiance_along(
     Parameters
     ----------
     shader
-        Of the scene.
+        Shader of the scene.
     triangle, position
-        (N,) numbers and (N, 3) points.
+        (N,) numbers of the triangles that the points are on, and (N, 3) the points.
     lines
-        (N, 3) d of a line through each point, from the viewer to the back.
+        (N, 3) direction d of a line through each point, from the viewer to the back.
     """
     hits = Hits(triangle=triangle, normal=scene.normals[triangle], position=position, direction=lines)
     return np.broadcast_to(shader.radiance(hits), position.shape)

@@ -22,9 +22,12 @@ from xfrustum.scenes.plate.frustum import Frustum
 
 @dataclass(frozen=True, kw_only=True)
 class Separations:
-    """The smallest separation of two surfaces that is ordered at the farthest visible one, scene units.
+    """The smallest separation that each camera's depth buffer orders at its farthest visible surface.
 
-    Of C and of C*; None where that side shows no surface.
+    Attributes
+    ----------
+    c, c_star
+        Separation for C and for C*, scene units; None where the camera shows no surface.
     """
 
     c: float | None
@@ -33,17 +36,17 @@ class Separations:
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """What is to be expected of one setting.
+    """The errors that one choice of settings is expected to have.
 
     Attributes
     ----------
     displacement_px
-        None where the truth shows no surface off the plate that is drawn.
+        Spread of the displacement, px; None where no surface off the plate is drawn.
     silhouettes, snapped, depth
         Shares of the judged pixels that show a wrong surface: along silhouettes because of
-        displacement, there because edges snap to subpixels, and because of the depth buffer.
+        displacement, along silhouettes because edges snap to subpixels, and because of the depth buffer.
     separation
-        What the depth buffer still orders.
+        The smallest separations that the depth buffers still order.
     """
 
     displacement_px: Spread | None
@@ -54,20 +57,20 @@ class Prediction:
 
     @property
     def surface_fraction(self) -> float:
-        """Share of the judged pixels with a wrong surface, from causes that know nothing of each other."""
+        """Share of the judged pixels with a wrong surface, its three causes taken as independent."""
         return 1 - (1 - self.silhouettes) * (1 - self.snapped) * (1 - self.depth)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPrediction:
-    """What is to be expected of one link of the chain; None where nothing is known in closed form.
+    """The errors that one link of the chain is expected to add; None where no closed form is known.
 
     Attributes
     ----------
     displacement_rms_px
-        Root mean square length of what the link adds to displacement.
+        Root mean square length of the displacement that the link adds.
     surface_pixels
-        Judged pixels with a wrong surface that are charged to it.
+        Number of judged pixels with a wrong surface that are charged to the link.
     """
 
     displacement_rms_px: float | None
@@ -82,11 +85,11 @@ class Predictor:
     truth
         The true image.
     gaps
-        (H, W) see `Reference.gaps`.
+        (H, W) distances to the next surfaces, see `Reference.gaps`.
     frustum
-        The scene's.
+        Frustum of the scene.
     subpixel_bits
-        Of the device that draws.
+        Subpixel bits of the device that draws.
     """
 
     def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
@@ -98,8 +101,8 @@ class Predictor:
         self._without_depth: dict[DoubleFrustum, tuple[Spread | None, float, float]] = {}
 
     def predict(self, settings: DoubleFrustum) -> Prediction:
-        """Return what is to be expected of a setting."""
-        # The depth buffer displaces nothing: what many settings share is computed once.
+        """Return the errors to be expected with some settings."""
+        # The depth buffer displaces nothing: settings that differ only in depth share the other errors.
         cameras = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
         if cameras not in self._without_depth:
             moved = _spread(displacement_lengths(self._points, self._frustum, cameras))
@@ -117,9 +120,9 @@ class Predictor:
         )
 
     def links(self, settings: DoubleFrustum) -> tuple[LinkPrediction, ...]:
-        """Return what is to be expected of each link of the chain, in the order of `LINKS`.
+        """Return the errors to be expected of each link of the chain, in the order of `LINKS`.
 
-        Rasterization and depth displace nothing but by the rounding of positions.
+        Rasterization and depth displace nothing except by the rounding of positions.
         """
         traced = traced_settings(settings, self._frustum)
         fields = [displacements(self._points, self._frustum, link) for link in traced]
@@ -148,7 +151,7 @@ class Predictor:
             if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:
                 w = np.array([farthest[slab.camera] + slab.step])
                 there = smallest_separation(w, slab.near, slab.far, settings.depth, settings.mapping)
-                # A surface at a cut is drawn by both slabs, by one of them as its nearest.
+                # Both slabs draw a surface at their common cut; for one of them it is the nearest surface.
                 found[slab.camera] = min(found.get(slab.camera, np.inf), float(there[0]))
         return Separations(c=found.get(Camera.C), c_star=found.get(Camera.C_STAR))
 
@@ -159,6 +162,6 @@ def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -
 
 
 def _spread(moved: Floats) -> Spread | None:
-    """Return how those lengths (N,) are spread that are known."""
+    """Return the spread of those lengths (N,) that are known; None where none is."""
     known = np.isfinite(moved)
     return Spread.of(moved if known.all() else moved[known])

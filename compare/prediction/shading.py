@@ -1,15 +1,15 @@
-"""What a bent eye vector does to highlights and reflections, to first order (docs/method.md, "Light").
+"""The effect of a bent eye vector on highlights and reflections, to first order (docs/method.md, "Light").
 
 With E the unit eye vector and d a line, E = -d / |d|. A bend D of the line (`eye_vector.bend`) turns E by
 
     dE = - (D - (D.E) E) / |d|
 
-and the eye vector reflected across N, R = 2 (N.E) N - E, by dR = 2 (N.dE) N - dE, which is as long. A light
-from L then shows, in its specular term,
+and turns the reflection of the eye vector across N, R = 2 (N.E) N - E, by dR = 2 (N.dE) N - dE, of the same
+length. The specular term of a light from L then changes by
 
     dC = I specular exponent (R.L)^(exponent - 1) (dR.L)      where N.L > 0 and R.L > 0
 
-and a mirror shows what lies at R + dR. Diffuse and ambient light do not know the eye.
+and a mirror shows what lies at R + dR. Diffuse and ambient light do not depend on the eye.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def bent_eye(line: Floats, bend: Floats) -> tuple[Floats, Floats]:
     Parameters
     ----------
     line, bend
-        (N, 3) d of the true line, of any length, and the drawn one's minus it.
+        (N, 3) direction d of the true line, of any length, and the drawn minus the true direction.
     """
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     eye = -line / length
@@ -40,11 +40,11 @@ def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[
     Parameters
     ----------
     triangle
-        (N,) what the points are on.
+        (N,) numbers of the triangles that the points are on.
     normal
-        (N, 3) unit normals that are shaded with, turned to the viewer.
+        (N, 3) unit normals used for shading, turned to the viewer.
     eye
-        E and dE, of `bent_eye`.
+        E and dE as `bent_eye` returns them.
     """
     mirrored, turned = _reflected(normal, eye[0]), _reflected(normal, eye[1])
     material = scene.object_of_triangle[triangle]
@@ -55,14 +55,17 @@ def specular_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[
         toward = np.asarray(light.direction)
         along = (mirrored @ toward)[:, None]
         lit = ((normal @ toward)[:, None] > 0) & (along > 0)
-        # Powers below one, of exponents below one, grow without bound where the highlight ends.
+        # With an exponent below one the slope is infinite at the end of the highlight: unlit points take 1.
         slope = exponent * np.where(lit, along, 1.0) ** (exponent - 1)
         change += np.where(lit, slope * (turned @ toward)[:, None], 0.0) * specular * light.color
     return change
 
 
 def mirror_change(scene: Scene, triangle: Numbers, normal: Floats, eye: tuple[Floats, Floats]) -> Floats:
-    """Return how much brighter reflections are drawn than they are, (N, 3) linear RGB; see above."""
+    """Return how much brighter reflections are drawn than they are, (N, 3) linear RGB.
+
+    The parameters are those of `specular_change`.
+    """
     environment = scene.appearance.environment
     if environment is None:
         return np.zeros_like(normal)

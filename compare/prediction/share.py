@@ -1,10 +1,10 @@
 """Closed form of the share of pixels that a depth buffer shows wrongly, from the truth's geometry alone.
 
-A pixel's surface is at stake in two ways (docs/method.md, "The error budget"):
+A depth buffer shows a pixel wrongly in two ways (docs/method.md, "The error budget"):
 
-* order: the next surface that the same camera sees in the same slab is stored in front of it, or as equal
-  and was drawn first. Surfaces in different slabs have depth buffers of their own;
-* lost: its stored depth is the clear value's own, which a strict test does not let in.
+* order: the next surface that the same camera sees in the same slab is stored in front of the right one, or
+  at the same depth and was drawn first. Surfaces in different slabs have depth buffers of their own;
+* lost: the stored depth of the right surface equals the clear value, and the strict test rejects it.
 """
 
 from __future__ import annotations
@@ -22,22 +22,25 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 
-DRAW_ORDER = 2.0
-"""How much larger the share may be than is expected of an unknown draw order, by which surfaces that are
-stored as equal are wrong half the time: at most all of them are."""
+MAX_ORDER_FACTOR = 2.0
+"""Largest ratio of the share that the worst draw order gets wrong to the share expected when the order is
+unknown. Surfaces that are stored at the same depth are wrong half the time when the order is unknown, and
+always when it is the worst."""
 
 BINS_PER_OCTAVE = 256
-"""Of w: roundings change by less than half a percent within a bin, and jump between octaves."""
+"""Bins of w in each octave: rounding errors change by less than half a percent within a bin (1 / 256), and
+the jump between octaves falls between two bins."""
 
-_SHIFT = 23 - (BINS_PER_OCTAVE.bit_length() - 1)
-"""Bits of a float32's mantissa that tell apart what is in one bin."""
+_BIN_SHIFT_BITS = 23 - (BINS_PER_OCTAVE.bit_length() - 1)
+"""Number of low mantissa bits of a float32 that vary within one bin."""
 
-CERTAIN = 6.0
-"""Standard deviations beyond which an order is not in doubt: a share of 1e-9."""
+MAX_DOUBT_DEVIATIONS = 6.0
+"""Standard deviations of the depth error beyond which the order is taken as certain: the normal
+distribution leaves a share of 1e-9 there."""
 
-
-SMALLEST_STEP = 1e-3
-"""Of the error: a smaller step is lost in it, and its formula in float64's rounding."""
+MIN_STEP_PER_ERROR = 1e-3
+"""Smallest step of a format that is used, as a part of the depth error. A smaller step changes nothing
+beside the error, and the difference quotient of `_misordered` would lose it in float64's rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +50,13 @@ class Slab:
     Attributes
     ----------
     camera
-        C or C*.
+        The camera that draws the slab, C or C*.
     low, high
-        Heights |z| between which it draws.
+        Distances |z| from the plate between which the camera draws, scene units.
     step
-        How far its camera stands back from the aperture.
+        Distance by which the camera stands back from the aperture, scene units.
     near, far
-        Distances of its planes from the camera.
+        Distances of the near and far plane from the camera, scene units.
     """
 
     camera: Camera
@@ -67,8 +70,8 @@ class Slab:
 def slabs(frustum: Frustum, settings: DoubleFrustum) -> Iterator[Slab]:
     """Yield every slab of the cameras that draw, from the plate outward.
 
-    The slab that touches the plate has its near plane at n, and cameras that have stepped back by n where
-    the offset says so; each other one stands in the aperture, with its near plane at its lower cut.
+    The slab that touches the plate has its near plane at n, and its camera steps back by n where the offset
+    says so. The cameras of the other slabs stand in the aperture; their near planes are the lower cuts.
     """
     sides = {Camera.C: frustum.reach[1], Camera.C_STAR: frustum.reach[0]}
     for camera, reach in sides.items():
@@ -87,46 +90,51 @@ def depth_wrong_share(
 ) -> float:
     """Return the expected share of judged pixels that the depth buffer alone shows wrongly.
 
-    That is wrongly with these settings, and rightly with linear D32F depth (docs/method.md).
+    These pixels are wrong with the given settings, and right with linear D32F depth (docs/method.md).
 
     Parameters
     ----------
     stacks
-        Of the true image of an aperture.
+        Surfaces in the true image of an aperture.
     frustum
-        The scene's.
+        Frustum of the scene.
     settings
-        How the two cameras draw.
+        Settings of the two cameras.
     unlucky
-        Whether all equal depths count, as if what must not show were always drawn first. Else they
-        count half: the draw order is not known.
+        Whether all equal depths count, as if the wrong surface were always drawn first. Otherwise they
+        count half, because the draw order is unknown.
 
     Returns
     -------
-    Between 0 and 1; 0 where no pixel is judged.
+    Share between 0 and 1; 0 where no pixel is judged.
 
     Notes
     -----
-    Let the two surfaces' depths differ by D in stored units, before rounding, and be known within a normal
-    error of standard deviation e, that of both together (`predict_depth`). A format of step q, whose phase
-    is anywhere, orders a difference x wrongly with chance (1 - x / q) / 2 between -q and q: equal with
-    chance 1 - |x| / q, and then wrong half the time. Over the normal error that is
+    Let the two surfaces' depths differ by D in stored units, before rounding, and let this difference have a
+    normal error of standard deviation e (`xfrustum.compare.prediction.depth`). A format with step q and a
+    phase that is uniformly distributed orders a difference x between -q and q wrongly with chance
+    (1 - x / q) / 2: the two are stored as equal with chance 1 - |x| / q, and are then wrong half the time.
+    The mean over the normal error is
 
         e / (2 q) (F((q - D) / e) - F((-q - D) / e)),    F(a) = a Phi(a) + phi(a).
 
-    A surface is lost where its depth is rounded to the clear value, within half a step of it. Errors of
-    that depth have variance e^2 / 2. A surface at a cut is in two slabs, and lost where both lose it.
+    A surface is lost where its depth lies within half a step of the clear value, and is rounded to it. The
+    error of this one depth has variance e^2 / 2. A surface at a cut is in two slabs, and lost where both
+    lose it.
 
-    What linear depth gets wrong too is taken off as if it were the same pixels: those that come too close
-    to the far plane, or to each other, for any format.
+    Pixels that linear depth gets wrong too are subtracted, as if they were the same pixels: their surfaces
+    come too close to the far plane, or to each other, for any format.
     """
+    # Step 1: linear D32F depth stands for a depth buffer that adds no error of its own.
     control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-    order = DRAW_ORDER if unlucky else 1.0
+    order = MAX_ORDER_FACTOR if unlucky else 1.0
     expected = 0.0
     for camera, distance in stacks.distance.items():
         own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
         gap = stacks.gap[camera]
+        # Step 2: the chance of each pixel under the settings themselves.
         wrong = chances(own, distance, gap, settings, order)
+        # Step 3: subtract the chance under linear depth, which few pixels need.
         at = np.flatnonzero(wrong)
         anyway = chances(own, distance[at], gap[at], control, order)
         expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
@@ -141,18 +149,19 @@ def chances(
     Parameters
     ----------
     own
-        Of one camera.
+        Slabs of one camera.
     distance, gap
-        (N,) |z| of the surfaces, and how far behind them the camera sees the next.
+        (N,) |z| of the surfaces, and the distance from each to the next one that the camera sees behind it,
+        scene units.
     settings
-        How it draws.
+        Settings of the camera.
     order
-        How many times as often as in unknown draw order equal depths are wrong, 1 to `DRAW_ORDER`.
+        Ratio of the misordered share to that of an unknown draw order, from 1 to `MAX_ORDER_FACTOR`.
     """
     least = np.full(len(distance), np.inf)
     for slab in own:
         found = (distance <= slab.high) & (distance >= slab.low)
-        # Without other slabs that is nearly always all there is.
+        # A single slab nearly always holds every surface: a slice then spares copying.
         inside: Indices | slice = slice(None) if found.all() else np.flatnonzero(found)
         chance = _chance(slab, distance[inside], gap[inside], settings, order)
         least[inside] = np.minimum(least[inside], chance)
@@ -161,29 +170,35 @@ def chances(
 
 def _chance(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum, order: float) -> Floats:
     """Return the chance of each surface of one slab to be shown wrongly."""
+    # Step 1: distances from the camera, and what the buffer knows of depth there.
     w = distance + slab.step
     known = _Table.of(slab, settings)
     row = known.rows(w)
-    # C starts from its far value, C* from its near value.
+    # Step 2, lost: the buffer of C is cleared to its far value, that of C* to its near value. The surface is
+    # lost where its depth, with the error of one surface, comes within half a step of the clear value.
     clear = slab.far if slab.camera is Camera.C else slab.near
     apart = _difference(w, np.abs(clear - w), clear, slab, settings.mapping)
     wrong = np.zeros_like(w)
     at = np.flatnonzero(apart < known.doubtful[row])
     wrong[at] = ndtr((known.step[row[at]] / 2 - apart[at]) / (known.error[row[at]] * np.sqrt(0.5)))
-    # C keeps the nearest, and its runner-up lies beyond it; what C* keeps is farther than its own.
+    # Step 3, order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
+    # surface, and the next one lies closer to the camera. Pairs in different slabs are not compared.
     other = w + (gap if slab.camera is Camera.C else -gap)
     paired = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
     apart = _difference(w[paired], gap[paired], other[paired], slab, settings.mapping)
     close = apart < known.doubtful[row[paired]]
     at = paired[close]
-    # Of what is not lost.
+    # Step 4: only a surface that is not lost can be misordered; the two chances are taken as independent.
     misordered = order * _misordered(apart[close], known.step[row[at]], known.error[row[at]])
     wrong[at] += (1 - wrong[at]) * np.minimum(misordered, 1.0)
     return wrong
 
 
 def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mapping: DepthMapping) -> Floats:
-    """Return how far apart in stored units depths are at w and at another, a gap away; no cancellation."""
+    """Return how far apart in stored units the depths at w and at `other`, a gap away, are.
+
+    Each mapping's difference is written as a product with the gap, so that nothing cancels.
+    """
     n, f = slab.near, slab.far
     if mapping is DepthMapping.LINEAR:
         return gap / (f - n)
@@ -195,6 +210,7 @@ def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mappi
 def _misordered(difference: Floats, step: Floats, error: Floats) -> Floats:
     """Return the chance that two surfaces are shown in the wrong order; see `depth_wrong_share`."""
 
+    # F of `depth_wrong_share`, the integral of the normal distribution function.
     def integral(a: Floats) -> Floats:
         return np.asarray(a * ndtr(a) + np.exp(-(a**2) / 2) / np.sqrt(2 * np.pi))
 
@@ -204,16 +220,18 @@ def _misordered(difference: Floats, step: Floats, error: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Table:
-    """How exactly a slab's buffer knows depth, by w in bins; a bin is a float32's leading bits.
+    """The depth resolution of a slab's buffer for each bin of w; a bin is a float32's leading bits.
 
     Attributes
     ----------
     first
-        Bin of the near plane.
-    step, error
-        Distance of neighboring stored values, and standard deviation of two surfaces' difference.
+        Number of the bin that holds the near plane.
+    step
+        Distance of neighboring stored values in each bin, stored units.
+    error
+        Standard deviation of the difference of two surfaces' depths in each bin, stored units.
     doubtful
-        Differences below this may be ordered wrongly.
+        Differences below which two depths may be ordered wrongly, stored units.
     """
 
     first: int
@@ -223,18 +241,19 @@ class _Table:
 
     @classmethod
     def of(cls, slab: Slab, settings: DoubleFrustum) -> _Table:
+        # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
         first, last = _bins(np.array([slab.near, slab.far])).tolist()
-        edges = (np.arange(first, last + 2, dtype=np.uint32) << _SHIFT).view(np.float32)
+        edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
         w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
         stored, _ = stored_depth(w, slab.near, slab.far, settings.mapping)
         error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, settings.mapping))
-        step = np.maximum(STEP[settings.depth] or float32_spacing(stored), SMALLEST_STEP * error)
-        return cls(first=first, step=step, error=error, doubtful=step + CERTAIN * error)
+        step = np.maximum(STEP[settings.depth] or float32_spacing(stored), MIN_STEP_PER_ERROR * error)
+        return cls(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
 
     def rows(self, w: Floats) -> Indices:
-        """Return the bin of each w."""
+        """Return the row of the table for each w."""
         return np.clip(_bins(w) - self.first, 0, len(self.step) - 1)
 
 
 def _bins(w: Floats) -> Indices:
-    return (w.astype(np.float32).view(np.uint32) >> _SHIFT).astype(np.int64)
+    return (w.astype(np.float32).view(np.uint32) >> _BIN_SHIFT_BITS).astype(np.int64)

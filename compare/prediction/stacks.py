@@ -1,4 +1,4 @@
-"""Surfaces one behind the other, as far as depth buffers have to tell them apart."""
+"""Surfaces one behind the other that a depth buffer has to tell apart."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from xfrustum.scenes.plate.double_frustum import Camera
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stacks:
-    """What depth buffers have to tell apart in the true image of an aperture.
+    """Distances and gaps of the surfaces in the true image of an aperture.
 
     Attributes
     ----------
     judged
         Number of pixels whose truth is no tie.
-    distance, gap
-        By camera: (N,) |z| of the surfaces that it shows there, and how far behind each of them it sees
-        the next one, see `Reference.gaps`.
+    distance
+        For each camera, (N,) |z| of the surfaces that it shows in judged pixels, scene units.
+    gap
+        For each camera, (N,) distance from each of these surfaces to the next one on the same line, scene
+        units; see `Reference.gaps`.
     """
 
     judged: int
@@ -32,7 +34,7 @@ class Stacks:
 
     @classmethod
     def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
-        """Return those of a true image and its gaps, (H, W)."""
+        """Return the stacks of a true image and its gaps, (H, W)."""
         judged = judged_pixels(truth)
         height = truth.height.astype(np.float64)
         shown = {Camera.C: judged & (height <= 0), Camera.C_STAR: judged & (height > 0)}

@@ -2,13 +2,13 @@
 
 drawn_color   The color of what a guess about a renderer makes of a scene: the reference's own light on
               its surfaces
-drawn_model   A guess at how somebody drew a plate: conventions, geometry, and which camera wins where
-drawn_trace   What a guess about a renderer makes of a scene, traced and decided like the truth
+drawn_model   A model of how somebody drew a plate: conventions, geometry, and which camera wins where
+drawn_trace   Images that a model of a renderer makes of a scene, traced and decided like the truth
 orientations  The eight symmetries of the rectangle's grid: how a picture may be turned, or apertures be
               counted
 parameters    The numbers of a guess about a renderer, in groups that go wrong together: one table for
               all who use them
 pictures      Pictures without numbers of triangles: the reference's own color, and how far another may
               be off
-shown_points  Which surface point does a pixel show, when an image says only which triangle?
+shown_points  The surface point that a pixel shows, when an image says only which triangle
 """

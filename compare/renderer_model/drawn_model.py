@@ -1,7 +1,7 @@
-"""A guess at how somebody drew a plate: conventions, geometry, and which camera wins where.
+"""A model of how somebody drew a plate: conventions, geometry, and which camera wins where.
 
-Every quantity has the value at which nothing is wrong as its default. What a guess says about lines is
-what `xfrustum.reference.lines.lines` says, with the guessed numbers in place of the scene's.
+Every quantity has the value at which nothing is wrong as its default. The lines of a model's cameras are made
+by `xfrustum.reference.lines.lines`, with the model's numbers in place of the scene's.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, Orientation
-from xfrustum.reference.lines.lines import Pencil, film_window
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places, stepped_back
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
@@ -130,36 +130,27 @@ class DrawnModel:
         They are lines of the scene as it was asked for: where a renderer has moved it or made it larger,
         the cameras are moved and made smaller instead.
         """
-        frustum, there = scene.frustum, self.placed(aperture)
-        shear, half = film_window(frustum, there)
-        step = 0.0 if side == 0 else side * self.near
-        aside = step if self.pivot is Pivot.APERTURE else 0.0
-        fit = 1.0
+        frustum = scene.frustum
+        crossed = crossed_frustum(frustum, self.placed(aperture))
+        crossed = replace(crossed, half_extent=_products(crossed.half_extent, self.fov))
+        fitted = None
         if self.fit is Fit.SCREEN and frustum.screen is not None:
-            fit = abs(frustum.screen.height) / (abs(frustum.screen.height) + self.near)
-        half = (half[0] * self.fov[0] * fit, half[1] * self.fov[1] * fit)
-        width, height = frustum.resolution
-        # A shifted sampling point is a shear of the film: u grows to the right, v up.
-        sampled = (
-            shear[0] + 2 * self.shift[0] / width * half[0],
-            shear[1] - 2 * self.shift[1] / height * half[1],
-        )
+            fitted = abs(frustum.screen.height)
+        drawn = stepped_back(crossed, side * self.near, pivot=self.pivot, fitted=fitted)
         viewer, back = frustum.reach
-        ranges = {
-            1: (self.near, self.near + back),
-            -1: (-self.near - viewer, -self.near),
-            0: (-viewer, back),
-        }
+        ranges = {1: (self.near, self.near + back), -1: (-self.near - viewer, -self.near), 0: (-viewer, back)}
         first, last = ranges[side]
-        center = (there.x - aside * shear[0], there.y - aside * shear[1], step)
+        # A shifted sampling point is a shear of the film: u grows to the right, v up.
+        width, height = frustum.resolution
+        sheared = _products((2 * self.shift[0] / width, -2 * self.shift[1] / height), drawn.half_extent)
         x, y, z = (
-            (place - moved) / self.scene_scale for place, moved in zip(center, self.scene_offset, strict=True)
+            (place - moved) / self.scene_scale
+            for place, moved in zip(drawn.center, self.scene_offset, strict=True)
         )
-        return Pencil(
+        return replace(
+            drawn,
             center=(x, y, z),
-            shear=sampled,
-            half_extent=half,
-            resolution=frustum.resolution,
+            shear=(drawn.shear[0] + sheared[0], drawn.shear[1] + sheared[1]),
             s_range=(first / self.scene_scale, last / self.scene_scale),
         )
 
@@ -169,8 +160,9 @@ class DrawnModel:
         plate = self.plate_height
         for side, here in ((1, points[..., 2] < plate), (-1, points[..., 2] > plate)):
             pencil = self.pencil(scene, aperture, side)
-            relative = points[here] - np.asarray(pencil.center)
-            film = (relative[:, :2] / -relative[:, 2:] - np.asarray(pencil.shear)) / pencil.half_extent
-            width, height = pencil.resolution
-            found[here] = (film * (1, -1) + 1) * (width / 2, height / 2) - 0.5
+            found[here] = pixel_places(points[here], pencil)
         return found
+
+
+def _products(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    return one[0] * other[0], one[1] * other[1]

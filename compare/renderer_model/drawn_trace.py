@@ -1,39 +1,21 @@
-"""What a guess about a renderer makes of a scene, traced and decided like the truth."""
+"""Images that a model of a renderer makes of a scene, traced and decided like the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
+from xfrustum.reference.layers import Layer, overlaid
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Bytes, Floats, Numbers
+from xfrustum.reference.lines.planes import triangle_normals
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Layer:
-    """What one camera shows.
-
-    Attributes
-    ----------
-    triangle
-        (H, W) int32, `NOTHING` where it shows none.
-    position
-        (H, W, 3) scene units, NaN likewise.
-    certainty
-        (H, W) uint8 `Certainty`.
-    """
-
-    triangle: Numbers
-    position: Floats
-    certainty: Bytes
 
 
 def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> HogelImage:
@@ -66,17 +48,19 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
         low, high = pencil.s_range
         mirrored = 2 * np.asarray(pencil.center) - triangles
         decided = Certifier(mirrored, replace(pencil, s_range=(-high, -low))).decide(rows)
-        s = -decided.s
+        decided = replace(decided, s=-decided.s)
     else:
         decided = Certifier(triangles, pencil).decide(rows)
-        s = decided.s
-    triangle = np.append(drawn, NOTHING).astype(np.int32)[decided.triangle]
-    position = np.asarray(pencil.center) + s[..., None] * pencil.directions()
-    return Layer(triangle=triangle, position=position, certainty=decided.certainty)
+    # Numbers of the scene's triangles by numbers of the drawn ones; `NOTHING` finds the last, itself.
+    number = np.append(drawn, NOTHING)
+    companions = decided.companions.copy()
+    companions[:, 2] = number[companions[:, 2]]
+    named = replace(decided, triangle=number.astype(np.int32)[decided.triangle], companions=companions)
+    return Layer.of(pencil, named, rows)
 
 
 _CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1.0, Culled.CLOCKWISE: -1.0}
-"""Of what `_facing` returns."""
+"""Value of `_facing` of the triangles that are left out."""
 
 
 def _facing(scene: Scene, pencil: Pencil) -> Floats:
@@ -86,21 +70,10 @@ def _facing(scene: Scene, pencil: Pencil) -> Floats:
     """
     toward = np.asarray(pencil.center) - scene.triangles[:, 0]
     corners = scene.triangles
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = triangle_normals(corners)
     side = np.sign(np.einsum("ij,ij->i", normals, toward))
     # Before the plate the lines leave the center backward: what the center sees, the viewer does not.
     return np.asarray(np.where(pencil.s_range[0] < 0, -side, side))
-
-
-def overlaid(layers: Sequence[Layer]) -> Layer:
-    """Return layers on top of each other, the last on top."""
-    triangle, position, certainty = layers[0].triangle, layers[0].position, layers[0].certainty
-    for upper in layers[1:]:
-        covers = upper.triangle != NOTHING
-        triangle = np.where(covers, upper.triangle, triangle)
-        position = np.where(covers[..., None], upper.position, position)
-        certainty = np.where(covers, upper.certainty, np.maximum(certainty, upper.certainty))
-    return Layer(triangle=triangle, position=position, certainty=certainty)
 
 
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:

@@ -22,8 +22,9 @@ SMALLEST_SHIFT_PX = 0.05
 SMALLEST_FACTOR = 5e-4
 """Smallest deviation of a factor from one that has a name: half of a tenth of a percent."""
 
-NEARBY = 0.1
-"""Part of the reach at which moved apertures and scenes must be seen to move, to have a name."""
+TOLD_APART_PER_REACH = 0.1
+"""Distance, as a part of the reach, at which moved apertures and scenes must be seen to move,
+to have a name."""
 
 
 class Kind(StrEnum):
@@ -94,7 +95,7 @@ FAULT_NAMES = tuple(fault for group in GROUPS for fault in group.faults)
 KINDS = tuple(group.kind for group in GROUPS for _ in group.faults)
 
 PREFERENCE = ("shift", "fov", "near", "scene-offset", "aperture-offset", "pitch", "scene-scale")
-"""Which of several groups that explain images equally well is named, the first one first."""
+"""Order in which groups are named that explain images equally well."""
 
 
 def places(name: str) -> tuple[int, ...]:
@@ -103,14 +104,14 @@ def places(name: str) -> tuple[int, ...]:
 
 
 def pixel_length(scene: Scene) -> float:
-    """Return the width of a pixel at `NEARBY` of the reach, scene units."""
+    """Return the width of a pixel at `TOLD_APART_PER_REACH` of the reach, scene units."""
     frustum = scene.frustum
     if frustum.screen is None:
         assert frustum.fov is not None
         half = math.tan(frustum.fov[0] / 2)
     else:
         half = frustum.screen.size[0] / 2 / abs(frustum.screen.height)
-    return NEARBY * frustum.longest_reach * 2 * half / frustum.resolution[0]
+    return TOLD_APART_PER_REACH * frustum.longest_reach * 2 * half / frustum.resolution[0]
 
 
 def smallest_named(scene: Scene) -> Floats:

@@ -22,8 +22,8 @@ Half a step of 8 bits is 0.5/255 in linear values and, where sRGB is steepest (2
 once for the renderer's own rounding, once for storing.
 """
 
-AHEAD = -1.0
-"""Height of the screen that stands for a film: behind the plate, where slopes are lengths."""
+SCREEN_HEIGHT = -1.0
+"""Height of the screen that stands for a film: one unit behind the plate, where slopes are lengths."""
 
 
 def reference_colors(reference: Reference, question: DrawnModel, answer: HogelImage) -> HogelImage:
@@ -43,18 +43,18 @@ def reference_colors(reference: Reference, question: DrawnModel, answer: HogelIm
 def picture_of(
     reference: Reference, model: DrawnModel, aperture: Aperture, finer: int = 1, wider: float = 1.0
 ) -> HogelImage:
-    """Return the reference's picture of an aperture under a guess, without its near offset.
+    """Return the reference's picture of an aperture under a model, without its near offset.
 
     Parameters
     ----------
     reference
-        Of the scene.
+        Reference of the scene.
     model
-        All of its numbers but the near offset are used.
+        Model of the renderer; all of its numbers but the near offset are used.
     aperture
-        Of the scene.
+        Aperture of the scene.
     finer
-        Pixels for each pixel, along each side.
+        Number of pixels for each pixel, along each side.
     wider
         Factor of the film's extent.
     """
@@ -65,7 +65,7 @@ def picture_of(
         resolution=(round(width * finer * wider), round(height * finer * wider)),
         reach=(-pencil.s_range[0], pencil.s_range[1]),
         screen=Screen(
-            height=AHEAD,
+            height=SCREEN_HEIGHT,
             center=(pencil.center[0] + pencil.shear[0], pencil.center[1] + pencil.shear[1]),
             size=(2 * wider * pencil.half_extent[0], 2 * wider * pencil.half_extent[1]),
         ),

@@ -1,7 +1,9 @@
-"""How exactly a rasterizer can know edges, depths and positions.
+"""How exactly a rasterizer can know edges, depths and positions, and what may be wrong because of it.
 
+cameras     A camera as a rasterizer draws with it: exact lines, and how exactly the device follows them
+causes      The one classifier of causes: edge, order, lost, or unexplained
 clip_seams  Lines along which clipping may split a triangle: edges that no mesh has
-depth       How exactly does a depth buffer know the depth of a triangle at a pixel?
-edges       How near is a pixel's center to an edge that rounding may move across it?
+depth       How exactly a depth buffer knows the depth of a triangle at a pixel
+edges       Distance of a pixel's center from edges that rounding may move across it
 positions   How exactly a rasterizer in float32 can know the surface point that it draws
 """

@@ -20,17 +20,17 @@ def seams(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats
     Parameters
     ----------
     corners
-        (3, 3) of the triangle, scene units.
+        (3, 3) corners of the triangle, scene units.
     pencil
         The camera's lines, through the sampling points.
     shift
-        Of sampling points from their pixels' centers, columns and rows: what the film's borders are not
-        shifted by.
+        Distance of sampling points from their pixels' centers, columns and rows; the film's borders are not
+        shifted with them.
 
     Returns
     -------
-    (K, 2, 2) both ends of each, in pixels from the film's left and upper border; none where the triangle
-    is not cut, or so that no more than three corners are left.
+    (K, 2, 2) both ends of each, in pixels from the film's left and upper border; K is 0 where the triangle
+    is not cut, or where no more than three corners are left of it.
     """
     width, height = pencil.resolution
     q = corners - np.asarray(pencil.center)
@@ -41,7 +41,7 @@ def seams(corners: Floats, pencil: Pencil, shift: tuple[float, float]) -> Floats
     left = (u + w) * width / 2 + shift[0] * w
     top = (w - v) * height / 2 + shift[1] * w
     begin, end = sorted(abs(s) for s in pencil.s_range)
-    # Where these are not negative: near and far plane, then the film's borders.
+    # What is left is where these are not negative: near and far plane, then the film's borders.
     bounds = np.array(
         [
             (0, 0, 1, -begin),
@@ -73,6 +73,14 @@ def distance_to_segments(points: Floats, segments: Floats) -> Floats:
         )
         nearest = np.minimum(nearest, np.linalg.norm(points - start - share[:, None] * along, axis=1))
     return nearest
+
+
+def distance_to_border(points: Floats, resolution: tuple[int, int]) -> Floats:
+    """Return how far points (N, 2) lie from the nearest border of a film, in pixels, borders prolonged."""
+    off = np.full(len(points), np.inf)
+    for place, extent in zip(points.T, resolution, strict=True):
+        off = np.minimum(off, np.minimum(np.abs(place), np.abs(place - extent)))
+    return off
 
 
 def _cut(polygon: Floats, bound: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""How exactly does a depth buffer know the depth of a triangle at a pixel?"""
+"""How exactly a depth buffer knows the depth of a triangle at a pixel."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from xfrustum.compare.rounding.cameras import Precision
 from xfrustum.compare.rounding.edges import PixelIndex, film_points, film_vertices
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
 DEPTH_ROUNDINGS = 8
 """Roundings of 2^-24 in a float32 depth, relative to its largest term.
@@ -26,7 +27,7 @@ STEP = {DepthFormat.D16: 2.0**-16, DepthFormat.D24: 2.0**-24, DepthFormat.D32F: 
 """Distance of neighboring stored values of the fixed-point formats."""
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Depths:
     """Depth of one triangle at each of some pixels, and how exactly a buffer knows it.
 
@@ -35,24 +36,20 @@ class Depths:
     depth
         (N,) stored value 0..1 before rounding, NaN where there is no triangle.
     tolerance
-        (N,) how far the stored value may lie from it.
+        (N,) how far the stored value may lie from `depth`.
     clear
-        (N,) what the buffer holds before anything is drawn.
+        (N,) value of the buffer before anything is drawn, NaN where there is no triangle.
     """
 
     depth: Floats
     tolerance: Floats
     clear: Floats
 
-    @classmethod
-    def nothing(cls, count: int) -> Depths:
-        """Return no depths at all."""
-        return cls(depth=np.full(count, np.nan), tolerance=np.zeros(count), clear=np.full(count, np.nan))
-
-    def put(self, where: Indices, other: Depths) -> None:
-        """Fill in some pixels."""
-        self.depth[where], self.tolerance[where] = other.depth, other.tolerance
-        self.clear[where] = other.clear
+    def at(self, places: Indices, count: int) -> Depths:
+        """Return the same depths at some places of a longer list; everywhere else there is no triangle."""
+        depth, tolerance, clear = np.full(count, np.nan), np.zeros(count), np.full(count, np.nan)
+        depth[places], tolerance[places], clear[places] = self.depth, self.tolerance, self.clear
+        return Depths(depth=depth, tolerance=tolerance, clear=clear)
 
     def indistinguishable_from(self, other: Depths) -> Mask:
         """Return where a buffer may order two triangles either way."""
@@ -63,9 +60,7 @@ class Depths:
         return np.asarray(np.abs(self.depth - self.clear) <= self.tolerance)
 
 
-def depths(
-    corners: Floats, pencil: Pencil, pixels: PixelIndex, settings: DoubleFrustum, subpixel_bits: int
-) -> Depths:
+def depths(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Precision) -> Depths:
     """Return the depths of one triangle (N, 3, 3) at each pixel, as a camera's buffer stores them.
 
     With w the distance along the axis, 1 / w is linear on the film. A shift by half a subpixel step
@@ -83,15 +78,15 @@ def depths(
         over_w = (1.0 if orthoscopic else -1.0) * plane / volume[:, None]
         inverse = np.einsum("ij,ij->i", over_w, film_points(pencil, pixels))
         slope_px = np.abs(over_w[:, :2]) * (2 / resolution)
-        shift = slope_px.sum(axis=1) * 2.0 ** -(subpixel_bits + 1)
+        shift = slope_px.sum(axis=1) * 2.0 ** -(precision.subpixel_bits + 1)
         ends = 1 / np.clip(np.stack((w.min(axis=1), w.max(axis=1))), n, f)
-        depth, per_inverse, rounding = _mapped(settings.mapping, inverse, ends, slope_px @ resolution, n, f)
+        depth, per_inverse, rounding = _mapped(precision.mapping, inverse, ends, slope_px @ resolution, n, f)
         # A corner that the far plane cuts off is made anew from one with errors relative to its own w.
         beyond = np.maximum(w.max(axis=1, initial=0.0) / f, 1.0)
         tolerance = shift * per_inverse + rounding * beyond
-    tolerance += STEP[settings.depth] / 2 + FLOAT32_ROUNDING * np.abs(depth)
+    tolerance += STEP[precision.depth] / 2 + FLOAT32_ROUNDING * np.abs(depth)
     undefined = ~np.isfinite(depth)
-    starts_far = orthoscopic != (settings.mapping is DepthMapping.REVERSED)
+    starts_far = orthoscopic != (precision.mapping is DepthMapping.REVERSED)
     return Depths(
         depth=np.where(undefined, np.nan, depth),
         tolerance=np.where(undefined, 0.0, tolerance),

@@ -1,22 +1,22 @@
-"""How near is a pixel's center to an edge that rounding may move across it?"""
+"""Distance of a pixel's center from edges that rounding may move across it."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from xfrustum.compare.rounding.cameras import Precision
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
 PixelIndex = tuple[Indices, Indices]
-"""Columns and rows."""
+"""Columns and rows of some pixels, (N,) each."""
 
-CLIP_ROUNDINGS = 16
-"""Roundings of 2^-24 in a float32 clip coordinate, relative to the sum of its absolute terms.
+CLIPPED_VERTEX_ROUNDINGS = 16
+"""Bound of the error of a float32 clip coordinate, in roundings of 2^-24 of the sum of its absolute terms.
 
 One in the stored vertex, one in the matrix entry, four in products and sums: 6. Clipping at up to
 three planes (near and two sides) makes new vertices, each with three more: 9. One to spare.
@@ -38,7 +38,8 @@ def film_vertices(corners: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
     bound = np.concatenate(
         (terms / half, (np.abs(corners[..., 2]) + abs(pencil.center[2]))[..., None]), axis=-1
     )
-    return np.concatenate((lateral, s[..., None]), axis=-1), CLIP_ROUNDINGS * FLOAT32_ROUNDING * bound
+    vertices = np.concatenate((lateral, s[..., None]), axis=-1)
+    return vertices, CLIPPED_VERTEX_ROUNDINGS * FLOAT32_ROUNDING * bound
 
 
 def film_points(pencil: Pencil, pixels: PixelIndex) -> Floats:
@@ -50,7 +51,8 @@ def film_points(pencil: Pencil, pixels: PixelIndex) -> Floats:
 
 
 FAR_ROUNDINGS = 4
-"""Roundings of 2^-24 w in w - z, whose sign is the far plane's test: two in z, one in w, one between."""
+"""Roundings of 2^-24 w in w - z: two in z, one in w, one in the difference. Its sign is the test at the far
+plane."""
 
 
 def far_cut_rounding(w: Floats, pencil: Pencil, mapping: DepthMapping) -> Floats:
@@ -72,12 +74,14 @@ def far_cut_rounding(w: Floats, pencil: Pencil, mapping: DepthMapping) -> Floats
 class Placement:
     """Where pixel centers lie on the triangles that a camera drew there, one for each.
 
+    A center outside its triangle that is `possible` is always `near_edge` as well.
+
     Attributes
     ----------
     possible
-        (N,) inside the triangle, or outside by no more than rounding moves its edges.
+        (N,) the center lies inside the triangle, or outside by no more than rounding moves its edges.
     near_edge
-        (N,) of these, where rounding may have put the center on the wrong side of an edge, or of
+        (N,) the center is possible, and rounding may have put it on the wrong side of an edge, or of
         a cut by the near plane or the reach.
     """
 
@@ -85,9 +89,7 @@ class Placement:
     near_edge: Mask
 
 
-def placement(
-    corners: Floats, pencil: Pencil, pixels: PixelIndex, subpixel_bits: int, mapping: DepthMapping
-) -> Placement:
+def placement(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Precision) -> Placement:
     """Place pixel centers on triangles as a rasterizer's roundings may see them.
 
     Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
@@ -99,51 +101,41 @@ def placement(
     corners
         (N, 3, 3) one triangle for each pixel.
     pencil
-        The camera that drew it.
+        Lines of the camera that drew it.
     pixels
-        Columns and rows.
-    subpixel_bits
-        Of the device.
-    mapping
-        Of depth: it decides how exactly the far plane cuts.
+        Columns and rows, (N,) each.
+    precision
+        How exactly the camera draws; the mapping of depth decides how exactly the far plane cuts.
     """
     far = max(pencil.s_range, key=abs)
-    snap_px = math.sqrt(2) / 2 * 2.0**-subpixel_bits
     vertices, bound = film_vertices(corners, pencil)
-    far_rounding = far_cut_rounding(np.abs(vertices[..., 2]).max(axis=1, initial=0.0), pencil, mapping)
+    largest_w = np.abs(vertices[..., 2]).max(axis=1, initial=0.0)
+    far_rounding = far_cut_rounding(largest_w, pencil, precision.mapping)
     points = film_points(pencil, pixels)
 
+    # The center lies inside where all three edge functions have one sign; each is known within a margin.
     sides, margins = np.empty((3, len(corners))), np.empty((3, len(corners)))
     plane, plane_bound = np.zeros((len(corners), 3)), np.zeros(len(corners))
     for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
         line = np.cross(vertices[:, i], vertices[:, j])
         shift = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j], points)
         sides[k] = np.einsum("ij,ij->i", line, points)
-        margins[k] = snap_px * _per_pixel(line, pencil.resolution) + shift
+        margins[k] = precision.snap_px * _per_pixel(line, pencil.resolution) + shift
         plane += line
         plane_bound += shift
     possible = (sides >= -margins).all(axis=0) | (sides <= margins).all(axis=0)
     near = (np.abs(sides) <= margins).any(axis=0)
 
+    # Cuts by near and far plane are edges too. On the triangle, 1/s = plane . (u, v, 1) / volume.
     volume, volume_bound = _volume(vertices, bound)
     for cut in pencil.s_range:
-        # The triangle's plane has 1/s = plane . (u, v, 1) / volume.
         value = np.einsum("ij,ij->i", plane, points) - volume / cut
-        margin = snap_px * _per_pixel(plane, pencil.resolution) + plane_bound + volume_bound / abs(cut)
+        margin = precision.snap_px * _per_pixel(plane, pencil.resolution)
+        margin = margin + plane_bound + volume_bound / abs(cut)
         if cut == far:
             margin = margin + np.abs(volume) * far_rounding
         near |= np.abs(value) <= margin
     return Placement(possible=np.asarray(possible), near_edge=np.asarray(possible & near))
-
-
-def covers(corners: Floats, pencil: Pencil, pixels: PixelIndex) -> Mask:
-    """Return which pixel centers a camera's triangles (N, 3, 3), one for each pixel, cover."""
-    vertices, _ = film_vertices(corners, pencil)
-    points = film_points(pencil, pixels)
-    sides = [
-        np.einsum("ij,ij->i", np.cross(vertices[:, i], vertices[:, (i + 1) % 3]), points) for i in range(3)
-    ]
-    return np.asarray((np.min(sides, axis=0) >= 0) | (np.max(sides, axis=0) <= 0))
 
 
 def _per_pixel(line: Floats, resolution: tuple[int, int]) -> Floats:

@@ -11,7 +11,7 @@ from scipy.stats import beta
 from xfrustum.scenes.arguments import settle, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
-from xfrustum.scenes.tolerances import SAMPLED_HOGELS
+from xfrustum.tolerances import SAMPLED_HOGELS
 
 CONFIDENCE = 0.95
 """Probability that the bound on the share of hogels holds."""

@@ -1,4 +1,4 @@
-"""Which triangles cannot matter to a line: it misses the box about them, by a wide margin."""
+"""Boxes that rule out triangles: a line that misses a triangle's box misses the triangle."""
 
 from __future__ import annotations
 
@@ -9,26 +9,27 @@ import numpy as np
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
-MARGIN = 2.0**-40
-"""Relative to the largest coordinate, times 1 + the steepest slope. What is computed here of a box is
-a difference of two coordinates and its product with a slope: 3 roundings of 2^-53 at most, each of a
-number no larger than twice that. The margin is over a thousand times as wide."""
+BOX_MARGIN = 2.0**-40
+"""Width added around every box, relative to the largest coordinate times 1 + the steepest slope. The bounds
+of a box are a difference of two coordinates and its product with a slope: at most 3 roundings of 2^-53, each
+of a number no larger than twice that product. The margin is over a thousand times as wide."""
 
-TRIANGLES_AT_ONCE = 1 << 13
+CHUNK_TRIANGLES = 1 << 13
+"""Triangles whose boxes are compared with all rows at once; each needs a byte for every row and column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoxesMet:
-    """Pixels and triangles whose boxes their lines may meet, ordered by pixel, then by `nearest`.
+    """Pairs of a pixel and a triangle whose box the pixel's line may meet, by pixel, then by `nearest`.
 
     Attributes
     ----------
     pixel
-        (N,) row within the rows asked for * W + column.
+        (N,) pixel numbers: W times the row within the given rows, plus the column.
     triangle
         (N,) triangle numbers.
     nearest
-        (N,) no point of the triangle's box has a smaller s.
+        (N,) lower bounds of s: no point of the triangle's box has a smaller one.
     """
 
     pixel: Indices
@@ -39,19 +40,19 @@ class BoxesMet:
 def boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> BoxesMet:
     """Return all pairs of pixel and triangle in some rows except those that surely do not meet.
 
-    A point of the line has x - cx = s dx and s = cz - z. If it lies in a triangle, s lies between the
-    least and the largest s of the corners, hence s dx between these two times dx, and x - cx between
-    those of the corners: two intervals of which one has to reach the other, for x and for y alike. Boxes
-    are widened by `MARGIN`, so that rounding takes away no pair.
+    A point of the line has x - cx = s dx and s = cz - z. If the point lies in a triangle, s lies between the
+    least and the largest s of the corners. Therefore s dx lies in the interval between these two times dx,
+    and x - cx in the interval of the corners. The two intervals must overlap, for x and for y alike. Boxes
+    are widened by `BOX_MARGIN`, so that rounding loses no pair.
 
     Parameters
     ----------
     triangles
         (F, 3, 3) corners in scene units.
     pencil
-        The lines.
+        Lines of all pixels of the image.
     rows
-        Rows of the image.
+        Rows of the image whose lines are compared.
     """
     width = pencil.resolution[0]
     dx, dy = pencil.dx, pencil.dy[rows.start : rows.stop]
@@ -59,8 +60,8 @@ def boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> BoxesMet:
     pixels: list[Indices] = []
     numbers: list[Indices] = []
     bounds: list[Floats] = []
-    for start in range(0, len(triangles), TRIANGLES_AT_ONCE):
-        low, high = _boxes(triangles[start : start + TRIANGLES_AT_ONCE], pencil, steepest)
+    for start in range(0, len(triangles), CHUNK_TRIANGLES):
+        low, high = _boxes(triangles[start : start + CHUNK_TRIANGLES], pencil, steepest)
         near, far = np.maximum(low[:, 2], pencil.s_range[0]), np.minimum(high[:, 2], pencil.s_range[1])
         in_row = _reached(near, far, low[:, 1], high[:, 1], dy)
         some = np.flatnonzero((near <= far) & in_row.any(axis=1))
@@ -79,15 +80,15 @@ def boxes_met(triangles: Floats, pencil: Pencil, rows: range) -> BoxesMet:
 
 
 def _boxes(triangles: Floats, pencil: Pencil, steepest: float) -> tuple[Floats, Floats]:
-    """Return the widened boxes about the center, least and largest x, y and s, (T, 3) each."""
+    """Return the least and the largest x, y and s of the widened boxes, from the center, (T, 3) each."""
     center = np.asarray(pencil.center)
     size = np.maximum(np.abs(triangles).max(axis=(1, 2), initial=0.0), np.abs(center).max())
-    margin = (MARGIN * (1 + steepest) * size)[:, None]
+    margin = (BOX_MARGIN * (1 + steepest) * size)[:, None]
     relative = (triangles - center) * [1.0, 1.0, -1.0]
     return relative.min(axis=1) - margin, relative.max(axis=1) + margin
 
 
 def _reached(near: Floats, far: Floats, low: Floats, high: Floats, slopes: Floats) -> Mask:
-    """Return for which slopes (T, N) s times the slope, near <= s <= far, reaches into low to high."""
+    """Return (T, N) whether s times each slope, for near <= s <= far, overlaps the interval low to high."""
     one, other = near[:, None] * slopes, far[:, None] * slopes
     return np.asarray((np.minimum(one, other) <= high[:, None]) & (np.maximum(one, other) >= low[:, None]))

@@ -1,4 +1,4 @@
-"""Where does a traced image differ from what integers say? Triangle, class, companions, position."""
+"""Pixels in which a traced image differs from the integers' answer: triangle, class, companions, position."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 
-LISTED = 5
-"""Disagreements of one image that are described one by one."""
+MAX_LISTED = 5
+"""Largest number of disagreements of one image that are described one by one."""
 
 UNIT_ROUNDOFF = 2.0**-53
+"""Largest relative error of one rounding to a double."""
 
 PLANE_ROUNDINGS = 16
 """Roundings in each of the two dot products of s = (q . n) / (d . n), relative to the sum of absolute
-products: 1 for each difference of coordinates, 1 for a product of two, 1 for the difference of two such,
-hence 4 for n; 2 for the product with q, itself a difference, and 2 for the sum of three: 8, in whatever
-order. Doubled for the second order and for computing this bound in floating point."""
+products. A component of n has 4: 1 for each of the two differences of coordinates in a product, 1 for the
+product, and 1 for the difference of two products. The product with q, which is a difference itself, has 2
+more, and the sum of three products 2 more: 8, in whatever order they are computed. The number is doubled to
+cover terms of second order and the rounding of this bound itself."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,11 +32,11 @@ class Disagreement:
     Attributes
     ----------
     row, column
-        The pixel.
+        Row and column of the pixel.
     about
-        "triangle", "certainty", "companions" or "position".
+        Kind of disagreement: "triangle", "certainty", "companions" or "position".
     expected, got
-        By integers, and by the reference.
+        Answer of the integers, and of the reference.
     """
 
     row: int
@@ -53,7 +55,7 @@ class Disagreements:
     wrong
         (H, W) pixels with any disagreement.
     listed
-        The first few, described.
+        Descriptions of the first few disagreements.
     """
 
     wrong: Mask
@@ -63,10 +65,13 @@ class Disagreements:
 def disagreements(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Disagreements:
     """Compare every pixel of a traced image with the exact answer for all its rows.
 
-    Wrong is: another triangle, or one where there is none; a tie that is not called one, or the
-    reverse, or a pixel that nobody examined; other companions; a position off its line, or
-    farther along it from the exact one than `position_bound`, where the reference claims to have
-    decided in rational arithmetic than rounding once.
+    A pixel is wrong in each of these cases:
+
+    * its triangle is another one, or none where the line meets one, or one where the line meets none;
+    * a tie is not called one, a pixel without a tie is called one, or the pixel was not examined;
+    * its tie has other companions;
+    * its position is off its line, or farther from the exact position along the line than
+      `position_bound`; where the reference claims rational arithmetic, farther than one rounding.
     """
     assert image.certainty is not None
     tie = np.zeros(exact.triangle.shape, dtype=np.bool_)
@@ -80,14 +85,14 @@ def disagreements(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles
     }
     listed = []
     for about, mask in found.items():
-        for row, column in np.argwhere(mask)[:LISTED].tolist():
+        for row, column in np.argwhere(mask)[:MAX_LISTED].tolist():
             expected, got = _described(about, image, exact, (row, column))
             listed.append(Disagreement(row=row, column=column, about=about, expected=expected, got=got))
-    return Disagreements(wrong=np.logical_or.reduce(list(found.values())), listed=tuple(listed[:LISTED]))
+    return Disagreements(wrong=np.logical_or.reduce(list(found.values())), listed=tuple(listed[:MAX_LISTED]))
 
 
 def _other_companions(image: HogelImage, exact: ExactRows) -> Mask:
-    """Return pixels whose ties are shared by other triangles than the exact ones."""
+    """Return the pixels in which the tied triangles differ from the exact ones, (H, W)."""
     assert image.companions is not None
     got, expected = set(map(tuple, image.companions.tolist())), set(map(tuple, exact.ties.tolist()))
     mask = np.zeros(exact.triangle.shape, dtype=np.bool_)
@@ -97,7 +102,7 @@ def _other_companions(image: HogelImage, exact: ExactRows) -> Mask:
 
 
 def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: Floats) -> Mask:
-    """Return pixels whose position is not where the exact triangle is met."""
+    """Return the pixels whose position is not where the line meets the exact triangle, (H, W)."""
     assert image.certainty is not None
     mask: Mask = np.isfinite(image.position).any(axis=-1) != (exact.triangle >= 0)
     same = (image.triangle == exact.triangle) & (exact.triangle >= 0)
@@ -105,7 +110,8 @@ def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: F
     center = np.asarray(pencil.center)
     allowed = position_bound(triangles[exact.triangle[same]] - center, d, s)
     allowed = np.where(image.certainty[same] == Certainty.EXACT, UNIT_ROUNDOFF * np.abs(s), allowed)
-    # The position adds the center to s d: two roundings more, and s itself is rounded here.
+    # The position is the center plus s d, two more roundings, and the exact s was rounded once. 8 covers
+    # these and the same operations in this check.
     reach = np.abs(center) + np.abs(s[:, None] * d)
     off = np.abs(image.position[same] - (center + s[:, None] * d))
     mask[same] |= ~(off <= allowed[:, None] * np.abs(d) + 8 * UNIT_ROUNDOFF * reach).all(axis=1)
@@ -113,19 +119,19 @@ def _misplaced(image: HogelImage, exact: ExactRows, pencil: Pencil, triangles: F
 
 
 def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
-    """Return how far s may be off where it was computed in double precision, (N,).
+    """Return the largest error of an s that was computed in double precision, (N,).
 
-    Where rounding leaves the sign of d . n in doubt, nobody may claim an s but by rational
-    arithmetic: there the bound is one rounding.
+    Where rounding leaves the sign of d . n in doubt, only rational arithmetic can decide s: there the bound
+    is that of a rounded exact s.
 
     Parameters
     ----------
     corners
-        (N, 3, 3) of the triangles met, relative to the center.
+        (N, 3, 3) corners of the triangles met, relative to the center, scene units.
     d
-        (N, 3) lines.
+        (N, 3) directions of the lines.
     s
-        (N,) exact, to the nearest double.
+        (N,) exact values of s, rounded to the nearest double.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     magnitude = np.stack(
@@ -141,7 +147,7 @@ def position_bound(corners: Floats, d: Floats, s: Floats) -> Floats:
 
 
 def _described(about: str, image: HogelImage, exact: ExactRows, pixel: tuple[int, int]) -> tuple[str, str]:
-    """Return in words what was expected and what was got."""
+    """Return the expected answer and the reference's answer in words."""
     assert image.certainty is not None
     assert image.companions is not None
     expected_ties = [number for *where, number in exact.ties.tolist() if tuple(where) == pixel]

@@ -23,28 +23,28 @@ from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.terminal import messages
 
-PIXELS_AT_ONCE = 1 << 13
-"""Of one process: small enough that all are busy to the end."""
+MAX_TASK_PIXELS = 1 << 13
+"""Largest number of pixels in one task of a process: so few that all processes are busy to the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewCheck:
-    """One image against the exact answer.
+    """The comparison of one image with the exact answer.
 
     Attributes
     ----------
     scene, aperture, resolution
-        What was looked at: name, column and row, W and H.
+        Name of the scene, column and row of the aperture, W and H of the image.
     pixels, covered, proven, exact, ties
-        Counts: all, those that show a surface, and by class.
+        Numbers of all pixels, of those that show a surface, and of those in each class.
     wrong
-        Pixels that disagree with the exact answer.
+        Number of pixels that disagree with the exact answer.
     disagreements
-        The first few of them.
+        Descriptions of the first few disagreements.
     tracer_wrong
-        Pixels without a tie that the float32 tracer alone gets wrong.
+        Number of pixels without a tie that the float32 tracer alone gets wrong.
     seconds
-        Tracing, waiting for the exact rows, comparing; other processes work ahead meanwhile.
+        Time for tracing, waiting for the exact rows, and comparing; other processes work ahead meanwhile.
     """
 
     scene: str
@@ -63,7 +63,17 @@ class ViewCheck:
 
 @dataclass(frozen=True, kw_only=True)
 class SelfCheck:
-    """All images that were checked, and the sphere."""
+    """All images that were checked, and the sphere.
+
+    Attributes
+    ----------
+    views
+        The comparison of each image.
+    sphere
+        The check of the sphere; None where it was not asked for.
+    seconds
+        Time for everything.
+    """
 
     views: tuple[ViewCheck, ...]
     sphere: SphereCheck | None
@@ -71,7 +81,7 @@ class SelfCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing at all is wrong."""
+        """Whether no image and no line of the sphere is wrong."""
         return not any(view.wrong for view in self.views) and (self.sphere is None or self.sphere.agrees)
 
     def total(self, count: str) -> int:
@@ -91,7 +101,7 @@ class SelfCheck:
 
 
 def table(check: SelfCheck) -> str:
-    """Return a self-check in words: one row per scene, the sphere, every disagreement, the verdict."""
+    """Return a self-check in words: one row per scene, the sphere, every disagreement, the result."""
     counts = ("pixels", "covered", "proven", "exact", "ties", "wrong", "tracer_wrong")
     titles = ("pixels", "covered", "proven", "exact", "ties", "wrong", "float32 wrong")
     of_scene: dict[str, list[ViewCheck]] = {}
@@ -110,11 +120,11 @@ def table(check: SelfCheck) -> str:
         for view in check.views
         for at in view.disagreements
     ]
-    verdict = "agree" if check.agrees else "DISAGREE"
+    result = "agree" if check.agrees else "DISAGREE"
     return "\n".join(
         [
             *lines,
-            f"reference and integers {verdict} on {check.total('pixels'):,} pixels ({check.seconds:.0f} s)",
+            f"reference and integers {result} on {check.total('pixels'):,} pixels ({check.seconds:.0f} s)",
         ]
     )
 
@@ -127,14 +137,14 @@ def selfcheck(
     Parameters
     ----------
     names
-        Scene files or built-in scenes; none for all there are, and the sphere.
+        Scene files or built-in scenes; none for all of them and the sphere.
     quick
-        A part of it: smaller images, a coarser sphere.
+        Whether smaller images and a coarser sphere suffice.
     progress
         Whether to show a progress bar on standard error.
     processes
-        How many compute; None for one per processor. With 1 no process is started, as a script that
-        does not guard its main module needs it.
+        Number of processes that compute; None for one per processor. With 1 no process is started: a script
+        that does not guard its main module needs this.
 
     Raises
     ------
@@ -144,7 +154,7 @@ def selfcheck(
     started = time.perf_counter()
     chosen = views(names, quick=quick)
     with _pool(processes or worker_count()) as pool, _progress_bar(chosen, progress) as bar:
-        # All is handed out at once: the processes stay busy while this one traces.
+        # All tasks are submitted at once: the other processes stay busy while this one traces.
         waiting = [(view, list(_exact_rows(view, pool))) for view in chosen]
         checked = [_check(view, rows, bar) for view, rows in waiting]
     return SelfCheck(
@@ -189,17 +199,17 @@ def _check(view: View, rows: list[Future[ExactRows]], bar: Any) -> ViewCheck:
 
 
 def _exact_rows(view: View, pool: Executor) -> Iterator[Future[ExactRows]]:
-    """Hand out a view in bands of rows."""
+    """Submit a view to the pool in bands of rows."""
     pencil = crossed_frustum(view.scene.frustum, view.aperture)
     width, height = pencil.resolution
-    step = max(1, PIXELS_AT_ONCE // width)
+    step = max(1, MAX_TASK_PIXELS // width)
     for start in range(0, height, step):
         rows = range(start, min(start + step, height))
         yield pool.submit(first_by_brute_force, view.scene.triangles, pencil, rows)
 
 
 class _HereAndNow(Executor):
-    """Computes what is submitted at once, in this process."""
+    """An executor that computes every task at once, in this process."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         done: Future[Any] = Future()
@@ -217,7 +227,7 @@ def _pool(processes: int) -> Iterator[Executor]:
     try:
         yield pool
     finally:
-        # After an error nobody waits for the rest.
+        # After an error the remaining tasks are dropped.
         pool.shutdown(cancel_futures=True)
 
 

@@ -17,10 +17,10 @@ from xfrustum.scenes import Frustum, Plate, Scene, SceneObject
 from xfrustum.scenes.arrays import Floats, Indices
 
 SUBDIVISIONS, QUICK_SUBDIVISIONS = 6, 4
-"""Of an icosahedron: 81,920 and 5,120 triangles."""
+"""Numbers of subdivisions of an icosahedron: the spheres have 81,920 and 5,120 triangles."""
 
 S_RANGE = (0.0, 2.0)
-"""The surface of the unit sphere is met at s of about 1, on one side of its center."""
+"""Range of s on every line: from the center to beyond the unit sphere, which is met at about 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,16 +30,16 @@ class SphereCheck:
     Attributes
     ----------
     triangles, vertices, edges
-        Their numbers.
+        Numbers of triangles, vertices and edges of the sphere.
     vertex_misses, edge_misses
-        Lines that meet nothing.
+        Numbers of lines through vertices and through edges that meet nothing.
     wrong
-        Lines that do not meet what they must: at a vertex all its triangles and no others, at s = 1;
-        in the middle of an edge one of its two triangles or both.
+        Number of lines that do not meet the right triangles: at a vertex all its triangles and no others, at
+        s = 1; in the middle of an edge one of its two triangles or both.
     tracer_vertex_misses, tracer_edge_misses
-        The same of the float32 tracer alone, in its robust mode.
+        Numbers of lines that meet nothing by the float32 tracer alone, in its robust mode.
     seconds
-        All of it.
+        Time for the whole check.
     """
 
     triangles: int
@@ -54,7 +54,7 @@ class SphereCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether every line meets what it must."""
+        """Whether every line meets the right triangles."""
         return self.vertex_misses == self.edge_misses == self.wrong == 0
 
     def sentence(self) -> str:
@@ -93,7 +93,7 @@ def check_sphere(*, quick: bool = False) -> SphereCheck:
 
 
 def _wrong_at_vertices(found: FirstAlong, faces: Indices) -> int:
-    """Count the vertices at which not exactly their own triangles are met, or not at s = 1."""
+    """Count the vertices at which a line meets other triangles than exactly theirs, or not at s = 1."""
     around: list[list[int]] = [[] for _ in found.triangle]
     for number, corners in enumerate(faces.tolist()):
         for vertex in corners:
@@ -105,7 +105,7 @@ def _wrong_at_vertices(found: FirstAlong, faces: Indices) -> int:
 
 
 def _wrong_at_edges(found: FirstAlong, faces: Indices, edges: Indices) -> int:
-    """Count the edges at whose rounded middles a triangle is met that is not one of the edge's own."""
+    """Count the edges at the rounded middle of which a line meets a triangle that is not the edge's own."""
     wrong = 0
     for line, ends in enumerate(edges.tolist()):
         met = found.ties.get(line, (int(found.triangle[line]),))

@@ -1,4 +1,4 @@
-"""What `selfcheck` looks at: scenes, apertures, and images small enough for integers."""
+"""The views that `selfcheck` checks: scenes, apertures, and images small enough for integers."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from xfrustum.scenes import Aperture, InputError, Scene, open_scene
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.hard import cases as hard_cases
 
-PIXELS, QUICK_PIXELS = 50_000, 1_600
-"""Per view of a scene. In full, the built-in ones that show anything make 1.4 million pixels alone. Hard
-cases keep their own resolution, for which their lines are aimed."""
+VIEW_PIXELS, QUICK_VIEW_PIXELS = 50_000, 1_600
+"""Approximate numbers of pixels in each view of a scene. With the larger one, the views of built-in scenes
+that show anything have 1.4 million pixels together. Hard cases keep their own resolution, at which their
+lines are aimed."""
 
 APERTURE_SHARES = ((0.5, 0.5), (0.3, 0.7), (0.0, 0.0), (1.0, 1.0))
-"""Of the plate's columns and rows: the middle, off center on both axes, two corners."""
+"""Places of the apertures as shares of the plate's columns and rows: the middle, a place off center on both
+axes, and two corners."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,7 +31,7 @@ class View:
 
 
 def views(names: Sequence[str], *, quick: bool) -> list[View]:
-    """Return the views of some scenes, or of all there are.
+    """Return the views of some scenes, or of all.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ def views(names: Sequence[str], *, quick: bool) -> list[View]:
         all hard cases but the giants, and the scene files in the folder of test data beside the
         checkout.
     quick
-        Fewer pixels per view, and of hard cases only the apertures that they name.
+        Whether views have fewer pixels, and hard cases only the apertures that they name.
 
     Raises
     ------
@@ -49,7 +51,7 @@ def views(names: Sequence[str], *, quick: bool) -> list[View]:
     for name in names or default_names():
         case = hard_cases.CASES.get(name)
         if case is None:
-            scene = _at_about(open_scene(name), QUICK_PIXELS if quick else PIXELS)
+            scene = _at_about(open_scene(name), QUICK_VIEW_PIXELS if quick else VIEW_PIXELS)
             chosen = apertures(scene)
         elif case.giant:
             raise InputError(
@@ -81,9 +83,10 @@ def apertures(scene: Scene) -> list[Aperture]:
 
 
 def _at_about(scene: Scene, pixels: int) -> Scene:
-    """Return the scene with about that many pixels, an odd number of columns.
+    """Return the scene with about that many pixels, in an odd number of columns.
 
-    A middle column has lines without slope in x: where scenes are symmetric, it runs along edges.
+    An odd number of columns has a middle one, whose lines have no slope in x: in symmetric scenes they run
+    along edges.
     """
     width, height = scene.frustum.resolution
     factor = sqrt(pixels / (width * height))

@@ -20,7 +20,7 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class FilmWindow:
-    """What an aperture's film spans at unit distance from the plate.
+    """The rectangle that an aperture's film spans at unit distance from the plate.
 
     Attributes
     ----------
@@ -58,15 +58,15 @@ class SlabCamera:
     Attributes
     ----------
     orthoscopic
-        C, looking away from the viewer, else C*, looking back.
+        True for C, which looks away from the viewer; False for C*, which looks back.
     step
-        How far it has stepped back from the plate, away from what it sees.
+        Distance by which the camera has stepped back from the plate, against its direction of view.
     near, far
-        Distances of its near and far plane from itself.
+        Distances of the near and the far plane from the camera.
     heights
         |z| of the two planes.
     scale
-        Of the film window: below one where a plane other than infinity is to be drawn exactly.
+        Factor of the film window: below one where a plane other than infinity is drawn exactly.
     """
 
     orthoscopic: bool
@@ -106,8 +106,8 @@ def clip_from_scene(
     projection = clip_from_eye(window, camera, ends)
     eye = eye_from_sheared(camera)
     stands_at = camera.step if camera.orthoscopic else -camera.step
-    # The shear leaves the plane of its pivot where it is: the plate (paper, figure 6), or the
-    # plane that the camera itself stands in.
+    # The shear moves nothing in the plane of its pivot, which is the plate (paper, figure 6) or the
+    # plane that the camera stands in.
     return (
         projection @ eye @ sheared_from_scene(window, aperture, 0.0 if pivot is Pivot.APERTURE else stands_at)
     )
@@ -123,12 +123,12 @@ def sheared_from_scene(window: FilmWindow, aperture: Aperture, fixed_height: flo
 
 
 def eye_from_sheared(camera: SlabCamera) -> Floats:
-    """Return eye coordinates, in which the camera stands at the origin and looks to -z.
+    """Return the matrix to eye coordinates, in which the camera stands at the origin and looks to -z.
 
-    Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3): lines
-    that cross at the aperture come out on the other side of the axis. With the view turned around
-    that makes an odd number of mirrors, so that window winding is reversed: faces turned to C*
-    run clockwise.
+    Against C, the viewport of C* is flipped left-to-right and up-to-down (paper, section 3), because
+    lines that cross at the aperture leave it on the other side of the axis. These two flips and the
+    opposite direction of view are three mirrors, an odd number, which reverses window winding: faces
+    turned to C* run clockwise.
     """
     matrix = np.eye(4) if camera.orthoscopic else np.diag([-1.0, -1.0, -1.0, 1.0])
     matrix[2, 3] = -camera.step

@@ -1,7 +1,7 @@
-"""What a depth format and a mapping mean for the two cameras (docs/method.md, "The two cameras").
+"""Depth formats and mappings as the two cameras use them (docs/method.md, "The two cameras").
 
 C keeps the nearest surface and starts from its far value; C* keeps the farthest and starts
-from its near value (paper, section 3). Tests are strict: equal depths keep what was drawn first.
+from its near value (paper, section 3). Tests are strict: of equal depths the first drawn stays.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ INTERNAL_FORMAT: dict[DepthFormat, int] = {
     DepthFormat.D24: GL.GL_DEPTH_COMPONENT24,
     DepthFormat.D32F: GL.GL_DEPTH_COMPONENT32F,
 }
-"""How the depth buffer is stored."""
+"""OpenGL's name of each format of the depth buffer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,18 +30,18 @@ class ClipEnds:
 
 @dataclass(frozen=True, kw_only=True)
 class Mapping:
-    """How OpenGL is told about a depth mapping.
+    """A depth mapping in the terms of OpenGL.
 
     Attributes
     ----------
     ends
-        Of clip depth.
+        Clip depth over w at both planes.
     clip_control
         The range of clip depth that OpenGL keeps.
     fragment_depth
-        The shader's `FRAGMENT_DEPTH`: empty where the hardware's own interpolated depth is stored.
+        Expression for the shader's `FRAGMENT_DEPTH`; empty where the hardware interpolates depth.
     stored_near, stored_far
-        What the buffer holds at the near and at the far plane.
+        Values that the buffer holds at the near and at the far plane.
     """
 
     ends: ClipEnds
@@ -54,8 +54,9 @@ class Mapping:
 _HYPERBOLIC = ClipEnds(near=0.0, far=1.0)
 
 _REVERSED = ClipEnds(near=1.0, far=0.0)
-"""Also of fragments that write a depth of their own: their clip depth only has to clip. Toward one at the
-far plane, f / (f - n) rounded to float32 would clip surfaces before that plane, or keep some behind it."""
+"""Clip depth of the reversed mapping, and of fragments that write a depth of their own, where it only has to
+clip. With `_HYPERBOLIC` instead, f / (f - n) rounded to float32 would clip surfaces before the far plane, or
+keep some behind it."""
 
 MAPPINGS: dict[DepthMapping, Mapping] = {
     DepthMapping.STANDARD: Mapping(ends=_HYPERBOLIC),
@@ -68,21 +69,21 @@ MAPPINGS: dict[DepthMapping, Mapping] = {
 
 @dataclass(frozen=True, kw_only=True)
 class DepthTest:
-    """Where the depth buffer starts, and which comparison lets a fragment in."""
+    """The value that the depth buffer is cleared to, and the comparison that a fragment must pass."""
 
     clear: float
     function: str
 
 
 def nearest_wins(mapping: Mapping) -> DepthTest:
-    """Return C's test: an orthoscopic camera."""
+    """Return the depth test of C, the orthoscopic camera."""
     return DepthTest(
         clear=mapping.stored_far, function="<" if mapping.stored_near < mapping.stored_far else ">"
     )
 
 
 def farthest_wins(mapping: Mapping) -> DepthTest:
-    """Return C*'s test: a pseudoscopic camera."""
+    """Return the depth test of C*, the pseudoscopic camera."""
     return DepthTest(
         clear=mapping.stored_near, function=">" if mapping.stored_near < mapping.stored_far else "<"
     )

@@ -1,4 +1,4 @@
-"""Which cameras draw, in which order, and how OpenGL is set for each."""
+"""The passes of an image: its cameras in drawing order, and how OpenGL is set for each."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Pass:
     Attributes
     ----------
     clip_from_scene
-        Its matrix, in double precision.
+        The camera's matrix, in double precision.
     planes
         Distances of its near and far plane.
     heights
-        Lowest and highest z between them.
+        Lowest and highest z between these planes.
     test
-        Which of two surfaces wins.
+        The depth test, which decides between two surfaces.
     front_face
-        Which window winding faces the camera.
+        The window winding of faces that are turned to the camera.
     orthoscopic
-        C, else C*: for it lights are pseudoscopic (paper, section 3, figure 3).
+        True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3).
     """
 
     clip_from_scene: Floats
@@ -51,8 +51,9 @@ class Pass:
 def lines_of_pixels(clip_from_scene: Floats) -> Floats:
     """Return (.., 3, 3) directions away from cameras, scene axes, of film coordinates (u, v, 1) upward.
 
-    A camera's position is the point without x, y and w in clip coordinates, and what lies at
-    depth w along a direction d from it has w (u, v, 1): d is what the matrix makes (u, v, 1) of.
+    Clip x, y and w are zero at the camera's position, and a point at depth w along a direction d from
+    it has (x, y, w) = w (u, v, 1). So the matrix's 3 x 3 part for x, y and w takes d to (u, v, 1), and
+    its inverse takes (u, v, 1) to d.
 
     Parameters
     ----------
@@ -67,9 +68,9 @@ def drawing_order(
 ) -> list[Pass]:
     """Return the passes of an image, from the back.
 
-    C from its outermost slab inward, then C* from its innermost outward: what comes later is nearer
-    to the viewer and overlays. Slabs in which the scene has nothing are left out, and so are cameras
-    that are not among the effects.
+    The slabs of C come first, from the outermost inward, then those of C*, from the innermost outward:
+    each pass is nearer to the viewer than those before it and overlays them. Slabs in which the scene has
+    nothing are left out, and so are cameras that are not among the effects.
     """
     cameras = cameras_in_order(scene, settings, effects)
     return [pass_of(scene, aperture, settings, camera) for camera in cameras]
@@ -78,7 +79,7 @@ def drawing_order(
 def cameras_in_order(
     scene: Scene, settings: DoubleFrustum, effects: frozenset[Effect] = ALL_EFFECTS
 ) -> list[SlabCamera]:
-    """Return the cameras of every image, from the back: what belongs to the plate and to no aperture."""
+    """Return the cameras of every image, from the back; they are the same for all apertures of the plate."""
     frustum = scene.frustum
     c = slab_cameras(frustum, settings, orthoscopic=True)
     c_star = slab_cameras(frustum, settings, orthoscopic=False)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Any, Self
 
 import moderngl
 from OpenGL import GL, platform
@@ -20,7 +22,7 @@ _HELP = (
 
 
 def open_context() -> moderngl.Context:
-    """Return a new OpenGL context of at least version 4.5, of its own, without a window.
+    """Return a new OpenGL context of at least version 4.5, without a window.
 
     Raises
     ------
@@ -50,10 +52,26 @@ def open_context() -> moderngl.Context:
 
 
 def describe(context: moderngl.Context) -> dict[str, str]:
-    """Return who draws: vendor, renderer, version and subpixel bits, for reports."""
+    """Return the names of the device that draws: vendor, renderer, version and subpixel bits, for reports."""
     return {
         "vendor": str(context.info["GL_VENDOR"]),
         "renderer": str(context.info["GL_RENDERER"]),
         "version": str(context.info["GL_VERSION"]),
         "subpixel_bits": str(int(GL.glGetIntegerv(GL.GL_SUBPIXEL_BITS))),
     }
+
+
+class ContextOwner(ABC):
+    """An object with an OpenGL context of its own: a context manager that releases it at its end."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    @abstractmethod
+    def release(self) -> None:
+        """Free the context and everything in it."""

@@ -16,17 +16,17 @@ ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
 
 
 class Mesh:
-    """Corners, indices and normals, uploaded once; what shading interpolates when it is first asked for.
+    """Corners, indices and normals, uploaded once; other attributes are uploaded when first asked for.
 
-    Texture coordinates are float32 like the rest: U repeats from zero, a texture of W texels is looked up
-    to within about U W 2^-24 of a texel.
+    Texture coordinates are float32 like the rest: at coordinate U, a texture of W texels is looked up to
+    within about U W 2^-24 of a texel.
 
     Parameters
     ----------
     context
         The current context.
     scene
-        At least one triangle.
+        Scene with at least one triangle.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -43,7 +43,7 @@ class Mesh:
         return self._context.vertex_array(program, content, index_buffer=self._indices)
 
     def bind(self) -> None:
-        """Make the normals what the shaders read."""
+        """Bind the normals for the shaders."""
         self._normals.bind_to_storage_buffer(NORMALS)
 
     def _attribute(self, name: str) -> moderngl.Buffer:
@@ -53,14 +53,14 @@ class Mesh:
 
 
 def attribute_of(scene: Scene, name: str) -> Singles:
-    """Return an attribute of all vertices; zero where they have none, which no triangle then reads.
+    """Return an attribute of all vertices; zero at vertices without it, which no triangle then reads.
 
     Parameters
     ----------
     scene
-        At least one triangle.
+        Scene with the vertices.
     name
-        One of `ATTRIBUTES`.
+        A name out of `ATTRIBUTES`.
     """
     if name == "in_position":
         return scene.vertices.astype(np.float32)

@@ -16,7 +16,7 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NumberedMesh:
-    """The same triangles, in the same order and from the same corner on, over more vertices.
+    """A mesh's triangles over more vertices, in the same order and with the same first corners.
 
     A shader that asks for `gl_PrimitiveID` gets a number that starts again with every draw, and costs
     Mesa's software pipeline three vertices a triangle. The last corner of a triangle is the one that a
@@ -25,8 +25,8 @@ class NumberedMesh:
     Attributes
     ----------
     source
-        (N,) number of the scene's vertex that each vertex is a copy of; all that a vertex carries
-        follows it. The first F are the triangles' last corners.
+        (N,) number of the scene's vertex that each vertex is a copy of, with all its attributes. The
+        first F are the triangles' last corners.
     faces
         (F, 3) uint32 into `source`.
     """
@@ -35,7 +35,7 @@ class NumberedMesh:
     faces: NDArray[np.uint32]
 
     def ends(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
-        """Return (N, ..) at the vertices that end triangles what belongs to these, (F, ..); others zero."""
+        """Return values of triangles (F, ..) as values of the vertices that end them (N, ..), others zero."""
         others = np.zeros((len(self.source) - len(values), *values.shape[1:]), values.dtype)
         return np.concatenate((values, others))
 
@@ -43,18 +43,19 @@ class NumberedMesh:
 def number_triangles(faces: Indices) -> NumberedMesh:
     """Return the mesh of some faces (F, 3) in which triangle t ends with vertex t.
 
-    The other corners take the copy of their vertex that was made last, so that neighbors go on
-    sharing what the vertex stage has at hand, or the next one. A vertex that ends no triangle keeps one
-    copy, behind the others.
+    Each of the other two corners takes the copy of its vertex with the largest number up to its own
+    triangle's, or else the next larger one, so that neighboring triangles go on sharing vertices that the
+    vertex stage still holds. A vertex that ends no triangle has one copy, behind the others.
     """
     count = len(faces)
     last = faces[:, 2]
-    # All copies, by vertex and then by triangle; the stable sort keeps the second order.
+    # List all copies by vertex and then by triangle; the stable sort keeps the order by triangle.
     copies = np.argsort(last, kind="stable")
     owner = last[copies]
     numbered = np.empty((count, 3), dtype=np.int64)
     numbered[:, 2] = np.arange(count)
-    # A copy's place in that list, as one number: searching for (vertex, triangle) finds the next.
+    # Vertex and triangle of each copy as one ascending number: a search for (vertex, triangle) finds the
+    # copy that follows.
     keys = owner * count + copies
     without_copy = np.setdiff1d(faces[:, :2], last)
     for corner in (0, 1):

@@ -1,4 +1,4 @@
-"""Which surface point does each pixel show? A compute pass over the identities that were drawn."""
+"""The surface point that each pixel shows, found by a compute pass over the triangle numbers."""
 
 from __future__ import annotations
 
@@ -18,26 +18,24 @@ GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
 
 BYTES_PER_POINT = 12
-"""Three float32; an image is read in as many bands as its points need storage blocks."""
+"""Bytes of a point, three float32. An image is read in as many bands as its points need storage blocks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnBy:
-    """What the pass must know of a camera: its matrix, and the lowest and highest z that it keeps."""
+    """A camera as the compute pass sees it: its matrix, and the lowest and highest z that it keeps."""
 
     clip_from_scene: Floats
     heights: tuple[float, float]
 
 
 class Positions:
-    """A scene's corners in double precision on the GPU, and the pass that finds points on them.
+    """A scene's triangles in double precision on the GPU, and the pass that finds points on them.
 
     Parameters
     ----------
-    context
-        The current context.
-    scene
-        At least one triangle.
+    context, scene
+        The current context, and a scene with at least one triangle.
     """
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
@@ -56,9 +54,9 @@ class Positions:
         Parameters
         ----------
         target
-            What was drawn.
+            Target with the triangle and camera numbers that were drawn.
         drawn
-            The cameras by their numbers in it.
+            The cameras, in the order of their numbers.
         """
         width, height = target.size
         rows = max(1, min(height, self._largest_block // (BYTES_PER_POINT * width)))

@@ -22,11 +22,11 @@ SHADING = (
 """The effects that are parts of the picture's shaders; the others are cameras and passes of their own."""
 
 Defines = Mapping[str, str]
-"""Names that a shader asks for with `#ifdef`, and what they stand for."""
+"""Names that a shader asks for with `#ifdef`, and the text that replaces each."""
 
 
 def shader(name: str) -> str:
-    """Return a file of the folder `shaders`, files that it includes put in."""
+    """Return a file of the folder `shaders`, with the files that it includes in their places."""
     text = (files("xfrustum.raster") / "shaders" / name).read_text()
     lines = []
     for line in text.splitlines():
@@ -42,19 +42,19 @@ def defined(source: str, defines: Defines) -> str:
 
 
 def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
-    """Return the names by which the shaders know the effects that are theirs."""
+    """Return the names that switch effects on in the shaders, for the effects of `SHADING`."""
     asked = frozenset(effects)
     return {effect.name: "1" for effect in SHADING if effect in asked}
 
 
 def picture_defines(mapping: DepthMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
-    """Return the names that hogel.frag asks for: how depth is stored, and effects; None for no color."""
+    """Return the names that hogel.frag asks for: the depth it stores, and its effects; None for no color."""
     depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
     return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}
 
 
 def reflection_defines(effects: Iterable[Effect]) -> dict[str, str]:
-    """Return the names that reflection.frag asks for: which normals."""
+    """Return the names that reflection.frag asks for: whether normals are smooth."""
     return defines_of(frozenset(effects) & {Effect.SMOOTH_NORMALS})
 
 
@@ -67,21 +67,21 @@ def program(context: moderngl.Context, fragment: str, defines: Defines) -> moder
 
 
 def assign(program: moderngl.Program, **uniforms: object) -> None:
-    """Set uniforms; those that no effect in use reads do not exist."""
+    """Set those of the uniforms that the program has; the compiler drops what no effect in use reads."""
     for name, value in uniforms.items():
         if name in program:
             program[name] = value
 
 
 def set_camera(program: moderngl.Program, number: int, camera: Pass, size: tuple[int, int]) -> None:
-    """Set what a program knows of a camera, and where many hogels have it in a block, the rest.
+    """Set a program's uniforms for a camera. Programs for many hogels read matrices from a block instead.
 
     Parameters
     ----------
     program
-        Of a picture or of reflections.
+        Program that draws pictures or reflections.
     number, camera
-        In drawing order.
+        The camera and its number in drawing order.
     size
         W, H of the image in pixels.
     """

@@ -1,4 +1,4 @@
-"""What a device has room for, asked before anything is uploaded."""
+"""The largest images and meshes that a device has room for, asked before anything is uploaded."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 
 MAX_TRIANGLES = (1 << 31) // 3
-"""Shaders index three values a triangle with signed 32-bit integers."""
+"""Largest number of triangles: shaders index three values of each with signed 32-bit integers."""
 
 PIXEL_BYTES = 190
-"""Memory that a pixel takes from the first drawing until its image is written: 28 on the device (identities
-8, color 16, depth 4), which a software renderer has in the same memory; numbers, positions, normals and color
-as they are read back; and the channels of the file. Measured with llvmpipe, 185 at 2048 x 2048."""
+"""Bytes of memory that a pixel takes from the first drawing until its image is written: 28 on the device
+(identities 8, color 16, depth 4), which a software renderer keeps in the same memory; the numbers, positions,
+normals and colors that are read back; and the channels of the file. Measured with llvmpipe: 185 at
+2048 x 2048."""
 
 _TARGETS = (
     (GL.GL_RG32UI, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT),
@@ -26,22 +27,22 @@ _TARGETS = (
 
 
 def check_room(scene: Scene, device: str, *, vertex_bytes: int = 0) -> None:
-    """Raise InputError where a device draws no so large image, or has no so large block.
+    """Raise InputError where a scene's images or its blocks of storage are too large for a device.
 
     Parameters
     ----------
     scene
-        To be drawn in the current context.
+        Scene that shall be drawn in the current context.
     device
-        Its name, for the message.
+        Name of the device, for the message.
     vertex_bytes
-        Of each vertex, what shaders read from a block.
+        Bytes that shaders read of each vertex from a block of storage.
     """
     if len(scene.faces) > MAX_TRIANGLES:
         raise InputError(f"{scene.name}: {len(scene.faces)} triangles; at most {MAX_TRIANGLES} can be drawn")
     _check_image(scene.frustum.resolution, device)
     block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
-    # Of each triangle three numbers of 32 bits: its normal, and its indices.
+    # Normals and indices of triangles are blocks of their own: three numbers of 32 bits a triangle.
     needed = max(vertex_bytes * len(scene.vertices), 12 * len(scene.faces))
     if needed > block:
         raise InputError(
@@ -70,7 +71,7 @@ def _check_image(size: tuple[int, int], device: str) -> None:
 
 
 def _can_store(size: tuple[int, int]) -> bool:
-    """Ask the current context's device whether it can store the textures of an image, without storing any."""
+    """Return whether the current context's device can store the textures of an image; none is stored."""
     for internal, layout, kind in _TARGETS:
         GL.glTexImage2D(GL.GL_PROXY_TEXTURE_2D, 0, internal, *size, 0, layout, kind, None)
         if not int(GL.glGetTexLevelParameteriv(GL.GL_PROXY_TEXTURE_2D, 0, GL.GL_TEXTURE_WIDTH)):
@@ -88,7 +89,7 @@ def _largest_square(limit: int) -> int:
 
 
 def free_memory() -> int | None:
-    """Return the bytes that a process can still take without swapping; None where nobody knows."""
+    """Return the bytes that a process can still take without swapping; None where the system does not say."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:

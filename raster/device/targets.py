@@ -1,7 +1,7 @@
 """Framebuffers with the depth formats that moderngl does not offer, made, bound and freed through PyOpenGL.
 
-moderngl draws into whichever is bound. It need not know of them: a framebuffer that it wraps knows no
-attachments and frees nothing, and it cannot wrap one of several samples.
+moderngl draws into whichever framebuffer is bound and need not know it. It could wrap one, but without its
+attachments and without freeing it, and it cannot wrap a framebuffer of several samples.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
 IDENTITY, COLOR = 0, 1
-"""Color attachments: triangle number + 1 and number of the camera (uint), linear radiance (float32)."""
+"""Numbers of the color attachments. The identity is the triangle number + 1 and the number of the camera
+(uint); the color is linear radiance (float32)."""
 
 _FORMATS = {IDENTITY: GL.GL_RG32UI, COLOR: GL.GL_RGBA32F}
 
@@ -33,7 +34,7 @@ _SAMPLE_LIMITS = (
 
 
 def most_samples() -> int:
-    """Return how many coverage samples the current context's device has, of identities, color and depth."""
+    """Return the largest number of coverage samples of the current context's device, for all attachments."""
     return min(int(GL.glGetIntegerv(limit)) for limit in _SAMPLE_LIMITS)
 
 
@@ -47,9 +48,9 @@ class Target:
     depth
         Format of the depth buffer.
     samples
-        Coverage samples, 1 for none; color is their mean. Identities and positions of such a target
-        cannot be read: a pixel has several. A device may store more than are asked for: `samples` is what
-        it stores.
+        Coverage samples, 1 for none. Color is the mean over several samples; identities and positions
+        then cannot be read, for a pixel has several. A device may store more samples than are asked for:
+        the attribute `samples` is the number that it stores.
     """
 
     def __init__(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> None:
@@ -61,7 +62,8 @@ class Target:
             self._store(self._textures[attachment], internal)
         self._store(self._textures[-1], INTERNAL_FORMAT[depth])
         self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
-        # Reads the identities, so that they must not be attached; see reflection.frag on depth.
+        # Reflections read the identities, which therefore must not be attached; reflection.frag says how
+        # it does without a depth buffer.
         self._reflection = self._framebuffer([COLOR], depth=False)
         self._resolved = None if samples == 1 else Target(size, depth)
 
@@ -103,14 +105,14 @@ class Target:
         return framebuffer
 
     def begin(self) -> None:
-        """Draw here from now on, over nothing: number 0, black."""
+        """Draw here from now on, on an empty image: number 0, black."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)
         GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
         GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
 
     def begin_reflection(self) -> None:
-        """Draw from now on color alone, over what is there."""
+        """Draw from now on color alone, over the picture."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._reflection)
         GL.glViewport(0, 0, *self.size)
 
@@ -158,7 +160,7 @@ class Target:
         return into[::-1]
 
     def release(self) -> None:
-        """Free what it owns."""
+        """Free the framebuffers and textures."""
         GL.glDeleteFramebuffers(2, [self._picture, self._reflection])
         GL.glDeleteTextures(self._textures)
         if self._resolved is not None:

@@ -12,9 +12,10 @@ from xfrustum.scenes.arrays import Bytes, Floats
 from xfrustum.scenes.errors import InputError
 
 TEXELS, PLACES, DECODED = 9, 10, 11
-"""Bindings, as in texture.glsl."""
+"""Bindings of storage blocks, as in texture.glsl."""
 
 BYTES_PER_TEXEL = 4
+"""Bytes of a texel: red, green, blue and alpha, of 8 bits each."""
 
 
 def linear_of_srgb() -> Floats:
@@ -36,7 +37,7 @@ class Textures:
     Raises
     ------
     InputError
-        They are larger than the device's largest block.
+        All textures together are larger than the device's largest block.
     """
 
     def __init__(self, context: moderngl.Context, textures: Sequence[Bytes]) -> None:
@@ -50,7 +51,7 @@ class Textures:
             )
         first = np.cumsum([0, *counts[:-1]])
         places = [(at, t.shape[1], t.shape[0], 0) for at, t in zip(first, textures, strict=False)]
-        # A block of nothing is not allowed; of these no triangle knows the number.
+        # A block cannot be empty: without textures there is one texel, which no triangle refers to.
         texels = np.concatenate([t.reshape(-1, 4) for t in textures] or [np.zeros((1, 4), np.uint8)])
         self._buffers = {
             TEXELS: context.buffer(np.ascontiguousarray(texels).tobytes()),
@@ -59,6 +60,6 @@ class Textures:
         }
 
     def bind(self) -> None:
-        """Make them what the shaders read."""
+        """Bind the blocks for the shaders."""
         for binding, buffer in self._buffers.items():
             buffer.bind_to_storage_buffer(binding)

@@ -11,19 +11,21 @@ from dataclasses import dataclass
 from OpenGL import GL
 
 NANOSECOND = 1e-9
+"""Seconds in a nanosecond, the unit of OpenGL's timestamps."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageTime:
-    """What one stage took.
+    """The time of one stage.
 
     Attributes
     ----------
     gpu_s
-        Between two timestamps in the device's own queue: what it needed, whenever that was.
+        Seconds between two timestamps in the device's own queue: the time that the device needed,
+        whenever that was.
     wall_s
-        That the processor spent on giving the orders. A software renderer transforms vertices in
-        that time; a GPU does nothing yet.
+        Seconds that the processor spent on giving the orders. A software renderer transforms vertices in
+        this time; a GPU works in parallel.
     """
 
     gpu_s: float
@@ -31,10 +33,10 @@ class StageTime:
 
 
 class GpuTimer:
-    """Seconds per named stage of what is drawn in the current context; a stage entered again adds up.
+    """Seconds per named stage of drawing in the current context; a stage that is entered again adds up.
 
-    Timestamps enclose each stage rather than elapsed-time queries, which may not overlap. They cost no
-    waiting; `collect` waits, once.
+    Timestamps enclose each stage, because elapsed-time queries may not overlap. They do not wait for the
+    device; only `collect` does, once.
     """
 
     def __init__(self) -> None:
@@ -43,7 +45,7 @@ class GpuTimer:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Charge what the block orders to the stage, also when the block raises."""
+        """Charge the orders that the block gives to the stage, also when the block raises."""
         begin, end = (int(query) for query in GL.glGenQueries(2))
         self._queries.append((name, begin, end))
         start = time.perf_counter()
@@ -55,7 +57,7 @@ class GpuTimer:
             self._wall[name] = self._wall.get(name, 0.0) + time.perf_counter() - start
 
     def collect(self) -> dict[str, StageTime]:
-        """Return the stages in the order in which they were first entered, and start again from nothing."""
+        """Return the stages in the order in which they were first entered, and forget them."""
         gpu: dict[str, float] = dict.fromkeys(self._wall, 0.0)
         for name, *queries in self._queries:
             begin, end = (_nanoseconds(query) for query in queries)

@@ -1,6 +1,6 @@
 """Materials, lights and reflections on the GPU.
 
-materials   Materials, lights and textures on the GPU, and which of them each triangle has
-reflection  Reflection mapping: passes of its own, one per camera, over what the cameras drew (paper,
+materials   Materials, lights and textures on the GPU, and the material and texture of each triangle
+reflection  Reflection mapping, in passes of its own over the cameras' pictures, one per camera (paper,
             section 6)
 """

@@ -1,4 +1,4 @@
-"""Materials, lights and textures on the GPU, and which of them each triangle has."""
+"""Materials, lights and textures on the GPU, and the material and texture of each triangle."""
 
 from __future__ import annotations
 
@@ -17,33 +17,31 @@ SURFACES, MATERIALS, LIGHTS = 6, 7, 8
 """Bindings of storage blocks, as in surface.glsl and phong.glsl."""
 
 UNIFORM_BINDINGS = {MATERIALS: 1, LIGHTS: 2}
-"""Bindings of uniform blocks, which are used where they have room."""
+"""Bindings of uniform blocks, which hold materials and lights where they are large enough."""
 
 COUNT_NAMES = {MATERIALS: "MATERIAL_COUNT", LIGHTS: "LIGHT_COUNT"}
-"""Names by which the shaders know of a uniform block how long it is."""
+"""Names by which the shaders know the length of a uniform block."""
 
 IS_SMOOTH, IS_COLORED = np.uint32(1 << 31), np.uint32(1 << 30)
 """Flags of a triangle beside the number of its material, as in surface.glsl."""
 
 
 class Shading:
-    """What the shaders know of light and materials, uploaded once.
+    """Materials, lights and textures as the shaders read them, uploaded once.
 
     Parameters
     ----------
-    context
-        The current context.
-    scene
-        At least one triangle.
+    context, scene
+        The current context, and a scene with at least one triangle.
     effects
-        What nobody asks for is not uploaded.
+        Effects that are simulated; textures are uploaded only if they are among them.
 
     Attributes
     ----------
     surfaces
-        What the function of that name returns.
+        (F, 2) the material and texture of each triangle, see the function `surfaces`.
     defines
-        What the shaders must know of it, see `programs`.
+        Names that the shaders need, see `programs`.
 
     Raises
     ------
@@ -54,7 +52,7 @@ class Shading:
     def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
         lights = [light for light in scene.appearance.lights if max(light.color) > 0]
         self._light_count = len(lights)
-        # A block of nothing is not allowed: where there are none, one that nobody reads.
+        # A block cannot be empty: without lights there is a black one, which no shader reads.
         shining = [[*light.direction, 0.0, *light.color, 0.0] for light in lights] or [[0.0] * 8]
         environment = scene.appearance.environment
         strength = 0.0 if environment is None else environment.strength
@@ -73,7 +71,7 @@ class Shading:
         self._textures = Textures(context, scene.surface.textures) if Effect.TEXTURES in effects else None
 
     def bind(self, program: moderngl.Program) -> None:
-        """Make them what a program reads."""
+        """Bind the blocks for a program."""
         for binding, buffer in self._storage.items():
             buffer.bind_to_storage_buffer(binding)
         for binding, buffer in self._uniform.items():
@@ -96,7 +94,7 @@ def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
     Parameters
     ----------
     materials
-        The scene's different ones, by number.
+        The scene's materials, each once; their order numbers them.
     """
     number = {material: index for index, material in enumerate(materials)}
     of_object = np.array([number[material] for material in scene.materials], dtype=np.uint32)
@@ -115,6 +113,6 @@ def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
 
 
 def single(values: list[list[float]]) -> Singles:
-    """Return values as float32, the largest finite one in place of what is larger: zero times it is zero."""
+    """Return values as float32, clipped to finite ones, because zero times infinity would not be zero."""
     largest = float(np.finfo(np.float32).max)
     return np.clip(values, -largest, largest).astype(np.float32)

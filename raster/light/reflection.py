@@ -1,4 +1,4 @@
-"""Reflection mapping: passes of its own, one per camera, over what the cameras drew (paper, section 6)."""
+"""Reflection mapping, in passes of its own over the cameras' pictures, one per camera (paper, section 6)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ IDENTITIES, ENVIRONMENT = 0, 1
 
 
 class Identified(Protocol):
-    """What remembers which triangle each pixel shows, and which camera drew it."""
+    """A target that keeps the triangle that each pixel shows, and the camera that drew it."""
 
     def bind_identity(self, unit: int) -> None:
         """Make the identities a texture for a shader."""
@@ -29,7 +29,7 @@ class Environment:
     context
         The current context.
     scene
-        Where it has no environment, black is reflected.
+        Scene whose environment is uploaded; one without an environment reflects black.
 
     Raises
     ------
@@ -47,13 +47,13 @@ class Environment:
                 f"{context.info['GL_RENDERER']} holds environment maps of at most {limit} x {limit}, "
                 f"not {width} x {height}; use a smaller one"
             )
-        # Rows go in from the top, as the shader counts them: fetched by number, it has no other order.
+        # The first row is the top one: the shader fetches texels by number and counts rows from the top.
         self._map = context.texture((width, height), 3, radiance.tobytes(), dtype="f4", alignment=4)
         self._map.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.reflecting = reflecting(scene)
 
     def bind(self, target: Identified) -> None:
-        """Make the map, and what was drawn, what the shader reads."""
+        """Bind the map and the target's identities for the shader."""
         target.bind_identity(IDENTITIES)
         self._map.use(ENVIRONMENT)
 

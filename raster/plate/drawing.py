@@ -13,20 +13,20 @@ from xfrustum.scenes.arrays import Singles
 
 
 class PlateDrawing:
-    """What one program draws of a scene.
+    """The triangles of a scene that one program draws.
 
     Parameters
     ----------
     context
         The current context.
     program
-        Of `plate_program`, for as many hogels.
+        Program made by `plate.program` for this number of hogels.
     geometry
-        The scene.
+        The scene on the GPU.
     cameras
-        The part of it that each camera draws: all surfaces, or the reflective ones.
+        The triangles that each camera draws: all surfaces, or the reflective ones.
     hogels
-        How many one submission may have.
+        Largest number of hogels in one submission.
     """
 
     def __init__(
@@ -43,25 +43,25 @@ class PlateDrawing:
         content = [
             (geometry.attribute(name), form, name) for name, form in FORMATS.items() if name in program
         ]
-        # Advances with the instance; every draw says which instance is its first.
+        # This attribute advances with the instance; every draw names its first instance.
         content.append((context.buffer(numbers.tobytes()), "1u4/i", "in_hogel"))
         self._mesh = context.vertex_array(program, content, index_buffer=geometry.indices)
 
     def triangles(self, number: int, matrices: Singles) -> int:
-        """Return how many triangles a camera draws for some hogels."""
+        """Return the number of triangles that a camera draws for some hogels."""
         return int(self._geometry.commands(self._cameras[number], matrices)["count"].sum()) // 3
 
     def upload(self, number: int, matrices: Singles, commands: moderngl.Buffer) -> int:
-        """Write the draws of a camera for some hogels, and return how many they are.
+        """Write the draws of a camera for some hogels, and return their number.
 
         Parameters
         ----------
         number
-            Of the camera.
+            Number of the camera.
         matrices
-            (L, 4, 4) clip-from-scene of each hogel.
+            (L, 4, 4) clip-from-scene matrix of each hogel.
         commands
-            Grows as needed.
+            Buffer that the draws are written to; it grows as needed.
         """
         draws = self._geometry.commands(self._cameras[number], matrices)
         if len(draws):
@@ -75,9 +75,9 @@ class PlateDrawing:
         Parameters
         ----------
         hogels
-            What differs between them, see `plate_program.hogel_block`.
+            Buffer with the matrices of each hogel, see `program.hogel_block`.
         commands, draws
-            As `upload` wrote and returned them.
+            The draws that `upload` wrote, and their number, which it returned.
         """
         if draws:
             hogels.bind_to_uniform_block(HOGELS_BINDING)

@@ -25,19 +25,19 @@ from xfrustum.scenes.arrays import Indices, Mask, Singles
 from xfrustum.scenes.model.scene import Scene
 
 SIDES, DEPTHS = slice(0, 4), slice(4, 6)
-"""Of the clip planes: those that move from hogel to hogel, and those that stay."""
+"""Clip planes that move from hogel to hogel, and those that are the same for all."""
 
 FORMATS = {
     **{name: f"{count}f" for name, count in ATTRIBUTES.items()},
     "in_flat_normal": "3f",
     "in_flat_surface": "2u4",
 }
-"""Of each attribute of hogel.vert but the hogel."""
+"""moderngl's format of each vertex attribute of hogel.vert, but for the number of the hogel."""
 
 DRAW_COMMAND = np.dtype(
     [("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base_vertex", "i4"), ("hogel", "u4")]
 )
-"""What OpenGL reads of an indirect draw; the base instance says which hogel it is for."""
+"""Layout of an indirect draw as OpenGL reads it; the base instance is the number of its hogel."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,9 +47,9 @@ class PassGeometry:
     Attributes
     ----------
     first, count
-        Where their indices begin in the index buffer, and how many triangles they are.
+        Place of the triangles' first index in the index buffer, and the number of triangles.
     boxes
-        Of their clusters.
+        Boxes of the clusters of triangles.
     """
 
     first: int
@@ -58,25 +58,23 @@ class PassGeometry:
 
 
 class PlateGeometry:
-    """Vertices, indices and normals on the GPU, and what each camera draws of them.
+    """Vertices, indices and normals on the GPU, and the triangles that each camera draws.
 
     Parameters
     ----------
-    context
-        The current context.
-    scene
-        At least one triangle.
+    context, scene
+        The current context, and a scene with at least one triangle.
     passes
-        Of any aperture: what is used of them is the same for all.
+        The cameras as they are for any one aperture; only what all apertures share is used.
     clip_control
         The range of clip depth that OpenGL keeps.
-    reflective
-        (F,) triangles that a second drawing is for; None for none.
+    of_triangles
+        (F, 2) the materials of triangles, see `materials.surfaces`, and (F,) whether a triangle reflects.
 
     Attributes
     ----------
     surfaces, reflections
-        What each camera draws of all triangles, and of the reflective ones.
+        The triangles that each camera draws, and the reflective ones among them.
     """
 
     def __init__(
@@ -85,48 +83,45 @@ class PlateGeometry:
         scene: Scene,
         passes: Sequence[Pass],
         clip_control: int,
-        reflective: Mask | None = None,
+        of_triangles: tuple[NDArray[np.uint32], Mask],
     ) -> None:
         self._context, self._scene, self._clip_control = context, scene, clip_control
-        self._scene_vertices = attribute_of(scene, "in_position")
-        mesh = number_triangles(scene.faces)
-        # A buffer cannot be empty; nothing draws the first three.
-        self._indices = [np.zeros((1, 3), dtype=np.uint32)]
-        self.surfaces = self._seen_by(passes, scene, mesh, np.arange(len(scene.faces)))
-        chosen = np.flatnonzero(np.zeros(0) if reflective is None else reflective)
-        self.reflections = self._seen_by(passes, scene, mesh, chosen)
-        self._mesh, self._attributes = mesh, dict[str, moderngl.Buffer]()
-        self.indices = context.buffer(np.concatenate(self._indices).tobytes())
-        del self._indices, self._scene_vertices
+        self._mesh = mesh = number_triangles(scene.faces)
+        vertices = attribute_of(scene, "in_position")
+        materials, reflective = of_triangles
+        # A buffer cannot be empty; nothing draws the first three indices.
+        indices = [np.zeros((1, 3), dtype=np.uint32)]
+
+        def seen_by_each(triangles: Indices) -> list[PassGeometry]:
+            """Sort triangles by the cameras that may see them from anywhere on the plate."""
+            found = []
+            for camera in passes:
+                matrix = camera.clip_from_scene.astype(np.float32)
+                planes, magnitudes = clip_planes(matrix, clip_control)
+                within = triangles_in_depth(
+                    vertices, scene.faces[triangles], planes[DEPTHS], magnitudes[DEPTHS]
+                )
+                seen = triangles[within]
+                boxes = boxes_of(vertices, scene.faces[seen], TRIANGLES_PER_CLUSTER)
+                first = 3 * sum(len(part) for part in indices)
+                found.append(PassGeometry(first=first, count=len(seen), boxes=boxes))
+                indices.append(mesh.faces[seen])
+            return found
+
+        self.surfaces = seen_by_each(np.arange(len(scene.faces)))
+        self.reflections = seen_by_each(np.flatnonzero(reflective))
+        self.indices = context.buffer(np.concatenate(indices).tobytes())
+        self._attributes = {
+            name: context.buffer(values.tobytes())
+            for name, values in flat_attributes(scene, mesh, materials).items()
+        }
 
     def attribute(self, name: str) -> moderngl.Buffer:
-        """Return an attribute of all vertices, see `mesh.attribute_of`."""
+        """Return the buffer of a vertex attribute, see `mesh.attribute_of` and `flat_attributes`."""
         if name not in self._attributes:
             values = attribute_of(self._scene, name)[self._mesh.source]
             self._attributes[name] = self._context.buffer(values.tobytes())
         return self._attributes[name]
-
-    def carry(self, surfaces: NDArray[np.uint32]) -> None:
-        """Let vertices carry what belongs to the triangles that they end: normals, `materials.surfaces`."""
-        for name, values in flat_attributes(self._scene, self._mesh, surfaces).items():
-            self._attributes[name] = self._context.buffer(values.tobytes())
-
-    def _seen_by(
-        self, passes: Sequence[Pass], scene: Scene, mesh: NumberedMesh, triangles: Indices
-    ) -> list[PassGeometry]:
-        """Sort triangles by the cameras that may see them, from wherever on the plate."""
-        found = []
-        for camera in passes:
-            planes, magnitudes = clip_planes(camera.clip_from_scene.astype(np.float32), self._clip_control)
-            within = triangles_in_depth(
-                self._scene_vertices, scene.faces[triangles], planes[DEPTHS], magnitudes[DEPTHS]
-            )
-            seen = triangles[within]
-            boxes = boxes_of(self._scene_vertices, scene.faces[seen], TRIANGLES_PER_CLUSTER)
-            first = 3 * sum(len(part) for part in self._indices)
-            found.append(PassGeometry(first=first, count=len(seen), boxes=boxes))
-            self._indices.append(mesh.faces[seen])
-        return found
 
     def commands(self, geometry: PassGeometry, matrices: Singles) -> NDArray[np.void]:
         """Return the draws of one pass for some hogels: runs of clusters that their frusta may reach.
@@ -134,9 +129,9 @@ class PlateGeometry:
         Parameters
         ----------
         geometry
-            Of the pass.
+            The triangles of the pass.
         matrices
-            (L, 4, 4) clip-from-scene of each hogel, as the device has them.
+            (L, 4, 4) clip-from-scene matrix of each hogel, as the device has it.
         """
         planes, magnitudes = clip_planes(matrices, self._clip_control)
         visible = reached(planes[:, SIDES], magnitudes[:, SIDES], geometry.boxes)
@@ -151,6 +146,9 @@ class PlateGeometry:
 def flat_attributes(
     scene: Scene, mesh: NumberedMesh, surfaces: NDArray[np.uint32]
 ) -> dict[str, Singles | NDArray[np.uint32]]:
-    """Return what vertices carry of the triangles that they end, see surface.glsl."""
+    """Return the normals and materials of triangles, carried by the vertices that end them.
+
+    surface.glsl says how the shaders read them.
+    """
     normals = scene.normals.astype(np.float32)
     return {"in_flat_normal": mesh.ends(normals), "in_flat_surface": mesh.ends(surfaces)}

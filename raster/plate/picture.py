@@ -1,4 +1,4 @@
-"""What several hogels show: every camera's picture and, over all of them, every camera's reflections."""
+"""The pictures of several hogels: every camera's picture and, over them, every camera's reflections."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
 PICTURE, REFLECTION = 0, 1
-"""Numbers of the drawings."""
+"""Places of the two drawings in `PlatePicture.drawings` and in `Slot.commands`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """How a plate is drawn.
+    """The way in which a plate is drawn.
 
     Attributes
     ----------
     mapping
-        Of depth.
+        Depth mapping.
     effects
-        What is simulated.
+        Effects that are simulated.
     hogels
-        How many one submission may have.
+        Largest number of hogels in one submission.
     """
 
     mapping: Mapping
@@ -51,14 +51,12 @@ class PlatePicture:
 
     Parameters
     ----------
-    context
-        The current context, also whenever something is drawn.
-    scene
-        At least one triangle.
+    context, scene
+        The context that is current now and whenever something is drawn, and a scene with triangles.
     passes
-        Of any aperture, at least one.
+        The cameras as they are for any one aperture; at least one.
     look
-        How it is drawn.
+        Way in which the plate is drawn.
 
     Raises
     ------
@@ -70,9 +68,10 @@ class PlatePicture:
         self._context, self._mapping = context, look.mapping
         effects, hogels = look.effects, look.hogels
         mirrors = reflective_triangles(scene, effects)
-        self._geometry = PlateGeometry(context, scene, passes, look.mapping.clip_control, mirrors)
         self._shading = Shading(context, scene, effects)
-        self._geometry.carry(self._shading.surfaces)
+        self._geometry = PlateGeometry(
+            context, scene, passes, look.mapping.clip_control, (self._shading.surfaces, mirrors)
+        )
         defines = {**picture_defines(look.mapping, effects), **self._shading.defines}
         program = picture_program(context, defines, hogels)
         picture = PlateDrawing(context, program, self._geometry, self._geometry.surfaces, hogels)
@@ -86,7 +85,7 @@ class PlatePicture:
 
     @property
     def triangles_of_cameras(self) -> list[int]:
-        """How many triangles each camera draws at most."""
+        """Largest number of triangles that each camera draws."""
         return [part.count for part in self._geometry.surfaces]
 
     @property
@@ -95,21 +94,21 @@ class PlatePicture:
         return self._reflections is not None
 
     def begin(self, slot: Slot, enabled: int) -> None:
-        """Draw into a slot from now on, over nothing.
+        """Clear a slot's target and draw into it from now on.
 
         Parameters
         ----------
         slot
-            Its target is cleared.
+            Slot that is drawn into.
         enabled
-            What is enabled for pictures.
+            moderngl's flags of what is enabled while pictures are drawn.
         """
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
         slot.target.begin()
 
     def upload(self, slot: Slot, number: int, hogels: Sequence[Pass]) -> list[int]:
-        """Say what a camera draws for the hogels, and return in how many draws, drawing by drawing."""
+        """Upload what a camera draws for the hogels, and return the number of draws of each drawing."""
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
@@ -124,11 +123,11 @@ class PlatePicture:
         Parameters
         ----------
         slot
-            Into which.
+            Slot that is drawn into.
         number, camera
-            The camera, as any of the hogels has it.
+            The camera, as any one of the hogels has it.
         draws
-            As uploaded.
+            Number of draws, which `upload` returned.
         """
         drawing = self.drawings[PICTURE]
         slot.target.clear_depth(camera.test.clear)
@@ -139,18 +138,9 @@ class PlatePicture:
         drawing.draw(slot.hogels[number], slot.commands[PICTURE][number], draws)
 
     def reflect(self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int) -> None:
-        """Draw every camera's reflections over the picture, if anything reflects.
+        """Draw every camera's reflections over the picture, if anything reflects; see `Reflections.draw`.
 
-        Parameters
-        ----------
-        slot
-            With the pictures.
-        cameras
-            In drawing order, those of any hogel.
-        draws
-            Of each camera, as uploaded.
-        enabled
-            What is enabled for pictures.
+        The flags `enabled` are those of the pictures.
         """
         if self._reflections is not None:
             self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)

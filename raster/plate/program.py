@@ -1,4 +1,4 @@
-"""The programs that draw many hogels at once: the same shaders as for one."""
+"""The programs that draw many hogels at once, made of the same shaders as those that draw one."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from xfrustum.raster.cameras.passes import Pass, lines_of_pixels
 from xfrustum.raster.device.programs import Defines, program
 
 HOGELS_BINDING = 0
-"""Of the uniform block with what differs from hogel to hogel."""
+"""Binding of the uniform block with the matrices of each hogel."""
 
 LAYER_EXTENSIONS = frozenset({"GL_ARB_shader_viewport_layer_array"})
+"""Extensions of OpenGL each of which lets a vertex shader choose the layer that is drawn on."""
 
 HOGEL = np.dtype([("clip_from_scene", "f4", (4, 4)), ("line_of_pixel", "f4", (3, 4))])
-"""One hogel in hogels.glsl: matrices by columns, each of four numbers."""
+"""Layout of one hogel in hogels.glsl: two matrices by columns, each column of four numbers."""
 
 
 def picture_program(context: moderngl.Context, defines: Defines, hogels: int | None) -> moderngl.Program:
@@ -28,26 +29,26 @@ def picture_program(context: moderngl.Context, defines: Defines, hogels: int | N
     context
         The current context.
     defines
-        See `programs.picture_defines` and `Shading.defines`.
+        Names that the shaders ask for, see `programs.picture_defines` and `Shading.defines`.
     hogels
-        How many one submission may have; None for the program that draws one.
+        Largest number of hogels in one submission; None for the program that draws one.
     """
     many = {} if hogels is None else _many(context, hogels)
     return program(context, "hogel.frag", {**many, **defines})
 
 
 def reflection_program(context: moderngl.Context, defines: Defines, hogels: int) -> moderngl.Program:
-    """Return the program of hogel.vert and reflection.frag, likewise."""
+    """Return the program of hogel.vert and reflection.frag; parameters as for `picture_program`."""
     return program(context, "reflection.frag", {**_many(context, hogels), **defines})
 
 
 def lets_vertices_choose_layers(context: moderngl.Context) -> bool:
-    """Return whether one draw may reach many layers; no version of OpenGL promises it."""
+    """Return whether one draw may reach many layers, which no version of OpenGL requires."""
     return bool(LAYER_EXTENSIONS & set(context.extensions))
 
 
 def hogel_block(cameras: Sequence[Pass]) -> NDArray[np.void]:
-    """Return what differs between some hogels' shares of one camera, as hogels.glsl has it."""
+    """Return the matrices of one camera for some hogels, in the layout of hogels.glsl."""
     clip = np.stack([camera.clip_from_scene for camera in cameras])
     block = np.zeros(len(cameras), dtype=HOGEL)
     block["clip_from_scene"] = clip.swapaxes(1, 2)

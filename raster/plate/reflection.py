@@ -1,4 +1,4 @@
-"""Mirror-like surfaces of many hogels at once: a pass of its own per camera (paper, section 6)."""
+"""Mirror-like surfaces of many hogels at once, in a pass of its own per camera (paper, section 6)."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from xfrustum.raster.plate.submissions import Slot
 
 
 class Reflections:
-    """What draws the reflections of several hogels over their pictures.
+    """The reflections of several hogels, drawn over their pictures.
 
     Parameters
     ----------
     context
         The current context.
     drawing
-        Of the reflective triangles.
+        Drawing of the reflective triangles.
     environment
-        What they reflect.
+        The environment that they reflect.
     """
 
     def __init__(self, context: moderngl.Context, drawing: PlateDrawing, environment: Environment) -> None:
@@ -38,13 +38,13 @@ class Reflections:
         Parameters
         ----------
         slot
-            With the pictures.
+            Slot whose target holds the pictures.
         cameras
-            In drawing order, those of any hogel.
+            The cameras in drawing order, as any one of the hogels has them.
         draws
-            Of each camera, as uploaded.
+            Number of draws of each camera, which `upload` returned.
         drawing
-            The number of this one in the slot.
+            Place of the reflections in `Slot.commands`.
         shading
             The scene's materials.
         """

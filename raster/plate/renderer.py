@@ -5,9 +5,8 @@ docs/adr/0006 has the reasons. Images are those of `Rasterizer`, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from types import TracebackType
 
 import moderngl
 import numpy as np
@@ -15,7 +14,7 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
-from xfrustum.raster.device.context import describe, open_context
+from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.room import check_room
 from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.plate.picture import (
@@ -36,20 +35,27 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
+Stage = Callable[[str], AbstractContextManager[None]]
+"""Opens a block whose time belongs to the stage of that name."""
 
-class PlateRenderer:
-    """A scene on the GPU, to be drawn from many apertures with the same settings.
+
+def _untimed(_name: str) -> AbstractContextManager[None]:
+    return nullcontext()
+
+
+class PlateRenderer(ContextOwner):
+    """A scene on the GPU, ready to be drawn from many apertures with the same settings.
 
     A context manager: leaving it frees the context and everything in it.
 
     Parameters
     ----------
     scene
-        Uploaded once, in float32.
+        Scene that is uploaded, once, in float32.
     settings
-        Near plane, depth buffer, cameras.
+        Near plane, depth buffer and cameras.
     content
-        Which images are read back, and what is simulated.
+        The images that are read back, and the effects that are simulated.
 
     Raises
     ------
@@ -74,8 +80,6 @@ class PlateRenderer:
         asked = self.content.effects
         self.effects = needed(scene) if asked is None else asked
         self._cameras = cameras_in_order(scene, settings, self.effects)
-        self._enabled = moderngl.DEPTH_TEST
-        self._timer: GpuTimer | None = None
         self._context = open_context()
         try:
             with self._context:
@@ -106,14 +110,6 @@ class PlateRenderer:
             (drawings, len(self._cameras)),
         )
 
-    def __enter__(self) -> PlateRenderer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
-
     def release(self) -> None:
         """Free the context and everything in it."""
         with self._context:
@@ -123,15 +119,18 @@ class PlateRenderer:
 
     @property
     def triangles_of_cameras(self) -> list[int]:
-        """How many triangles each camera draws at most: those of its side of the plate, and across it."""
+        """Largest number of triangles that each camera draws: those on its side of the plate or across it."""
         return [] if self._picture is None else self._picture.triangles_of_cameras
 
     def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order.
 
-        While one round of submissions is drawn, the one before is on its way back: no more than
-        `batching.hogels_in_memory` are in memory, and those that the caller keeps.
+        While one round of submissions is drawn, the round before it is read back: at most
+        `batching.hogels_in_memory` hogels are in memory beside those that the caller keeps.
         """
+        return self._stream(apertures, _untimed)
+
+    def _stream(self, apertures: Iterable[Aperture], stage: Stage) -> Iterator[PlateHogel]:
         waiting: list[tuple[Slot, list[Aperture]]] = []
         submissions = groups(apertures, self.batching.hogels)
         for number, submitted in enumerate(groups(submissions, self.batching.submissions)):
@@ -140,16 +139,16 @@ class PlateRenderer:
             # OpenGL draws in whichever context is current: the caller may have others.
             with self._context:
                 for slot, group in drawn:
-                    self._draw(slot, group)
-                    # What is submitted is turned into pixels while the next vertices are transformed.
+                    self._draw(slot, group, stage)
+                    # The device fills these pixels while the next submission's vertices are transformed.
                     GL.glFlush()
                 # A driver that draws in software finishes everything before it lets anything be read.
-                with self._stage("read-back"):
+                with stage("read-back"):
                     for slot, _ in drawn:
                         slot.target.start_reading()
-            yield from self._finish(waiting)
+            yield from self._finish(waiting, stage)
             waiting = drawn
-        yield from self._finish(waiting)
+        yield from self._finish(waiting, stage)
 
     def draw_only(self, apertures: Iterable[Aperture], *, rasterize: bool = True) -> None:
         """Draw as `hogels` does and read nothing back, to measure what reading costs.
@@ -157,31 +156,27 @@ class PlateRenderer:
         Parameters
         ----------
         apertures
-            Whose images.
+            Apertures that are drawn.
         rasterize
-            Without it OpenGL discards all primitives before they become pixels, and ignores clears.
+            Whether triangles become pixels; without, OpenGL discards them first, and ignores clears.
         """
+        enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
         with self._context:
-            self._enabled = moderngl.DEPTH_TEST | (0 if rasterize else moderngl.RASTERIZER_DISCARD)
             for number, group in enumerate(groups(apertures, self.batching.hogels)):
-                self._draw(self._rounds[0][number % self.batching.submissions], group)
+                self._draw(self._rounds[0][number % self.batching.submissions], group, _untimed, enabled)
                 GL.glFlush()
-            self._enabled = moderngl.DEPTH_TEST
             GL.glFinish()
 
     def measure(self, apertures: Iterable[Aperture]) -> dict[str, StageTime]:
-        """Return what each stage takes for these apertures: upload, every camera, read-back."""
-        self._timer = GpuTimer()
-        try:
-            for _ in self.hogels(apertures):
-                pass
-            with self._context:
-                return self._timer.collect()
-        finally:
-            self._timer = None
+        """Return the time of each stage for these apertures: upload, every camera, read-back."""
+        timer = GpuTimer()
+        for _ in self._stream(apertures, timer.stage):
+            pass
+        with self._context:
+            return timer.collect()
 
     def drawn_triangles(self, apertures: Iterable[Aperture]) -> int:
-        """Count what all drawings submit for these apertures; the rest lies outside their frusta."""
+        """Count the triangles submitted for these apertures; the others lie outside their frusta."""
         total = 0
         for aperture in apertures:
             for number, camera in enumerate(self._passes(aperture)):
@@ -190,34 +185,33 @@ class PlateRenderer:
                 total += sum(drawing.triangles(number, matrices) for drawing in drawings)
         return total
 
-    def _stage(self, name: str) -> AbstractContextManager[None]:
-        return nullcontext() if self._timer is None else self._timer.stage(name)
-
     def _passes(self, aperture: Aperture) -> list[Pass]:
         return [pass_of(self.scene, aperture, self.settings, camera) for camera in self._cameras]
 
-    def _draw(self, slot: Slot, apertures: Sequence[Aperture]) -> None:
+    def _draw(
+        self, slot: Slot, apertures: Sequence[Aperture], stage: Stage, enabled: int = moderngl.DEPTH_TEST
+    ) -> None:
         picture = self._picture
         if picture is None:
             slot.target.begin()
             return
-        picture.begin(slot, self._enabled)
+        picture.begin(slot, enabled)
         draws = []
-        # All hogels' shares of one camera, then all of the next: what they have in common is set once.
+        # One camera for all hogels, then the next camera: the state that they share is set once.
         cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
         for number, hogels in enumerate(cameras):
-            with self._stage("upload"):
+            with stage("upload"):
                 draws.append(picture.upload(slot, number, hogels))
-            with self._stage("C" if self._cameras[number].orthoscopic else "C*"):
+            with stage("C" if self._cameras[number].orthoscopic else "C*"):
                 picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
         if picture.reflects:
-            with self._stage("reflection"):
+            with stage("reflection"):
                 drawn = [counts[REFLECTION] for counts in draws]
-                picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, self._enabled)
+                picture.reflect(slot, [hogels[0] for hogels in cameras], drawn, enabled)
 
-    def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]]) -> Iterator[PlateHogel]:
+    def _finish(self, waiting: Sequence[tuple[Slot, list[Aperture]]], stage: Stage) -> Iterator[PlateHogel]:
         for slot, apertures in waiting:
-            with self._context, self._stage("read-back"):
+            with self._context, stage("read-back"):
                 color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
             for layer, aperture in enumerate(apertures):
                 yield PlateHogel(

@@ -1,4 +1,4 @@
-"""How many hogels are drawn at once, and what each submission owns while it is on its way."""
+"""Submissions of several hogels: their number, and the buffers that each owns until it is read."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 _Item = TypeVar("_Item")
 
 SUBMISSION_BYTES = 1 << 20
-"""Attachments of one submission: what a processor that draws in software keeps close by."""
+"""Largest size of one submission's attachments, so that a software renderer finds them in its caches."""
 ROUND_BYTES = 1 << 25
-"""Attachments of one round of submissions: what a process can spare."""
-MOST_HOGELS = 4
-"""Of a submission, and submissions of a round: more save no time that is left to save."""
+"""Largest size of the attachments of one round of submissions, which bounds the memory."""
+MAX_HOGELS = 4
+"""Largest number of hogels in a submission, and of submissions in a round; more do not save more time."""
 ROUNDS = 2
-"""One is drawn while the one before is read back."""
+"""Number of rounds: one is drawn while the one before it is read back."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Batching:
-    """How a stream of hogels is cut into submissions.
+    """The division of a stream of hogels into submissions and rounds.
 
     Attributes
     ----------
     hogels
-        Of one submission: they share clears and draws, on a layer each.
+        Hogels of one submission, which share clears and draws and have a layer each.
     submissions
-        Of one round: drawn one after the other, then read back together.
+        Submissions of one round, which are drawn one after the other, then read back together.
     """
 
     hogels: int
@@ -49,32 +49,32 @@ class Batching:
         size
             W, H in pixels.
         form
-            What a pixel consists of.
+            The buffers of each pixel.
         layered
             Whether the device can draw on several layers at once.
         """
         hogel_bytes = form.bytes_per_pixel * size[0] * size[1]
-        hogels = _within(MOST_HOGELS, SUBMISSION_BYTES // hogel_bytes) if layered else 1
-        return cls(hogels=hogels, submissions=_within(MOST_HOGELS, ROUND_BYTES // (hogels * hogel_bytes)))
+        hogels = _within(MAX_HOGELS, SUBMISSION_BYTES // hogel_bytes) if layered else 1
+        return cls(hogels=hogels, submissions=_within(MAX_HOGELS, ROUND_BYTES // (hogels * hogel_bytes)))
 
     @property
     def hogels_in_memory(self) -> int:
-        """How many hogels are drawn or on their way back at any time, at most."""
+        """Largest number of hogels that are being drawn or read back at any time."""
         return ROUNDS * self.submissions * self.hogels
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slot:
-    """What one submission owns until it has been read: a target, and what each camera draws.
+    """The target and buffers that one submission owns until it has been read.
 
     Attributes
     ----------
     target
-        With a layer for each hogel.
+        Target with a layer for each hogel.
     hogels
-        By camera, see `plate_program.hogel_block`.
+        Buffers with the matrices of the hogels, one for each camera; see `program.hogel_block`.
     commands
-        By drawing and camera.
+        Buffers with the draws, by drawing and camera.
     """
 
     target: LayeredTarget
@@ -95,11 +95,11 @@ def make_rounds(
     context
         The current context.
     batching
-        How many there are.
+        Number of hogels and submissions.
     make_target
-        Makes a target for one.
+        Makes the target of one slot.
     counts
-        Of drawings and of cameras.
+        Number of drawings and of cameras.
     """
     drawings, cameras = counts
 
@@ -107,7 +107,7 @@ def make_rounds(
         return [context.buffer(reserve=reserve, dynamic=True) for _ in range(cameras)]
 
     def slot() -> Slot:
-        # What a camera draws grows as needed.
+        # These buffers grow as needed.
         commands = [buffers(DRAW_COMMAND.itemsize) for _ in range(drawings)]
         return Slot(target=make_target(), hogels=buffers(HOGEL.itemsize * batching.hogels), commands=commands)
 

@@ -33,16 +33,16 @@ _DEPTH_BYTES: dict[DepthFormat, int] = {DepthFormat.D16: 2, DepthFormat.D24: 4, 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetFormat:
-    """What the pixels of a hogel consist of while it is drawn.
+    """The buffers that a hogel's pixels have while it is drawn.
 
     Attributes
     ----------
     depth
         Format of the depth buffer.
     content
-        Which images are read back.
+        The images that are read back.
     identified
-        Whether a later pass looks up what was drawn; reading triangle numbers back implies it.
+        Whether a later pass looks up the triangle numbers that were drawn; reading them back implies it.
     """
 
     depth: DepthFormat
@@ -51,13 +51,13 @@ class TargetFormat:
 
     @property
     def attachments(self) -> dict[int, int]:
-        """Internal format of each color attachment; those of `Target`, without what nobody asks for."""
+        """Internal format of each color attachment that is asked for; numbered as in `Target`."""
         color = {COLOR: _COLOR_FORMAT[self.content.color]}
         return {**color, IDENTITY: GL.GL_RG32UI} if self.identified or self.content.ids else color
 
     @property
     def bytes_per_pixel(self) -> int:
-        """Of all attachments."""
+        """Bytes that a pixel takes in all attachments."""
         identity = 8 if IDENTITY in self.attachments else 0
         return _DEPTH_BYTES[self.depth] + 4 * self.content.color.dtype.itemsize + identity
 
@@ -72,9 +72,9 @@ class LayeredTarget:
     size
         W, H in pixels.
     layers
-        Hogels.
+        Number of layers, one for each hogel.
     form
-        What there is of each.
+        The buffers of each pixel.
     """
 
     def __init__(self, size: tuple[int, int], layers: int, form: TargetFormat) -> None:
@@ -85,7 +85,7 @@ class LayeredTarget:
         self._textures = {attachment: self._store(formats[attachment]) for attachment in formats}
         # The shader's outputs keep their numbers; those without a buffer are dropped.
         self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
-        # What a shader reads may not be bound for drawing.
+        # Shaders of this one read the identities, which therefore must not be attached to it.
         self._radiance = self._framebuffer([COLOR], depth=False)
         self._packs = {COLOR: self._pack(4 * self._content.color.dtype.itemsize)}
         if self._content.ids:
@@ -127,7 +127,7 @@ class LayeredTarget:
         return pack
 
     def begin(self) -> None:
-        """Draw here from now on, over nothing: number 0, black, on every layer."""
+        """Draw here from now on, on empty layers: number 0, black."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)
         GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
@@ -135,7 +135,7 @@ class LayeredTarget:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
 
     def begin_reflection(self) -> None:
-        """Draw from now on color alone, over what is there."""
+        """Draw from now on color alone, over the pictures."""
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._radiance)
 
     def bind_identity(self, unit: int) -> None:
@@ -148,7 +148,7 @@ class LayeredTarget:
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
 
     def start_reading(self) -> None:
-        """Ask for everything that was drawn; a device that works on its own does not wait for it."""
+        """Ask for everything that was drawn; a device that works in parallel returns at once."""
         self._start(COLOR, GL.GL_RGBA, _COLOR_READ[self._content.color])
         if self._content.ids:
             self._start(IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT)
@@ -163,7 +163,7 @@ class LayeredTarget:
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
 
     def finish_color(self) -> NDArray[Any]:
-        """Return linear RGB that was asked for, (layers, H, W, 3), row 0 at the top; waits for it."""
+        """Wait for the linear RGB that was asked for and return it, (layers, H, W, 3), row 0 at the top."""
         return self._finish(COLOR, 4, self._content.color.dtype)[..., :3]
 
     def finish_triangle(self) -> Numbers | None:
@@ -175,7 +175,7 @@ class LayeredTarget:
     def _finish(self, attachment: int, channels: int, kind: np.dtype[Any]) -> NDArray[Any]:
         width, height = self.size
         shape = (self.layers, height, width, channels)
-        # PyOpenGL would convert anything but bytes.
+        # Read as bytes, because PyOpenGL converts every other type.
         into = np.empty(math.prod(shape) * kind.itemsize, dtype=np.uint8)
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, self._packs[attachment])
         GL.glGetBufferSubData(GL.GL_PIXEL_PACK_BUFFER, 0, into.nbytes, into)
@@ -183,7 +183,7 @@ class LayeredTarget:
         return into.view(kind).reshape(shape)[:, ::-1]
 
     def release(self) -> None:
-        """Free what it owns."""
+        """Free the framebuffers, textures and buffers."""
         GL.glDeleteFramebuffers(2, [self._picture, self._radiance])
         GL.glDeleteTextures(list(self._textures.values()))
         GL.glDeleteBuffers(len(self._packs), list(self._packs.values()))

@@ -2,7 +2,7 @@
 
 The search leaves nothing out. Seen from the center, a triangle lies in the cap about its middle that
 reaches to the farthest of its three corners, for a cap smaller than a half sphere is convex. Only
-lines in that cap, or in the opposite one, can meet the triangle. What can is decided in integers.
+lines in that cap, or in the opposite one, can meet the triangle. Those lines are decided in integers.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 CHORD_MARGIN = 1e-9
-"""Unit vectors and their distances are computed to some 1e-15; this is a million times as much."""
+"""Added to every chord: a million times the rounding of unit vectors and of their distances, some 1e-15."""
 
-WIDEST_CHORD = 1.4
-"""Of a cap that surely is smaller than a half sphere, whose chord is the square root of 2."""
+MAX_CHORD = 1.4
+"""Largest chord of a cap that surely is smaller than a half sphere, whose chord is the square root of 2."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstAlong:
-    """What some lines meet first.
+    """The first surfaces along some lines.
 
     Attributes
     ----------
     triangle
-        (N,) int32 the smallest number of those met first, `NOTHING` where a line meets none.
+        (N,) int32 number of the triangle met first, the smallest of a tie; `NOTHING` where there is none.
     s
-        (N,) to the nearest double, NaN where it meets none.
+        (N,) place along the line, to the nearest double; NaN where it meets none.
     ties
-        The triangles that are first together, in ascending order, by the number of the line.
+        Numbers of the triangles that are first together, in ascending order, by the number of the line.
     """
 
     triangle: Numbers
@@ -50,7 +50,7 @@ def first_surfaces_along(
 ) -> FirstAlong:
     """Decide what the lines center + s d meet first.
 
-    Meant for questions of up to some 1e6 lines: every candidate is decided in integers.
+    Meant for up to some 1e6 lines: every candidate is decided in integers.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def first_surfaces_along(
     directions
         (N, 3) d, of any length but zero.
     s_range
-        Only surfaces with s in this closed interval count; the smallest s comes first.
+        Closed interval of s in which surfaces count; the smallest s comes first.
     """
     exact = _ExactLines(triangles, center, directions, s_range)
     met: dict[int, list[tuple[Fraction, int]]] = defaultdict(list)
@@ -83,7 +83,7 @@ def first_surfaces_along(
 
 
 class _ExactLines(ExactPencil):
-    """Lines by number instead of by pixel."""
+    """Any lines through a point against triangles in integers; numbers of lines take the place of pixels."""
 
     def __init__(
         self, triangles: Floats, center: Vector, directions: Floats, s_range: tuple[float, float]
@@ -93,7 +93,7 @@ class _ExactLines(ExactPencil):
         )
         super().__init__(triangles, no_film)
         ratios = [[x.as_integer_ratio() for x in d] for d in directions.tolist()]
-        # Denominators of doubles are powers of two: the largest is a multiple of all.
+        # Denominators of doubles are powers of two: the largest is a multiple of all others.
         common = max((denominator for d in ratios for _, denominator in d), default=1)
         self._slope_bits = common.bit_length() - 1
         self._lines = [tuple(n * (common // denominator) for n, denominator in d) for d in ratios]
@@ -106,16 +106,20 @@ class _ExactLines(ExactPencil):
 
 def _candidates(corners: Floats, directions: Floats) -> list[list[int]]:
     """Return for each triangle (F, 3, 3), relative to the center, the lines that may meet it."""
+    # Directions of the corners from the center. A corner in the center itself has none.
     distance = np.linalg.norm(corners, axis=2, keepdims=True)
     near = (distance == 0).any(axis=(1, 2))
     seen = corners / np.where(distance > 0, distance, 1.0)
+    # The middle of the cap, and the chord from there to the farthest corner.
     middle = seen.sum(axis=1)
     length = np.linalg.norm(middle, axis=1, keepdims=True)
     middle /= np.where(length > 0, length, 1.0)
     chord = np.linalg.norm(seen - middle[:, None], axis=2).max(axis=1) + CHORD_MARGIN
-    # A middle that is lost to cancellation is no unit vector: then no cap this small holds all corners.
-    everywhere = near | (chord > WIDEST_CHORD)
+    # The argument needs a cap smaller than a half sphere. Where the corners' directions cancel, the middle
+    # is no unit vector, and the chord is too long as well.
+    everywhere = near | (chord > MAX_CHORD)
 
+    # Lines run both ways from the center: each one is looked for by its two directions.
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     tree = KDTree(np.concatenate((unit, -unit)))
     found = tree.query_ball_point(middle, np.where(everywhere, 0.0, chord))

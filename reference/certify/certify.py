@@ -1,8 +1,8 @@
-"""Who is first along each line? Proven in double precision, decided in rationals, or a tie.
+"""The first surface along each line: proven in doubles, decided in integers, or a tie.
 
-The argument (docs/truth.md): `spans` leaves out no triangle that a line meets, `narrow` bounds
-every rounding error, so a triangle that surely is met before the nearest possible point of every
-other is first, whatever any tracer says. Everything else is decided exactly.
+The argument (docs/truth.md): `spans` leaves out no triangle that a line meets, and `narrow` bounds
+every rounding error. So a triangle that surely is met before the nearest possible point of every
+other triangle is first, whatever any tracer says. All other pixels are decided in integers.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from xfrustum.scenes.model.hogel_image import Certainty
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstSurfaces:
-    """What the lines of some rows meet first.
+    """The first surfaces along the lines of some rows.
 
     Attributes
     ----------
     triangle
-        (rows, W) int32, `NOTHING` where a line meets none.
+        (rows, W) int32 triangle number, `NOTHING` where a line meets no triangle.
     s
-        (rows, W) float64 along the line, NaN where it meets none.
+        (rows, W) float64 place along the line, NaN where it meets none.
     certainty
         (rows, W) uint8 `Certainty`.
     companions
-        (N, 3) row of the image, column and triangle number of all that share a tie.
+        (N, 3) row of the image, column and triangle number of each triangle that shares a tie.
     """
 
     triangle: Numbers
@@ -46,21 +46,19 @@ class FirstSurfaces:
 
 
 class Certifier:
-    """Decides who is first along the lines of one image.
+    """Decides the first surfaces along the lines of one image.
 
     Parameters
     ----------
-    triangles
-        (F, 3, 3) corners in scene units.
-    pencil
-        The lines.
+    triangles, pencil
+        (F, 3, 3) corners of the scene's triangles, in scene units, and the lines that are decided.
     sides
-        The triangles as `sorted_by_side` sorts them for this pencil, where that has been done.
+        The triangles sorted by `sorted_by_side`, if the caller has done so; None to sort them here.
 
     Attributes
     ----------
     pencil
-        The lines.
+        Lines that are decided.
     """
 
     def __init__(self, triangles: Floats, pencil: Pencil, sides: Iterable[Sides] | None = None) -> None:
@@ -87,15 +85,27 @@ class Certifier:
         return replace(found, companions=self._settle(found, sifted.contested, rows.start * shape[1]))
 
     def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
-        """Fill in the pixels that `narrow` left open; return the companions of ties."""
+        """Fill in the pixels that the narrow phase left open; return the companions of ties.
+
+        Parameters
+        ----------
+        found
+            Arrays that are filled in.
+        contested
+            All pairs of the open pixels.
+        base
+            Number of the first pixel of these rows.
+        """
         triangle, s, certainty = found.triangle.ravel(), found.s.ravel(), found.certainty.ravel()
         width = self.pencil.resolution[0]
+        # Step 1: pixels that one sure contender is left for are proven.
         contenders = _not_behind(contested, base, len(triangle))
         rivals = np.bincount(contenders.pixel - base, minlength=len(triangle))[contenders.pixel - base]
         proven = (rivals == 1) & contenders.sure
         triangle[contenders.pixel[proven] - base] = contenders.triangle[proven]
         s[contenders.pixel[proven] - base] = contenders.s[proven]
 
+        # Step 2: pixels whose contenders coincide on every line are ties, known without asking this line.
         groups = _Groups.of(contenders[~proven])
         tied = groups.tied(self._exact)
         leaders = groups.starts[tied]
@@ -105,6 +115,7 @@ class Certifier:
         sharing = groups.pairs[np.repeat(tied, groups.sizes)]
         companions = [np.stack((*np.divmod(sharing.pixel, width), sharing.triangle), axis=-1)]
 
+        # Step 3: the other pixels are decided in integers, one by one.
         for pixel, numbers in groups.items(~tied):
             winners, where = _first(pixel, numbers, self._exact)
             if winners:
@@ -121,7 +132,7 @@ def first_surfaces(triangles: Floats, pencil: Pencil) -> FirstSurfaces:
 
 
 def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
-    """Drop the pairs that surely lie behind another, now that doubtful coverage is settled."""
+    """Return the pairs without those that surely lie behind another, now that coverage is settled."""
     limit = np.full(pixels, np.inf)
     np.minimum.at(limit, pairs.pixel[pairs.sure] - base, pairs.farthest[pairs.sure])
     return pairs[pairs.nearest <= limit[pairs.pixel - base]]
@@ -129,7 +140,15 @@ def _not_behind(pairs: Pairs, base: int, pixels: int) -> Pairs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Groups:
-    """Contested pairs by pixel, within one by triangle number, each triangle once."""
+    """Contested pairs, sorted by pixel and then by triangle number, with each triangle once.
+
+    Attributes
+    ----------
+    pairs
+        The pairs.
+    starts, sizes
+        (G,) place of the first pair of each pixel's group, and the number of its pairs.
+    """
 
     pairs: Pairs
     starts: Indices
@@ -137,7 +156,7 @@ class _Groups:
 
     @classmethod
     def of(cls, contested: Pairs) -> _Groups:
-        # A triangle whose side is in doubt comes twice; the pair that is sure comes first.
+        # A triangle whose side is in doubt has two pairs for a pixel. The sure one is sorted first and kept.
         pairs = contested[np.lexsort((~contested.sure, contested.triangle, contested.pixel))]
         again = (np.diff(pairs.pixel, prepend=-1) == 0) & (np.diff(pairs.triangle, prepend=-1) == 0)
         pairs = pairs[~again]
@@ -145,26 +164,29 @@ class _Groups:
         return cls(pairs=pairs, starts=starts, sizes=sizes)
 
     def tied(self, exact: ExactPencil) -> Mask:
-        """Return the groups of which every line meets all at one s: no need to ask this line.
+        """Return which groups consist of triangles that every line meets at one and the same s.
 
-        That is triangles through the center, met at s = 0 without any error, and triangles in
-        exactly one plane.
+        These are triangles through the center, which are met at s = 0 without any error, and triangles
+        in exactly one plane.
         """
         if not len(self.starts):
             return np.zeros(0, dtype=np.bool_)
+        # Triangles through the center: s = 0 without error, like the first of the group.
         leader = np.repeat(self.starts, self.sizes)
         known = (self.pairs.error == 0) & (self.pairs.error[leader] == 0)
+        # Triangles in the plane of the first of the group: decided in integers, once for each two.
         sure = np.repeat(np.logical_and.reduceat(self.pairs.sure, self.starts), self.sizes)
         asked = np.flatnonzero(sure & ~known)
         planes = np.stack((self.pairs.triangle[leader[asked]], self.pairs.triangle[asked]), axis=-1)
         different, which = np.unique(planes, axis=0, return_inverse=True)
         coplanar = np.array([exact.coplanar(one, other) for one, other in different.tolist()], dtype=np.bool_)
         known[asked] = coplanar[which.ravel()]
+        # A tie takes at least two, all of them surely met.
         alone = self.sizes == 1
         return np.asarray(np.logical_and.reduceat(sure & known, self.starts) & ~alone)
 
     def items(self, chosen: Mask) -> Iterator[tuple[int, list[int]]]:
-        """Yield pixel and triangle numbers of some groups."""
+        """Yield the pixel and the triangle numbers of some groups."""
         for start, size in zip(self.starts[chosen].tolist(), self.sizes[chosen].tolist(), strict=True):
             yield int(self.pairs.pixel[start]), self.pairs.triangle[start : start + size].tolist()
 

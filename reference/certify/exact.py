@@ -1,9 +1,8 @@
-"""Rational decisions: does a line meet a triangle, where, and who comes first?
+"""Decisions in integers: whether and where a line meets a triangle.
 
 All coordinates and slopes are doubles, hence integers over a common power of two; every quantity
-here is a Python integer or a ratio of two. Conventions (CONVENTIONS.md): triangles are closed,
-and a line that lies in a triangle's plane does not meet it (a surface seen exactly edge-on
-covers nothing).
+here is a Python integer or a ratio of two. Triangles are closed, and a line that lies in a triangle's
+plane does not meet it: a surface seen exactly edge-on covers nothing (docs/truth.md).
 """
 
 from __future__ import annotations
@@ -50,9 +49,9 @@ class ExactPencil:
     Parameters
     ----------
     triangles
-        (F, 3, 3) corners in scene units.
+        (F, 3, 3) corners of the scene's triangles, in scene units.
     pencil
-        The lines.
+        Lines through one point.
     """
 
     def __init__(self, triangles: Floats, pencil: Pencil) -> None:
@@ -63,15 +62,17 @@ class ExactPencil:
 
     @cached_property
     def _bits(self) -> int:
-        """Binary digits after the point that every coordinate needs; looked at only when asked."""
+        """Binary digits after the point that hold every coordinate exactly."""
         return max(_fraction_bits(self._triangles.ravel()), _fraction_bits(np.asarray(self._pencil.center)))
 
     @cached_property
     def _slope_bits(self) -> int:
+        """Binary digits after the point that hold every slope exactly."""
         return max(_fraction_bits(self._pencil.dx), _fraction_bits(self._pencil.dy))
 
     @cached_property
     def _center(self) -> Integers:
+        """The center times 2**bits."""
         x, y, z = (_scaled(coordinate, self._bits) for coordinate in self._pencil.center)
         return x, y, z
 
@@ -86,6 +87,7 @@ class ExactPencil:
             for p in self._triangles[triangle].tolist()
         )
         e01, e12, e20 = _cross(q0, q1), _cross(q1, q2), _cross(q2, q0)
+        # (p1 - p0) x (p2 - p0), multiplied out, is the sum of the three.
         normal = (e01[0] + e12[0] + e20[0], e01[1] + e12[1] + e20[1], e01[2] + e12[2] + e20[2])
         return (e01, e12, e20), normal, _dot(q0, normal)
 
@@ -102,12 +104,15 @@ class ExactPencil:
         """Return s where a pixel's line meets a triangle, None where it does not or out of range."""
         d = self.direction(pixel)
         edges, normal, offset = self.cone(triangle)
+        # A line in the triangle's plane, or parallel to it, does not meet it.
         slope = _dot(d, normal)
         if slope == 0:
             return None
+        # Outside: edge functions of both signs. A zero belongs to the closed triangle.
         signs = [_dot(d, edge) for edge in edges]
         if min(signs) < 0 < max(signs):
             return None
+        # offset has three factors of 2**bits and slope two, beside one of 2**slope_bits.
         s = Fraction(offset << self._slope_bits, slope << self._bits)
         return s if self._range[0] <= s <= self._range[1] else None
 

@@ -1,4 +1,4 @@
-"""Where on the film can each triangle show? Conservative boxes of pixels, once for an image."""
+"""The part of the film on which each triangle can show: conservative boxes of pixels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footprints:
-    """Where on the film triangles may show: once for an image, before its rows are looked at.
+    """The boxes of pixels in which triangles may show, found once for an image.
 
     Attributes
     ----------
@@ -45,23 +45,25 @@ def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPe
     Parameters
     ----------
     sorted_triangles
-        As `sorted_by_side` sorts them for this pencil, or for another of the same height and range.
+        Triangles sorted by `sorted_by_side` for this pencil, or for one of the same height and range.
     pencil
-        The lines.
+        Lines of the image.
     exact
-        The same in integers.
+        The same lines in integers.
     """
     parts: list[Footprints] = []
     center_x, center_y, _ = pencil.center
     for chunk in sorted_triangles:
+        # Triangles whose boxes in space do not hold the center: their projection bounds them.
         touching = chunk.touching(center_x, center_y)
         for side in (every.without(touching) for every in chunk.sides):
             box = _pixel_box(side.x - center_x, side.y - center_y, side.s, pencil, side.sign)
             hit = (box[0] <= box[1]) & (box[2] <= box[3])
             parts.append(_footprints(side.number[hit], side.sign, box[:, hit]))
+        # The others may contain the center, and may then show in every pixel.
         if len(touching):
             width, height = pencil.resolution
-            # Without area a triangle is met by no line, and here it would occupy the whole image.
+            # No line meets a triangle without area, which would take the whole image here for nothing.
             numbers = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
             holds = np.array([exact.contains_center(number) for number in numbers.tolist()], dtype=np.bool_)
             whole = np.tile([[0], [width - 1], [0], [height - 1]], len(numbers))
@@ -107,10 +109,10 @@ def _pixel_box(x: Floats, y: Floats, s: Floats, pencil: Pencil, side: int) -> Fl
 
 
 def pixel_slack(pencil: Pencil, axis: int) -> float:
-    """Bound in pixels the rounding of a projection near the film, and of the slopes themselves.
+    """Return a bound in pixels on the rounding of a projection near the film, and of the slopes themselves.
 
-    A projected slope x / s carries 3 u of itself, k and t add as much again, and near the film
-    no slope exceeds |k| + t; all of it times W / (2 t). Doubled.
+    A projected slope x / s has a relative rounding error of 3 u, and k and t add as much again. Near the
+    film no slope exceeds |k| + t, and W / (2 t) turns slopes into pixels. The bound is twice the result.
     """
     ratio = abs(pencil.shear[axis]) / pencil.half_extent[axis]
     return 16 * UNIT_ROUNDOFF * pencil.resolution[axis] * (ratio + 2)
@@ -122,16 +124,19 @@ def _slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
     A triangle that crosses s = 0 reaches to infinity there, in the direction of the points
     where its edges cross.
     """
+    # Triangles that lie on this side as a whole: the extremes are those of the corners.
     ahead = side * s > 0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = x / s
         low, high = slope.min(axis=0), slope.max(axis=0)
+    # Triangles that cross s = 0: the corners on this side, and infinity where an edge crosses.
     mixed = np.flatnonzero(~ahead.all(axis=0))
     x, s, slope, ahead = some(x, mixed), some(s, mixed), some(slope, mixed), ahead[:, mixed]
     low[mixed] = np.where(ahead, slope, np.inf).min(axis=0)
     high[mixed] = np.where(ahead, slope, -np.inf).max(axis=0)
     for i, j in EDGES:
-        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j).
+        # The edge meets s = 0 at x = (x_j s_i - x_i s_j) / (s_i - s_j). Where the sign of x is in doubt,
+        # the range reaches to infinity both ways.
         crosses = ahead[i] != ahead[j]
         here, there = x[j] * s[i], x[i] * s[j]
         toward = side * np.sign(s[i] - s[j]) * (here - there)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.lines.cone import ROUNDING, Cones
@@ -15,21 +16,21 @@ from xfrustum.reference.lines.pairs import Pairs
 from xfrustum.scenes.arrays import Floats, Indices, Numbers
 
 UNDERFLOW = 2.0**-1022
-"""Smallest double that is held to full precision. Three quotients and products below it, of s and of its
-bound, are off by at most half a step each, 2^-1075, whatever their size."""
+"""Smallest double of full precision. Below it, the three quotients and products that make s and its bound are
+off by at most half a step each, 2^-1075, whatever their size; this number covers them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sifted:
-    """Who may be first in some rows of an image.
+    """The triangles that may be first in some rows of an image.
 
     Attributes
     ----------
     triangle, s
-        (pixels,) the only triangle that can be first, surely met, and where; `NOTHING` and NaN
-        where no line meets any, and where `contested` has pairs.
+        (pixels,) number and place of the triangle that surely is first; `NOTHING` and NaN where the line
+        meets none, and where `contested` has pairs.
     contested
-        All pairs of the pixels for which several triangles may be first, or one in doubt.
+        All pairs of the pixels for which several triangles may be first, or one that is not surely met.
     """
 
     triangle: Numbers
@@ -38,7 +39,15 @@ class Sifted:
 
 
 class NarrowPhase(Protocol):
-    """Cuts rows by their triangles' edges and evaluates the pixels that are left, on whatever computes."""
+    """An engine that cuts rows by their triangles' edges and evaluates the pixels that are left.
+
+    Parameters
+    ----------
+    pencil
+        Lines of the image.
+    rows
+        Rows of the image in which everything that is added lies.
+    """
 
     def __init__(self, pencil: Pencil, rows: range) -> None: ...
 
@@ -47,13 +56,13 @@ class NarrowPhase(Protocol):
         ...
 
     def finish(self) -> Sifted:
-        """Return who may be first among all that was added."""
+        """Return the triangles that may be first among all that were added."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RowPlanes:
-    """What the evaluation of a row's pixels needs of its triangle, in NumPy's or Dr.Jit's arrays.
+    """The planes of triangles along single rows of pixels, in NumPy's or Dr.Jit's arrays.
 
     Along a row d . n = normal_x dx + level; its rounding error is at most
     `ROUNDING` (magnitude_x |dx| + level_magnitude). Hits count from s = first to s = last.
@@ -69,72 +78,115 @@ class RowPlanes:
     last: Any
 
 
-def level_of(normal: Any, magnitude: Any, dy: Any) -> tuple[Any, Any]:
-    """Return what of d . n depends on the row alone, and its magnitude; see `RowPlanes`."""
-    return normal[1] * dy - normal[2], abs(dy) * magnitude[1] + magnitude[2]
+def row_planes(
+    components: Callable[[NDArray[Any]], Sequence[Any]],
+    cones: Cones,
+    dy: Any,
+    ends: Sequence[Any],
+    select: Callable[[Any, Any, Any], Any],
+) -> RowPlanes:
+    """Return the planes of triangles along rows.
+
+    Parameters
+    ----------
+    components
+        Takes a table of the triangles (.., T), and returns each of its components for all rows.
+    cones
+        The triangles.
+    dy
+        Slopes of the rows.
+    ends
+        First and last s of the pencil's range.
+    select
+        `numpy.where` or `drjit.select`.
+    """
+    normal, magnitude = components(cones.normal), components(cones.normal_magnitude)
+    (within,), (plane,), (plane_bound,) = map(components, (cones.within, cones.plane, cones.plane_bound))
+    first, last = counted_range(within, ends, select)
+    return RowPlanes(
+        plane=plane,
+        plane_bound=plane_bound,
+        normal_x=normal[0],
+        magnitude_x=magnitude[0],
+        level=normal[1] * dy - normal[2],
+        level_magnitude=abs(dy) * magnitude[1] + magnitude[2],
+        first=first,
+        last=last,
+    )
 
 
 def counted_range(
     within: Any, ends: Sequence[Any], select: Callable[[Any, Any, Any], Any]
 ) -> tuple[Any, Any]:
-    """Return from which s to which hits count: the range's ends; everything for triangles within."""
+    """Return the first and last s at which hits count: the ends of the range, or any s for triangles within.
+
+    A triangle that surely lies within the range needs no test against its ends, which would leave a hit
+    close to them in doubt.
+    """
     everything, (first, last) = np.finfo(np.float64), ends
     return select(within, float(everything.min), first), select(within, float(everything.max), last)
 
 
 def plane_meeting(dx: Any, row: RowPlanes, select: Callable[[Any, Any, Any], Any]) -> tuple[Any, Any]:
-    """Return s where lines meet triangles' planes, and the bound of its error.
+    """Return s where lines meet triangles' planes, and a bound on its error.
 
-    Written once for NumPy and for Dr.Jit, which differ in what `select` is.
+    Written once for NumPy and for Dr.Jit. With p = plane, d . n = slope and their bounds,
 
-        |s - s_true| <= (plane_bound + |s| slope_bound) / (|slope| - slope_bound),
+        |s - s_true| <= (plane_bound + |s| slope_bound) / (|slope| - slope_bound).
 
-    and the division itself and this expression round: `ROUNDING` times |s| pays for both, and
-    `UNDERFLOW` where a quotient is smaller than what doubles hold to full precision. The error is
-    infinite where the slope may be zero, and zero where the plane runs through the center exactly.
+    The error is infinite where the slope may be zero, and zero where the plane runs through the center
+    exactly.
 
     Parameters
     ----------
     dx
         Slopes of the lines.
     row
-        For each line.
+        Planes, one for each line.
     select
         `numpy.where` or `drjit.select`.
     """
+    # The denominator d . n and its bound. It is certain to have its sign, with a margin to spare, where
+    # it is more than twice its bound.
     slope = row.normal_x * dx + row.level
     slope_bound = ROUNDING * (row.magnitude_x * abs(dx) + row.level_magnitude)
     margin = abs(slope) - slope_bound
     certain = margin > slope_bound
+    # The quotient; 1 in place of a slope that is not certain keeps it finite.
     s = select(certain, row.plane / select(certain, slope, 1.0), 0.0)
+    # The bound above, from the errors of both dot products.
     error = (row.plane_bound + abs(s) * slope_bound) / select(certain, margin, 1.0)
+    # The roundings of that expression (1 + ROUNDING), of the quotient s (ROUNDING |s|), and of quotients
+    # below full precision.
     error = error * (1 + ROUNDING) + ROUNDING * abs(s) + select(row.plane_bound > 0, UNDERFLOW, 0.0)
     error = select(certain, error, np.inf)
     return s, error
 
 
 def surely_counts(s: Any, error: Any, first: Any, last: Any) -> Any:
-    """Return whether s surely lies in a range, and on a side of the center that is known.
+    """Return whether s surely lies in a range, and surely on one side of the center.
 
-    An s of which not even the sign is known may well be first, but says nothing about where: such a
+    Where not even the sign of s is certain, the triangle may well be first, but its place is unknown: the
     pixel is left to the integers. An infinite error never counts. Written once for NumPy and Dr.Jit.
     """
     return (s - error >= first) & (s + error <= last) & (error <= abs(s))
 
 
 def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
-    """Decide coverage of the pairs that are not sure yet by their edge functions, with bounds.
+    """Return pairs with doubtful coverage decided by edge functions, without those that surely do not meet.
 
     Parameters
     ----------
     cones, cone
-        Where the triangles come from, and (N,) which of them is each pair's.
+        The triangles, and (N,) the triangle of each pair as an index into them.
     found
-        Pairs whose s is possible; `sure` where coverage already is.
+        Pairs whose s is possible, `sure` where they are known to meet.
     """
     doubtful = np.flatnonzero(~found.sure)
     if not len(doubtful):
         return found
+    # Bounds on the smallest and the largest of the three edge functions: [low, surely_low] holds the
+    # smallest value, [surely_high, high] the largest.
     c, cone = cones, cone[doubtful]
     row, column = np.divmod(found.pixel[doubtful], pencil.resolution[0])
     dx, dy = pencil.dx[column], pencil.dy[row]
@@ -150,8 +202,9 @@ def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
             np.maximum(surely_high, value - bound),
         )
     inside = np.ones(len(found.pixel), dtype=np.bool_)
-    # Outside: some edge function is surely positive and another surely negative.
+    # Surely outside: one edge function is surely positive and another surely negative.
     inside[doubtful] = ~((surely_high > 0) & (surely_low < 0))
+    # Surely inside: all are surely positive, or all surely negative, and s counts.
     sure = found.sure.copy()
     first, last = counted_range(c.within[cone], pencil.s_range, np.where)
     counts = surely_counts(found.s[doubtful], found.error[doubtful], first, last)

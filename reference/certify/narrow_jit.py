@@ -1,10 +1,10 @@
 """The narrow phase compiled by Dr.Jit for all processors: one lane for each row of a triangle.
 
 Each lane cuts its row by the triangle's edges (`spans.slopes_inside`) and walks the columns that
-are left, in double precision and with the arithmetic of `narrow.plane_meeting`: first to lower,
-pixel by pixel, the largest s at which the first surface can lie; then to count who may lie before
-that and to write down who does; and a third time, only where that leaves more than one, to hand
-over the pairs.
+are left, in double precision and with the arithmetic of `narrow.plane_meeting`. It walks up to three
+times: to lower, pixel by pixel, the largest s at which the first surface can lie; to count the triangles
+that may lie before this limit, and write one of them down; and, only if some pixel has more than one,
+to return the pairs of such pixels.
 """
 
 from __future__ import annotations
@@ -21,30 +21,46 @@ from numpy.typing import NDArray
 from xfrustum.reference.certify.narrow import (
     RowPlanes,
     Sifted,
-    counted_range,
-    level_of,
     plane_meeting,
+    row_planes,
     settled,
     surely_counts,
 )
 from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.certify.spans import Arithmetic, FilmRow, columns_between, slopes_inside
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
-from xfrustum.reference.lines.cone import Cones
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
 from xfrustum.scenes.model.hogel_image import NOTHING
 
-_DOUBTFUL = 2
-"""What a pair counts whose coverage is in doubt: it leaves its pixel open even if it is alone."""
-
+_DOUBTFUL_WEIGHT = 2
+"""Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone."""
 
 _JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfinite=dr.isfinite)
+
+_ARRAYS = {"float64": Float64, "int32": Int32, "int64": UInt32, "bool": Bool}
+"""Dr.Jit's arrays for each NumPy type of the tables in `Rows` and `Cones`; int64 holds triangle numbers."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lanes:
-    """Rows cut by edges, as Dr.Jit arrays; empty ones have first > last."""
+    """Rows cut by edges, one lane each, as Dr.Jit arrays.
+
+    Attributes
+    ----------
+    rows
+        The rows before they were cut.
+    planes
+        Planes of the triangles along these rows.
+    surely_from, surely_to
+        Slopes dx between which coverage is certain.
+    first, last
+        First and last column; first > last where no column is left.
+    base
+        Number of the pixel in column 0, counted from the first of all rows.
+    number
+        Triangle numbers.
+    """
 
     rows: Rows
     planes: RowPlanes
@@ -57,15 +73,7 @@ class Lanes:
 
 
 class JitNarrowPhase:
-    """The narrow phase of some rows of an image.
-
-    Parameters
-    ----------
-    pencil
-        The lines.
-    rows
-        Rows of the image that everything added lies in.
-    """
+    """The narrow phase of some rows of an image on Dr.Jit; see `NarrowPhase`."""
 
     def __init__(self, pencil: Pencil, rows: range) -> None:
         self._pencil = pencil
@@ -89,7 +97,7 @@ class JitNarrowPhase:
             def lower(column: Any) -> None:
                 s, error, sure, _ = self._evaluated(lanes, column)
                 pixel = lanes.base + column
-                # Direct: the alternatives allocate per image size, and compile for each.
+                # Mode Direct: the other modes allocate for each size of image, and compile anew.
                 dr.scatter_reduce(
                     dr.ReduceOp.Min, self._limit, s + error, pixel, sure, mode=dr.ReduceMode.Direct
                 )
@@ -98,7 +106,7 @@ class JitNarrowPhase:
             dr.eval(self._limit)
 
     def finish(self) -> Sifted:
-        """Return who is first where only one can be, and the pairs of all other pixels."""
+        """Return the triangles that may be first among all that were added."""
         with strict_arithmetic():
             rivals = dr.opaque(UInt32, 0, self._pixels)
             number = dr.opaque(UInt32, 0, self._pixels)
@@ -114,20 +122,23 @@ class JitNarrowPhase:
             )
 
     def _cut(self, rows: Rows) -> Lanes:
-        # Dr.Jit reads NumPy's memory in place, and compiles anew for every mix of alignments of
-        # what lanes load directly. Gathers do not care.
+        # Dr.Jit reads NumPy's memory in place and compiles anew for every mix of alignments of arrays that
+        # lanes load directly. Gathers do not depend on alignment.
         c, size = rows.cones, len(rows.row)
         walk = UInt32(np.concatenate((rows.cone, rows.row, rows.orientation + 1)).astype(np.uint32))
         lane, stride = dr.arange(UInt32, size), dr.opaque(UInt32, size)
         triangles = dr.opaque(UInt32, len(c.number))
         cone, row, sign = (dr.gather(UInt32, walk, lane + k * stride) for k in range(3))
 
-        def columns(table: NDArray[Any], kind: Any = Float64) -> list[Any]:
+        def components(table: NDArray[Any]) -> list[Any]:
             """Return each component of a table (.., T) in every lane."""
-            flat, components = kind(np.ascontiguousarray(table).ravel()), table.size // len(c.number)
-            return [dr.gather(kind, flat, cone + k * triangles) for k in range(components)]
+            kind, values = _ARRAYS[str(table.dtype)], np.ascontiguousarray(table).ravel()
+            flat = kind(values.astype(np.uint32) if kind is UInt32 else values)
+            count = table.size // len(c.number)
+            return [dr.gather(kind, flat, cone + k * triangles) for k in range(count)]
 
-        edge, magnitude = columns(c.edge), columns(c.edge_magnitude)
+        # Cut the rows by the edges, then by the triangles' boxes of pixels.
+        edge, magnitude = components(c.edge), components(c.edge_magnitude)
         dy = dr.gather(Float64, self._dy, row)
         low, high, surely_from, surely_to = slopes_inside(
             [(edge[k : k + 3], magnitude[k : k + 3]) for k in (0, 3, 6)],
@@ -137,39 +148,23 @@ class JitNarrowPhase:
             _JIT,
         )
         low, high = columns_between(low, high, self._film, _JIT)
-        box = columns(rows.columns, Int32)
+        box = components(rows.columns)
         first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
         empty = first > last
-        (holds,) = columns(c.holds_center, Bool)
+        (holds,), (number,) = components(c.holds_center), components(c.number)
         lanes = Lanes(
             rows=rows,
-            planes=self._planes(columns, c, dy),
+            planes=row_planes(components, c, dy, self._ends, dr.select),
             surely_from=dr.select(holds, -np.inf, surely_from),
             surely_to=dr.select(holds, np.inf, surely_to),
             first=UInt32(dr.select(empty, 1, first)),
             last=UInt32(dr.select(empty, 0, last)),
             base=row * self._width - self._start,
-            number=columns(c.number.astype(np.uint32), UInt32)[0],
+            number=number,
         )
         dr.schedule(*vars(lanes.planes).values())
         dr.eval(*(value for name, value in vars(lanes).items() if name not in ("rows", "planes")))
         return lanes
-
-    def _planes(self, columns: Callable[..., list[Any]], c: Cones, dy: Any) -> RowPlanes:
-        normal, magnitude = columns(c.normal), columns(c.normal_magnitude)
-        level, level_magnitude = level_of(normal, magnitude, dy)
-        (within,) = columns(c.within, Bool)
-        first, last = counted_range(within, self._ends, dr.select)
-        return RowPlanes(
-            plane=columns(c.plane)[0],
-            plane_bound=columns(c.plane_bound)[0],
-            normal_x=normal[0],
-            magnitude_x=magnitude[0],
-            level=level,
-            level_magnitude=level_magnitude,
-            first=first,
-            last=last,
-        )
 
     def _evaluated(self, lanes: Lanes, column: Any) -> tuple[Any, Any, Any, Any]:
         """Return s, its error, whether the line surely meets, and whether it may at all."""
@@ -189,7 +184,7 @@ class JitNarrowPhase:
         def count(column: Any) -> None:
             s, _, sure, possible = self._may_be_first(lanes, column)
             pixel = lanes.base + column
-            weight = dr.select(sure, UInt32(1), UInt32(_DOUBTFUL))
+            weight = dr.select(sure, UInt32(1), UInt32(_DOUBTFUL_WEIGHT))
             dr.scatter_reduce(dr.ReduceOp.Add, rivals, weight, pixel, possible, mode=dr.ReduceMode.Direct)
             dr.scatter(number, lanes.number, pixel, possible)
             dr.scatter(distance, s, pixel, possible)
@@ -198,7 +193,7 @@ class JitNarrowPhase:
         dr.eval(rivals, number, distance)
 
     def _contested(self, rivals: Any) -> Pairs:
-        """Return all pairs of the pixels for which several triangles may be first, or one in doubt."""
+        """Return all pairs of the pixels for which several triangles may be first, or one not surely met."""
         open_pixels = rivals > 1
         size = int(dr.sum(dr.select(open_pixels, rivals, UInt32(0)))[0])
         if size == 0:
@@ -206,6 +201,7 @@ class JitNarrowPhase:
         return Pairs.joined([self._pairs(lanes, rivals, size) for lanes in self._lanes])
 
     def _pairs(self, lanes: Lanes, rivals: Any, size: int) -> Pairs:
+        """Return the pairs of open pixels; lanes write them in any order into arrays of the largest size."""
         written = dr.opaque(UInt32, 0)
         kinds = (UInt32, UInt32, Float64, Float64, Bool)
         out: tuple[Any, ...] = tuple(dr.empty(kind, size) for kind in kinds)
@@ -233,7 +229,7 @@ class JitNarrowPhase:
 
 
 def walk(lanes: Lanes, visit: Callable[[Any], None]) -> None:
-    """Visit every column of every span."""
+    """Visit every column of every lane."""
 
     def step(column: Any) -> tuple[Any]:
         visit(column)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.reference.certify.narrow import (
     RowPlanes,
     Sifted,
-    counted_range,
-    level_of,
     plane_meeting,
+    row_planes,
     settled,
     surely_counts,
 )
@@ -25,26 +26,26 @@ from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 PAIRS_PER_CHUNK = 1 << 20
-"""Bounds the memory of the narrow phase on NumPy, about 200 bytes per pair."""
+"""Pairs that are evaluated at once. This bounds the memory of the narrow phase, about 200 bytes per pair."""
 
 PENDING_PAIRS = 1 << 22
-"""Pairs kept on NumPy before those that cannot be first are dropped."""
+"""Pairs that are kept before those that cannot be first are dropped."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spans:
-    """Rows after their triangles' edges were asked.
+    """Rows cut by their triangles' edges, without those that are empty.
 
     Attributes
     ----------
     cones
         The triangles.
     cone
-        (S,) index into `cones`.
+        (S,) the triangle of each row, as an index into `cones`.
     row, first, last
         (S,) row, and first and last column, inclusive.
     surely_from, surely_to
-        (S,) slopes dx between which coverage is certain; empty where from > to.
+        (S,) slopes dx between which coverage is certain; no slope where from > to.
     """
 
     cones: Cones
@@ -57,7 +58,7 @@ class Spans:
 
     @classmethod
     def of(cls, rows: Rows, pencil: Pencil) -> Spans:
-        """Cut the rows of triangles by their edges, on the line of pixels."""
+        """Cut the rows of triangles by their edges."""
         c, cone, film = rows.cones, rows.cone, FilmRow.of(pencil)
 
         def edges() -> Iterator[tuple[Floats, Floats]]:
@@ -84,33 +85,16 @@ class Spans:
         )
 
     def planes(self, pencil: Pencil) -> RowPlanes:
-        """Compute once for each span what depends on its row alone."""
-        c, cone = self.cones, self.cone
-        normal, magnitude = c.normal[:, cone], c.normal_magnitude[:, cone]
-        level, level_magnitude = level_of(normal, magnitude, pencil.dy[self.row])
-        first, last = counted_range(c.within[cone], pencil.s_range, np.where)
-        return RowPlanes(
-            plane=c.plane[cone],
-            plane_bound=c.plane_bound[cone],
-            normal_x=normal[0],
-            magnitude_x=magnitude[0],
-            level=level,
-            level_magnitude=level_magnitude,
-            first=first,
-            last=last,
-        )
+        """Return the planes of the triangles along these rows."""
+
+        def components(table: NDArray[Any]) -> list[Any]:
+            return list(np.atleast_2d(table)[:, self.cone])
+
+        return row_planes(components, self.cones, pencil.dy[self.row], pencil.s_range, np.where)
 
 
 class NumpyNarrowPhase:
-    """The narrow phase of some rows of an image.
-
-    Parameters
-    ----------
-    pencil
-        The lines.
-    rows
-        Rows of the image that everything added lies in.
-    """
+    """The narrow phase of some rows of an image on NumPy; see `NarrowPhase`."""
 
     def __init__(self, pencil: Pencil, rows: range) -> None:
         self._pencil = pencil
@@ -120,6 +104,14 @@ class NumpyNarrowPhase:
 
     def add(self, rows: Rows) -> None:
         """Take more triangles into account."""
+        for found in self._pairs_of(rows):
+            np.minimum.at(self._limit, found.pixel[found.sure] - self._base, found.farthest[found.sure])
+            self._kept.append(self._not_behind(found))
+            if sum(len(kept.pixel) for kept in self._kept) > PENDING_PAIRS:
+                self._kept = [self._not_behind(Pairs.joined(self._kept))]
+
+    def _pairs_of(self, rows: Rows) -> Iterator[Pairs]:
+        """Yield the pairs of rows that meet or may meet, in bounded chunks."""
         spans = Spans.of(rows, self._pencil)
         planes = spans.planes(self._pencil)
         lengths = spans.last - spans.first + 1
@@ -128,15 +120,11 @@ class NumpyNarrowPhase:
         while start < len(lengths):
             before = ends[start - 1] if start else 0
             stop = max(start + 1, int(np.searchsorted(ends, before + PAIRS_PER_CHUNK)))
-            found = self._evaluated(spans, planes, np.repeat(np.arange(start, stop), lengths[start:stop]))
-            np.minimum.at(self._limit, found.pixel[found.sure] - self._base, found.farthest[found.sure])
-            self._kept.append(self._not_behind(found))
-            if sum(len(kept.pixel) for kept in self._kept) > PENDING_PAIRS:
-                self._kept = [self._not_behind(Pairs.joined(self._kept))]
+            yield self._evaluated(spans, planes, np.repeat(np.arange(start, stop), lengths[start:stop]))
             start = stop
 
     def finish(self) -> Sifted:
-        """Return who may be first among all that was added."""
+        """Return the triangles that may be first among all that were added."""
         found = self._not_behind(Pairs.joined([NO_PAIRS, *self._kept]))
         pixel = found.pixel - self._base
         rivals = np.bincount(pixel, minlength=len(self._limit))
@@ -150,7 +138,8 @@ class NumpyNarrowPhase:
         return found[found.nearest <= self._limit[found.pixel - self._base]]
 
     def _evaluated(self, spans: Spans, planes: RowPlanes, span: Indices) -> Pairs:
-        """Evaluate all pixels of consecutive spans, each named once for each of its pixels."""
+        """Return the pairs of consecutive spans; `span` repeats each one's number for each of its pixels."""
+        # Columns count up from the first one of each span.
         run = np.flatnonzero(np.diff(span, prepend=-1))
         column = spans.first[span] + np.arange(len(span)) - np.repeat(run, np.diff(run, append=len(span)))
         dx = self._pencil.dx[column]

@@ -1,4 +1,4 @@
-"""What the double-precision arithmetic runs on: Dr.Jit on LLVM, or NumPy where there is none."""
+"""The choice between Dr.Jit on LLVM and NumPy for the double-precision arithmetic."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from xfrustum.reference.lines.lines import Pencil
 
 @cache
 def compiled() -> bool:
-    """Return whether Dr.Jit can compile here."""
+    """Return whether Dr.Jit can compile on this machine."""
     prepare_llvm()
     version = loaded_llvm()
     return version is not None and version[0] >= OLDEST_LLVM
 
 
 def narrow_phase(pencil: Pencil, rows: range) -> NarrowPhase:
-    """Return the narrow phase of some rows of an image on the fastest arithmetic there is."""
+    """Return the narrow phase of some rows of an image, compiled where that is possible."""
     if not compiled():
         return NumpyNarrowPhase(pencil, rows)
-    # Only now: importing Dr.Jit's arrays needs the LLVM that was chosen above.
+    # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
     phase: type[NarrowPhase] = import_module("xfrustum.reference.certify.narrow_jit").JitNarrowPhase
     return phase(pencil, rows)

@@ -1,4 +1,4 @@
-"""Which rows of pixels do triangles' boxes on the film reach into?"""
+"""The rows of pixels that triangles' boxes on the film reach into."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Numbers
 
 ROWS_PER_CHUNK = 1 << 20
-"""Bounds the memory of cutting rows by edges, some 200 bytes per row of a triangle."""
+"""Rows of triangles that are cut by edges at once. This bounds the memory, some 200 bytes for each row."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
-    """Rows of pixels that triangles' boxes on the film reach into, before their edges are asked.
+    """Rows of pixels that triangles' boxes on the film reach into, before they are cut by edges.
 
     Attributes
     ----------
@@ -29,12 +29,12 @@ class Rows:
     columns
         (2, T) first and last column of each triangle's box, inclusive.
     cone
-        (S,) index into `cones`.
+        (S,) the triangle of each row, as an index into `cones`.
     row
         (S,) row of the image.
     orientation
-        (S,) the sign that the edge functions have inside; 0 where edges say nothing, because the
-        triangle's box in space contains the center.
+        (S,) the sign of the edge functions inside the triangle; 0 where the triangle's box in space
+        contains the center, so that edges cannot cut the row.
     """
 
     cones: Cones
@@ -45,7 +45,7 @@ class Rows:
 
 
 def boxed_rows(triangles: Floats, pencil: Pencil, found: Footprints, rows: range) -> Iterator[Rows]:
-    """Enumerate the rows of pixels that all triangles may cover in some rows of the image."""
+    """Yield the rows of pixels that triangles may cover in some rows of the image, in bounded chunks."""
     top, bottom = np.maximum(found.box[2], rows.start), np.minimum(found.box[3], rows.stop - 1)
     here = np.flatnonzero(top <= bottom)
     until = np.cumsum((bottom - top + 1)[here])
@@ -66,11 +66,12 @@ def _rows_of_sides(
     top: Numbers,
     bottom: Numbers,
 ) -> Rows:
-    # Both orientations where the plane passes so near the center that its side is in doubt.
+    # Where the plane passes so near the center that its side is in doubt, both orientations are tried.
     in_doubt = (np.abs(c.plane) <= c.plane_bound) & (side != 0)
     entry = np.concatenate((np.arange(len(side)), np.flatnonzero(in_doubt)))
     orientation = np.where(c.plane < 0, -side, side)
     orientation = np.concatenate((orientation, -orientation[in_doubt]))
+    # One entry for each row from top to bottom of each box.
     heights = (bottom - top + 1)[entry].astype(np.int64)
     before = np.cumsum(heights) - heights
     return Rows(

@@ -1,8 +1,8 @@
-"""How far behind the first surface of each line is the next one that the same camera sees?
+"""The distance between the first surface of each line and the next one on the same side.
 
-Depth buffers choose between those two. C keeps the nearest surface behind the plate, C* the farthest one
-before it; along a line, seen from the viewer, both are the first, and what a camera chooses it from lies
-behind that, on the same side of the plate.
+A camera's depth buffer chooses between these two. C keeps the nearest surface behind the plate, and C* the
+farthest one before it; for the viewer, each is the first of its side along the line. The next surface, which
+the camera must not show, lies behind the first on the same side of the plate.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from xfrustum.reference.certify.exact import ExactPencil
 from xfrustum.reference.certify.footprints import Footprints, footprints
-from xfrustum.reference.certify.narrow_numpy import PAIRS_PER_CHUNK, NumpyNarrowPhase, Spans
+from xfrustum.reference.certify.narrow_numpy import NumpyNarrowPhase
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.certify.rows import Rows, boxed_rows
 from xfrustum.reference.certify.sides import sorted_by_side
@@ -47,10 +47,8 @@ class RunnersUp:
 
     Parameters
     ----------
-    triangles
-        (F, 3, 3) corners in scene units.
-    pencil
-        The lines.
+    triangles, pencil
+        (F, 3, 3) corners of the scene's triangles, in scene units, and the lines of the image.
     """
 
     def __init__(self, triangles: Floats, pencil: Pencil) -> None:
@@ -74,16 +72,16 @@ class RunnersUp:
         return np.asarray(gaps.reshape(len(rows), -1))
 
     def _parts(self) -> Iterator[tuple[type[RunnerUpPhase], Footprints]]:
-        """Yield which phase looks at which triangles.
+        """Yield each phase with the triangles that it looks at.
 
-        Rows of a triangle whose box contains the center are not cut by its edges (`Rows.orientation`),
-        and what is left of them is only settled on NumPy.
+        Rows of a triangle whose box contains the center are not cut by its edges (`Rows.orientation`).
+        Only the phase on NumPy settles coverage of such rows.
         """
         if not compiled():
             yield NumpyRunnersUp, self._footprints
             return
         around = self._footprints.side == 0
-        # Only now: importing Dr.Jit's arrays needs the LLVM that `compiled` chose.
+        # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
         yield (
             import_module("xfrustum.reference.certify.runner_up_jit").JitRunnersUp,
             _some(self._footprints, ~around),
@@ -102,7 +100,7 @@ def _some(found: Footprints, chosen: Mask) -> Footprints:
 
 
 class NumpyRunnersUp(NumpyNarrowPhase):
-    """Second surfaces on NumPy: every pair that surely meets is kept, some 30 bytes each."""
+    """Second surfaces on NumPy, where every pair that surely meets is kept, some 30 bytes each."""
 
     def __init__(self, pencil: Pencil, rows: range) -> None:
         super().__init__(pencil, rows)
@@ -110,16 +108,8 @@ class NumpyRunnersUp(NumpyNarrowPhase):
 
     def add(self, rows: Rows) -> None:
         """Take more triangles into account."""
-        spans = Spans.of(rows, self._pencil)
-        planes = spans.planes(self._pencil)
-        lengths = spans.last - spans.first + 1
-        ends, start = np.cumsum(lengths), 0
-        while start < len(lengths):
-            before = ends[start - 1] if start else 0
-            stop = max(start + 1, int(np.searchsorted(ends, before + PAIRS_PER_CHUNK)))
-            found = self._evaluated(spans, planes, np.repeat(np.arange(start, stop), lengths[start:stop]))
+        for found in self._pairs_of(rows):
             self._met.append(found[found.sure])
-            start = stop
 
     def first(self) -> Floats:
         """Return the largest s at which the first surface of each pixel can lie; infinite without one."""

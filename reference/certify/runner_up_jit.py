@@ -14,7 +14,7 @@ from xfrustum.scenes.arrays import Floats
 
 
 class JitRunnersUp(JitNarrowPhase):
-    """See `runner_up.RunnerUpPhase`."""
+    """Second surfaces on Dr.Jit; see `runner_up.RunnerUpPhase`."""
 
     def first(self) -> Floats:
         """Return the largest s at which the first surface of each pixel can lie; infinite without one."""
@@ -36,7 +36,7 @@ class JitRunnersUp(JitNarrowPhase):
             pixel = lanes.base + column
             limit = dr.gather(Float64, before, pixel)
             chosen = sure & (s - error > limit) & ((limit >= 0) | (s + error <= 0))
-            # Direct, as in `add`.
+            # In the mode Direct, as in `add`.
             dr.scatter_reduce(dr.ReduceOp.Min, second, s, pixel, chosen, mode=dr.ReduceMode.Direct)
 
         walk(lanes, lower)

@@ -1,4 +1,4 @@
-"""What pencils share whose centers have one height: which triangles lie behind it, and which before.
+"""Triangles sorted into those behind the height of a pencil's center and those before it.
 
 All apertures of a plate share z = 0 and the reach, so that this is done once for a plate.
 """
@@ -15,12 +15,13 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 TRIANGLES_PER_CHUNK = 1 << 14
-"""So few that intermediate results, about 1 kB per triangle, stay in the processor's caches."""
+"""Triangles that are sorted at once, few enough for intermediate results, about 1 kB per triangle, to stay in
+the processor's caches."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Side:
-    """Triangles that reach into one side of a height, and into the pencil's range there.
+    """Triangles that reach into one side of the center's height, and into the pencil's range on that side.
 
     Attributes
     ----------
@@ -31,7 +32,7 @@ class Side:
     x, y
         (3, N) scene coordinates of the corners.
     s
-        (3, N) of the corners.
+        (3, N) places of the corners along the lines, their depth below the center's height.
     """
 
     sign: int
@@ -41,7 +42,7 @@ class Side:
     s: Floats
 
     def without(self, numbers: Indices) -> Side:
-        """Return all but some."""
+        """Return the triangles without those of some numbers."""
         if not len(numbers):
             return self
         kept = np.flatnonzero(~np.isin(self.number, numbers))
@@ -51,16 +52,16 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sides:
-    """Some triangles, sorted.
+    """Some triangles, sorted by side.
 
     Attributes
     ----------
     sides
-        Those on either side; what reaches into both is in both.
+        Triangles on either side; a triangle that reaches into both sides is in both.
     across
-        (N,) numbers of those that reach the height itself.
+        (N,) numbers of the triangles that reach the center's height itself.
     x, y
-        (3, N) their corners.
+        (3, N) scene coordinates of the corners of these.
     """
 
     sides: tuple[Side, ...]
@@ -69,7 +70,7 @@ class Sides:
     y: Floats
 
     def touching(self, x: float, y: float) -> Indices:
-        """Return the numbers of those whose boxes in space contain a point of the height."""
+        """Return the numbers of the triangles whose boxes in space contain a point of that height."""
         if not len(self.across):
             return self.across
         return self.across[_spans_zero(self.x - x) & _spans_zero(self.y - y)]

@@ -1,8 +1,8 @@
-"""Where along a row of pixels does a triangle begin and end? Its three edge functions say.
+"""The columns of a row between which a triangle can be met, by its three edge functions.
 
-Conservative intervals: every line of the row that meets the triangle in exact arithmetic lies in
-one, and those that surely meet it are known too. Written once for NumPy and for Dr.Jit: the
-arguments are either's arrays, one lane for each row of each triangle.
+The intervals are conservative: every line of the row that meets the triangle in exact arithmetic lies
+inside. A second interval holds lines that surely meet it. Written once for NumPy and for Dr.Jit: the
+arguments are arrays of either library, with one lane for each row of each triangle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from xfrustum.reference.lines.lines import Pencil
 
 @dataclass(frozen=True, kw_only=True)
 class Arithmetic:
-    """What NumPy and Dr.Jit spell differently: `select` is `numpy.where`."""
+    """Functions that NumPy and Dr.Jit name differently: `select` is `numpy.where`."""
 
     select: Callable[[Any, Any, Any], Any]
     maximum: Callable[[Any, Any], Any]
@@ -33,18 +33,18 @@ NUMPY = Arithmetic(select=np.where, maximum=np.maximum, minimum=np.minimum, isfi
 
 @dataclass(frozen=True, kw_only=True)
 class FilmRow:
-    """How slopes dx become columns; numbers, or Dr.Jit's arrays of one.
+    """The map from slopes dx to columns; its parts are numbers, or arrays of one element in Dr.Jit.
 
     Attributes
     ----------
     steepest
         The largest |dx|.
     shear, scale, middle
-        Column = (dx - shear) scale + middle.
+        Parts of column = (dx - shear) scale + middle.
     slack
-        Bounds in columns the rounding of that, and of the slopes themselves.
+        Bound, in columns, on the rounding of this formula and of the slopes themselves.
     width
-        Columns.
+        Number of columns.
     """
 
     steepest: Any
@@ -56,7 +56,7 @@ class FilmRow:
 
     @classmethod
     def of(cls, pencil: Pencil) -> FilmRow:
-        """Return that of a pencil's film."""
+        """Return the map of a pencil's film."""
         width = pencil.resolution[0]
         return cls(
             steepest=float(np.abs(pencil.dx).max()),
@@ -75,41 +75,57 @@ def slopes_inside(
     film: FilmRow,
     by: Arithmetic,
 ) -> tuple[Any, Any, Any, Any]:
-    """Return between which slopes dx a row's lines may meet a triangle, and between which they surely do.
+    """Return the slopes dx between which a row's lines may meet a triangle, and between which they surely do.
+
+    Along a row, each edge function is E(dx) = slope dx + rest, positive inside; so each edge bounds dx on
+    one side, at its zero -rest / slope.
 
     Parameters
     ----------
     edges
-        For each edge the three components of its plane, and of their magnitudes; see `Cones`.
+        For each edge the three components of its plane, and their magnitudes; see `Cones`.
     orientation
-        See `Rows`.
+        Sign of the edge functions inside the triangle; see `Rows`.
     dy
         Slopes of the rows.
-    film, by
-        The film, and whose arithmetic.
+    film
+        The film.
+    by
+        The arithmetic of the arrays.
+
+    Returns
+    -------
+    low, high
+        No line with a slope outside [low, high] meets the triangle.
+    surely_low, surely_high
+        Every line with a slope inside [surely_low, surely_high] meets it.
     """
     low, high, surely_low, surely_high = -np.inf, np.inf, -np.inf, np.inf
     for edge, magnitude in edges:
+        # The edge function along the row, turned to be positive inside, and the bound of its rounding.
         slope = orientation * edge[0]
         rest = orientation * (edge[1] * dy - edge[2])
         bound = ROUNDING * (film.steepest * magnitude[0] + abs(dy) * magnitude[1] + magnitude[2])
+        # Its zero, and how far rounding may have moved it: an error `bound` of E moves the zero by
+        # bound / |slope|. Twice that, and 4 u |zero|, also cover rounding `zero` and the sums below.
         zero = -rest / slope
-        # Twice the bound also pays for rounding `zero` and the sums below.
         margin = 2 * bound / abs(slope) + 4 * UNIT_ROUNDOFF * abs(zero)
-        # A slope so small that the quotient overflows changes nothing along the row.
+        # Where the slope is so small that the quotient overflows, E has one sign along the whole row.
         level = ~by.isfinite(margin)
+        # A rising edge bounds dx from below, a falling one from above.
         rising, falling = (slope > 0) & ~level, (slope < 0) & ~level
         low = by.maximum(low, by.select(rising, zero - margin, -np.inf))
         surely_low = by.maximum(surely_low, by.select(rising, zero + margin, -np.inf))
         high = by.minimum(high, by.select(falling, zero + margin, np.inf))
         surely_high = by.minimum(surely_high, by.select(falling, zero - margin, np.inf))
+        # A level edge empties the interval if it is surely negative, and the sure one unless surely positive.
         low = by.select(level & (rest < -bound), np.inf, low)
         surely_low = by.select(level & (rest <= bound), np.inf, surely_low)
     return low, high, surely_low, surely_high
 
 
 def columns_between(low: Any, high: Any, film: FilmRow, by: Arithmetic) -> tuple[Any, Any]:
-    """Return the columns of slopes, before they are rounded to whole ones inward; -1 to W."""
+    """Return the columns of two slopes, as numbers from -1 to W that the caller rounds inward."""
     first = (low - film.shear) * film.scale + film.middle - film.slack
     last = (high - film.shear) * film.scale + film.middle + film.slack
     return by.minimum(by.maximum(first, -1.0), film.width), by.minimum(by.maximum(last, -1.0), film.width)

@@ -1,7 +1,7 @@
-"""What the reference computes on: LLVM through Dr.Jit, threads, bands of rows.
+"""The devices that the reference computes on: LLVM through Dr.Jit, threads, bands of rows.
 
 bands       Images in bands of rows, made on all processors, in bounded memory
-dr_jit      Which Mitsuba variant, and which LLVM under it: chosen once, on purpose, before Dr.Jit chooses
+dr_jit      The choice of Mitsuba's variant and of the LLVM under it, made once, before Dr.Jit chooses
 strict_jit  Dr.Jit as the certificate needs it: one recorder at a time, and IEEE arithmetic
-threads     How many threads the references use
+threads     The number of threads that the reference uses
 """

@@ -11,16 +11,16 @@ from xfrustum.reference.devices.threads import worker_count
 Band = TypeVar("Band")
 
 BAND_PIXELS = 1 << 19
-"""Pixels decided at once: bounds the memory, `PIXEL_BYTES` each, whatever the image's size."""
+"""Largest number of pixels in a band. This bounds the memory, `PIXEL_BYTES` each, for images of any size."""
 
 PIXEL_BYTES = 400
-"""Memory for each pixel of the bands under way, about."""
+"""Approximate memory for each pixel of the bands that are being made."""
 
 BUSY_PIXELS = 1 << 15
-"""A smaller band costs more to start than another processor saves."""
+"""Pixels of a band that keep a processor busy: a smaller one costs more to start than it saves."""
 
 UNDIVIDED_PIXELS = 1 << 18
-"""Deciding alone runs compiled on all processors anyway: smaller bands only add launches."""
+"""Pixels of a band that is only decided, compiled, on all processors: smaller bands only add launches."""
 
 
 def in_parallel(
@@ -30,18 +30,18 @@ def in_parallel(
     rows: range | None = None,
     least_pixels: int = 1,
 ) -> Iterator[Band]:
-    """Yield an image's bands in order, made on all processors; none but the last is smaller than asked.
+    """Yield an image's bands in order, made on all processors.
 
     Parameters
     ----------
     band
-        Makes the band of some rows.
+        Function that makes the band of some rows.
     resolution
         W, H in pixels.
     rows
-        Those to be made; all by default.
+        Rows that are made; None for all.
     least_pixels
-        How small a band may be.
+        Smallest number of pixels in a band; the last one may be smaller.
     """
     rows = range(resolution[1]) if rows is None else rows
     workers = worker_count()
@@ -51,22 +51,22 @@ def in_parallel(
         yield band(bands[0])
         return
     with ThreadPoolExecutor(workers) as pool:
-        # No more bands under way than workers, so that a slow reader bounds the memory.
+        # At most as many bands as workers are made at once, so that a slow reader bounds the memory.
         for start in range(0, len(bands), workers):
             yield from pool.map(band, bands[start : start + workers])
 
 
 def rows_at_once(width: int, rows: int, least_pixels: int = 1) -> int:
-    """Return how many of an image's rows make a band.
+    """Return the number of an image's rows that make a band.
 
     Parameters
     ----------
     width
         Pixels of a row.
     rows
-        That are to be made.
+        Number of rows that are made.
     least_pixels
-        How small a band may be.
+        Smallest number of pixels in a band.
     """
     share = -(-rows // worker_count())
     return max(1, min(BAND_PIXELS // width, max(share, -(-least_pixels // width))))

@@ -1,8 +1,8 @@
-"""Which Mitsuba variant, and which LLVM under it: chosen once, on purpose, before Dr.Jit chooses.
+"""The choice of Mitsuba's variant and of the LLVM under it, made once, before Dr.Jit chooses.
 
 Dr.Jit takes the LLVM that it finds when it is first imported. It refuses version 14, and with
-15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So the
-library is picked here, by version, and handed over in `DRJIT_LIBLLVM_PATH` before that import.
+15 and 16 the *process* ends inside the first kernel ("Cannot select: ... fmaximum"). So this module
+chooses the library by its version, and names it in `DRJIT_LIBLLVM_PATH` before that import.
 """
 
 from __future__ import annotations
@@ -23,27 +23,28 @@ from typing import Any
 from xfrustum.scenes.errors import InputError
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
-"""Where Dr.Jit looks first; whoever sets it has chosen, and nothing else is considered."""
+"""Environment variable that Dr.Jit reads first. Where it is set, no other library is considered."""
 
 OLDEST_LLVM = 17
-"""Dr.Jit refuses 14; 15 and 16 cannot compile its minimum and maximum and abort the process."""
+"""First version that is used: Dr.Jit refuses 14, and with 15 and 16 its minimum and maximum abort the
+process."""
 
 TESTED_LLVM = 19
-"""Taken first; of the others the nearest to it."""
+"""Version that is preferred; of the others, the nearest to it."""
 
 Version = tuple[int, int, int]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Backend:
-    """What Mitsuba computes with in this process.
+    """Mitsuba in this process, and what it computes with.
 
     Attributes
     ----------
     mitsuba, drjit
-        The modules, Mitsuba's variant set.
+        The two modules; Mitsuba's variant is set.
     variant
-        Its variant: `cuda_ad_rgb`, `llvm_ad_rgb`, `scalar_rgb`, or what was set before us.
+        Mitsuba's variant: `cuda_ad_rgb`, `llvm_ad_rgb`, `scalar_rgb`, or another that the program had set.
     llvm
         Version of the LLVM in use, or why there is none.
     """
@@ -55,7 +56,7 @@ class Backend:
 
     @property
     def scalar(self) -> bool:
-        """Whether one ray is traced at a time."""
+        """Whether Mitsuba traces one ray at a time."""
         return self.variant.startswith("scalar")
 
     @property
@@ -67,8 +68,8 @@ class Backend:
 def backend() -> Backend:
     """Return Mitsuba with a variant set: the one that is set, else the best of this machine.
 
-    The variant is a property of the process, and Mitsuba remembers it. Ours is set once, and
-    one that somebody else sets, before or after, stays.
+    The variant belongs to the process. It is set here once; a variant that another part of the program
+    sets, before or after, stays.
 
     Raises
     ------
@@ -95,12 +96,12 @@ def backend() -> Backend:
 
 @cache
 def prepare_llvm() -> str:
-    """Point Dr.Jit to an accepted LLVM, if it has not been imported yet; return what was found.
+    """Name an accepted LLVM to Dr.Jit, if that has not been imported yet.
 
     Returns
     -------
     str
-        The path, or in words why there is none.
+        Path of the library, or in words why there is none.
     """
     if "drjit" in sys.modules:
         return "none: Dr.Jit found none when it was imported"
@@ -121,10 +122,9 @@ def accepted_llvm(
     Parameters
     ----------
     libraries
-        Candidates.
+        Candidates. They are sorted and rejected by name first, so that few are loaded.
     ask
-        Loads a library and returns its version; `asked_version` by default. Names sort and reject,
-        so that few are loaded; the library itself has the last word.
+        Function that loads a library and returns its version; None for `asked_version`.
     """
     ask = ask or asked_version
     named = [(named_version(library), library) for library in dict.fromkeys(libraries)]
@@ -144,7 +144,7 @@ def named_version(library: Path) -> int | None:
 
 
 def asked_version(library: Path) -> Version | None:
-    """Load a library and return its version, None where it is no LLVM or one before 16."""
+    """Load a library and return its version; None where it is no LLVM, or one before version 16."""
     try:
         get_version = ctypes.CDLL(str(library)).LLVMGetVersion
     except (OSError, AttributeError):
@@ -171,7 +171,7 @@ def installed_llvms() -> list[Path]:
 
 
 def loaded_llvm() -> Version | None:
-    """Return the version of the LLVM that Dr.Jit has loaded, None where it has none that it takes."""
+    """Return the version of the LLVM that Dr.Jit has loaded; None where it has found none to load."""
     drjit = importlib.import_module("drjit")
     if not drjit.has_backend(drjit.JitBackend.LLVM):
         return None

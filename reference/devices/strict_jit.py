@@ -9,11 +9,11 @@ from contextlib import contextmanager
 import drjit as dr
 
 _ONE_AT_A_TIME = threading.Lock()
-"""Dr.Jit records per process; its kernels themselves use all processors."""
+"""Lock for recording kernels, which Dr.Jit does once per process; a kernel itself uses all processors."""
 
 
 @contextmanager
 def strict_arithmetic() -> Iterator[None]:
-    """Hold Dr.Jit to IEEE arithmetic: a proof must not rest on a compiler's liberties."""
+    """Keep Dr.Jit to IEEE arithmetic: a proof must not depend on how a compiler rearranges it."""
     with _ONE_AT_A_TIME, dr.scoped_set_flag(dr.JitFlag.FastMath, False):
         yield

@@ -1,4 +1,4 @@
-"""How many threads the references use."""
+"""The number of threads that the reference uses."""
 
 from __future__ import annotations
 

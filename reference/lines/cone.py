@@ -23,10 +23,14 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 UNIT_ROUNDOFF = 2.0**-53
+"""Largest relative error of one rounded operation in double precision, u."""
+
 ROUNDING = 12 * UNIT_ROUNDOFF
-"""Relative to the sum of absolute products: 8 u by the derivation, the rest pays for rounding the bound."""
+"""Bound on rounding errors, relative to the sum of absolute products: 8 u by the derivation, and 4 u for the
+rounding of the bound itself."""
 
 EDGES = ((0, 1), (1, 2), (2, 0))
+"""First and second corner of each edge of a triangle."""
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -35,7 +39,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def cross_magnitude(a: Floats, b: Floats) -> Floats:
-    """Return the sums of absolute products in a x b (3, T): what its rounding errors are relative to."""
+    """Return the sums of absolute products in a x b (3, T), to which its rounding errors are relative."""
     a, b = np.abs(a), np.abs(b)
     return np.stack((a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]))
 
@@ -46,7 +50,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 def s_bounds(z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
-    """Return a lower bound of s over each triangle and an upper one, given q_z of its corners (3, T).
+    """Return a lower and an upper bound of s over each triangle, given q_z of its corners (3, T).
 
     A corner has s = -q_z; q_z is exact where the center lies in the plate.
     """
@@ -57,7 +61,7 @@ def s_bounds(z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cones:
-    """Some triangles about a pencil's center, with what their rounding errors are relative to.
+    """Some triangles as seen from a pencil's center, with the magnitudes that bound their rounding errors.
 
     Attributes
     ----------
@@ -67,13 +71,13 @@ class Cones:
         (3, 3, T) q_i x q_j of the edges 01, 12, 20, by edge and coordinate, and the sums of
         absolute products in it.
     normal, normal_magnitude
-        (3, T) n, not normalized, likewise.
+        (3, T) n, not normalized, and the sums of absolute products in it.
     plane, plane_bound
         (T,) q_0 . n, and the bound of its rounding error.
     holds_center
-        (T,) the center lies in the closed triangle, exactly: every line meets it at s = 0.
+        (T,) whether the center lies exactly in the closed triangle: then every line meets it at s = 0.
     within
-        (T,) all corners surely lie in the pencil's range, hence all of the triangle.
+        (T,) whether all corners, and hence all of the triangle, surely lie in the pencil's range.
     """
 
     number: Indices
@@ -93,24 +97,30 @@ def cones(
     pencil: Pencil,
     holds_center: Mask | None = None,
 ) -> Cones:
-    """Set up the triangles with the given numbers.
+    """Return the triangles with the given numbers as cones.
 
     Parameters
     ----------
     triangles
-        (F, 3, 3) all of a scene's triangles.
+        (F, 3, 3) corners of all triangles of a scene.
     number
-        (T,) which of them.
+        (T,) numbers of the triangles that are wanted.
+    pencil
+        Lines through the center.
     holds_center
-        (T,) which of those are known to contain the center; None for none.
+        (T,) whether each is known to contain the center; None where none does.
     """
     if holds_center is None:
         holds_center = np.zeros(len(number), dtype=np.bool_)
+    # Corner, coordinate, triangle: the corners p_i, and q_i relative to the center. One rounding each.
     points = np.ascontiguousarray(triangles[number].transpose(1, 2, 0))
     corners = points - np.asarray(pencil.center)[:, None]
+    # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
     first, second = points[1] - points[0], points[2] - points[0]
     normal, normal_magnitude = cross(first, second), cross_magnitude(first, second)
     low, high = s_bounds(corners[:, 2], pencil)
+    # The plane's distance, and its bound from the sum of all absolute products in q_0 . n. Where the center
+    # lies in the triangle both are exactly zero.
     plane = _dot(corners[0], normal)
     plane_bound = ROUNDING * _dot(np.abs(corners[0]), normal_magnitude)
     return Cones(

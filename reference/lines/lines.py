@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import read_only
@@ -22,7 +23,7 @@ class Pencil:
     """All lines of one image: each pixel's line passes through one common point.
 
     The line of column c, row r is P(s) = center + s d with d = (dx[c], dy[r], -1). The exact
-    meaning of an image starts at these doubles: nothing before them is rounded again.
+    meaning of an image starts at these doubles; how they were rounded makes no difference to it.
 
     Attributes
     ----------
@@ -64,6 +65,32 @@ class Pencil:
         return d
 
 
+def pixel_places(points: NDArray[np.floating], pencil: Pencil) -> Floats:
+    """Return where a pencil's film shows surface points.
+
+    Parameters
+    ----------
+    points
+        (..., 3) scene units.
+    pencil
+        Lines of the film; points beyond its range are projected too.
+
+    Returns
+    -------
+    (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
+    points as high as the pencil's center, which the film does not show anywhere in particular.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    relative = points[..., 2] - pencil.center[2]
+    depth = np.where(relative == 0, np.nan, -relative)
+    u = ((points[..., 0] - pencil.center[0]) / depth - pencil.shear[0]) / pencil.half_extent[0]
+    v = ((points[..., 1] - pencil.center[1]) / depth - pencil.shear[1]) / pencil.half_extent[1]
+    width, height = pencil.resolution
+    place = np.empty((*depth.shape, 2))
+    place[..., 0], place[..., 1] = (u + 1) * width / 2 - 0.5, (1 - v) * height / 2 - 0.5
+    return place
+
+
 def film_window(frustum: Frustum, aperture: Aperture) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return shear k and half-extent t of an aperture's film, slopes per unit of depth.
 
@@ -99,9 +126,9 @@ class ModelCamera:
     Attributes
     ----------
     orthoscopic
-        Whether it is a C, else a C*.
+        True for C, False for C*.
     pencil
-        Its lines; s is the distance from its center along the axis, negative for a C*.
+        The camera's lines; s is the distance from its center along the axis, negative for C*.
     """
 
     orthoscopic: bool
@@ -109,7 +136,7 @@ class ModelCamera:
 
     @property
     def heights(self) -> tuple[float, float]:
-        """Lowest and highest z that it images."""
+        """Lowest and highest z that the camera images."""
         first, last = self.pencil.s_range
         return self.pencil.center[2] - last, self.pencil.center[2] - first
 
@@ -117,9 +144,9 @@ class ModelCamera:
 def model_cameras(frustum: Frustum, aperture: Aperture, settings: DoubleFrustum) -> tuple[ModelCamera, ...]:
     """Return the cameras that settings ask for, in drawing order, as exact lines (paper, section 4).
 
-    From the back: the slabs of C from the outermost inward, then those of C* from the innermost
-    outward; what comes later is nearer to the viewer and overlays. What these show is what a
-    rasterizer without any rounding would draw.
+    The order is from the back: the slabs of C from the outermost inward, then those of C* from the
+    innermost outward; each is nearer to the viewer than those before it and overlays them. Together they
+    show the picture that a rasterizer without any rounding would draw.
     """
     viewer, back = frustum.reach
     c = [_slab_camera(frustum, aperture, settings, section, 1) for section in settings.sections(back)]
@@ -140,23 +167,39 @@ def _slab_camera(
     (pivot aperture: (ax -+ n kx, ay -+ n ky, +-n)) or straight before the aperture (pivot
     camera). All others stand in the aperture itself.
     """
-    shear, half_extent = film_window(frustum, aperture)
     low, high = section
     first = low == 0
     step = settings.near if first and settings.offset is Offset.PLATE else 0.0
-    aside = side * step if settings.pivot is Pivot.APERTURE else 0.0
-    fitted = settings.fitted_height(frustum)
-    if first and fitted is not None and step:
-        shrink = fitted / (fitted + step)
-        half_extent = (half_extent[0] * shrink, half_extent[1] * shrink)
-    begin, end = (settings.near if first else low), step + high
-    return ModelCamera(
-        orthoscopic=side == 1,
-        pencil=Pencil(
-            center=(aperture.x - aside * shear[0], aperture.y - aside * shear[1], side * step),
-            shear=shear,
-            half_extent=half_extent,
-            resolution=frustum.resolution,
-            s_range=(begin, end) if side == 1 else (-end, -begin),
-        ),
+    pencil = stepped_back(
+        crossed_frustum(frustum, aperture),
+        side * step,
+        pivot=settings.pivot,
+        fitted=settings.fitted_height(frustum) if first else None,
     )
+    begin, end = (settings.near if first else low), step + high
+    s_range = (begin, end) if side == 1 else (-end, -begin)
+    return ModelCamera(orthoscopic=side == 1, pencil=replace(pencil, s_range=s_range))
+
+
+def stepped_back(crossed: Pencil, height: float, *, pivot: Pivot, fitted: float | None) -> Pencil:
+    """Return the lines of an offset camera: the one place that says where it stands and what its film spans.
+
+    Parameters
+    ----------
+    crossed
+        The crossed frustum of the aperture in z = 0 from which the camera steps back. Its range is kept, and
+        is for the caller to set.
+    height
+        Signed height of the camera above the plate: +n for a C, -n for a C*.
+    pivot
+        Whether it stands on the axis of the sheared frustum, at (ax -+ n kx, ay -+ n ky, +-n), or straight
+        before the aperture.
+    fitted
+        Height |z| whose planes are drawn exactly; None to keep the angle.
+    """
+    (x, y, _), (kx, ky), (tx, ty) = crossed.center, crossed.shear, crossed.half_extent
+    aside = height if pivot is Pivot.APERTURE else 0.0
+    if fitted is not None and height:
+        shrink = fitted / (fitted + abs(height))
+        tx, ty = tx * shrink, ty * shrink
+    return replace(crossed, center=(x - aside * kx, y - aside * ky, height), half_extent=(tx, ty))

@@ -16,13 +16,13 @@ class Pairs:
     Attributes
     ----------
     pixel
-        (N,) row * W + column.
+        (N,) pixel numbers, row * W + column.
     triangle
         (N,) triangle numbers.
     s, error
-        (N,) where the line meets the triangle's plane: the true s lies in s +- error.
+        (N,) place where the line meets the triangle's plane: the true s lies in s +- error.
     sure
-        (N,) the line surely meets the triangle, inside the pencil's range.
+        (N,) whether the line surely meets the triangle, inside the pencil's range.
     """
 
     pixel: Indices
@@ -43,17 +43,17 @@ class Pairs:
 
     @property
     def nearest(self) -> Floats:
-        """The smallest s that is possible."""
+        """Smallest s that is possible."""
         return self.s - self.error
 
     @property
     def farthest(self) -> Floats:
-        """The largest s that is possible."""
+        """Largest s that is possible."""
         return self.s + self.error
 
     @staticmethod
     def joined(parts: list[Pairs]) -> Pairs:
-        """Concatenate."""
+        """Return the pairs of all parts, one part after the other."""
         return Pairs(
             pixel=np.concatenate([p.pixel for p in parts]),
             triangle=np.concatenate([p.triangle for p in parts]),

@@ -10,15 +10,16 @@ from xfrustum.scenes.arrays import Floats, Indices
 
 
 def radiance_toward(environment: Environment, directions: Floats) -> Floats:
-    """Return linear RGB (N, 3) of what lies in each direction (N, 3), of any length but zero.
+    """Return the environment's linear RGB (N, 3) in each direction (N, 3), of any length but zero.
 
-    The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle. Bilinear
-    between texel centers: around in longitude; beyond the centers of its first and last row, clamped.
+    The map's middle lies toward -z, its top toward +y; +x follows to the right of the middle. The map is
+    filtered bilinearly between texel centers: around in longitude, and clamped beyond the centers of its
+    first and last row.
     """
     x, y, z = directions.T
     height, width = environment.radiance.shape[:2]
     longitude = np.arctan2(x, -z)
-    # Not the arc cosine of y, which is coarse near the poles.
+    # The arc tangent is exact near the poles, where the arc cosine of y is coarse.
     from_top = np.arctan2(np.hypot(x, z), y)
 
     def texel(rows: Indices, columns: Indices) -> Floats:

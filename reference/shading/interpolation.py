@@ -1,4 +1,4 @@
-"""What vertices say about the points between them: normals, colors, textures; linear in space."""
+"""Normals, colors and textures between vertices, interpolated linearly in space."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Places:
     corners
         (N, 3) vertex numbers.
     of_second, of_third
-        (N,) barycentric coordinates: how much a point has of its second corner and of its third.
+        (N,) barycentric coordinates: the weights of the second and the third corner.
     """
 
     triangle: Numbers
@@ -36,14 +36,14 @@ class Places:
         return Places(**{item.name: getattr(self, item.name)[some] for item in fields(self)})
 
     def interpolated(self, values: Floats) -> Floats:
-        """Return (N, C) of what the vertices have, (V, C); exactly that where all three have the same."""
+        """Return (N, C) values between those of vertices (V, C); exact where all three corners are equal."""
         first, second, third = (values[self.corners[:, k]] for k in range(3))
         step = self.of_second[:, None] * (second - first) + self.of_third[:, None] * (third - first)
         return np.asarray(first + step)
 
 
 def places(scene: Scene, triangle: Numbers, position: Floats) -> Places:
-    """Say where on its triangle each point lies: by the areas that it cuts off, seen along the normal."""
+    """Return the place of each point on its triangle, by the areas that it cuts off along the normal."""
     corners = scene.triangles[triangle]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     offset = position - corners[:, 0]
@@ -58,9 +58,9 @@ def places(scene: Scene, triangle: Numbers, position: Floats) -> Places:
 
 
 def smooth_normals(scene: Scene, where: Places, flat: Floats) -> Floats:
-    """Return (N, 3) unit normals between those of the vertices; flat where a corner has none.
+    """Return (N, 3) unit normals between those of the vertices; the flat normal where a corner has none.
 
-    Flat, too, where normals cancel each other: there is no direction between opposite ones.
+    Normals that cancel each other give the flat normal too: there is no direction between opposite ones.
     """
     assert scene.surface.vertex_normals is not None
     normal = where.interpolated(scene.surface.vertex_normals)
@@ -70,7 +70,7 @@ def smooth_normals(scene: Scene, where: Places, flat: Floats) -> Floats:
 
 
 def albedo(scene: Scene, where: Places, effects: Collection[Effect]) -> Floats | float:
-    """Return (N, 3) vertex color times texture, each one where there is none; a plain one without either."""
+    """Return (N, 3) vertex color times texture, with 1 in place of each that is absent; 1 without both."""
     color: Floats | float = 1.0
     surface = scene.surface
     if Effect.VERTEX_COLORS in effects:

@@ -1,7 +1,7 @@
 """Phong on true hits, in double precision, with the true eye vector and no flips at all.
 
-CONVENTIONS.md, "Light", has the model in words. Nothing here knows of two cameras: the eye vector is -d
-of the pixel's own line on both sides of the plate, and the normal is turned to it.
+CONVENTIONS.md, "Light", states the formula. Shading does not distinguish the two cameras: the eye vector
+is -d of the pixel's own line on both sides of the plate, and the normal is turned to it.
 """
 
 from __future__ import annotations
@@ -17,24 +17,27 @@ from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.scene import Scene
 
-COLORFUL = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
+COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
+"""Effects that can make a gray material colored."""
+
 TERMS = ("ambient", "diffuse", "specular", "reflectivity")
+"""Names of a material's coefficients."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hits:
-    """Surface points to be shaded.
+    """Surface points that are shaded.
 
     Attributes
     ----------
     triangle
-        (N,) numbers.
+        (N,) triangle numbers.
     normal
         (N, 3) unit normals of the triangles, by the winding.
     position
-        (N, 3) scene units.
+        (N, 3) points, scene units.
     direction
-        (N, 3) d of each one's line, of any length, from the viewer to the back.
+        (N, 3) direction d of each point's line, of any length, from the viewer to the back.
     """
 
     triangle: Numbers
@@ -45,18 +48,18 @@ class Hits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Surface:
-    """What the lights meet at each point.
+    """The surface as the lights meet it at each point.
 
     Attributes
     ----------
     normal
-        (N, 3) unit vectors to shade with, by the winding.
+        (N, 3) unit normals for shading, by the winding.
     turn
-        (N,) 1 or -1: times this, the normal is turned to the viewer.
+        (N,) factors 1 or -1 that turn the normals to the viewer.
     direction, shrink
-        (N, 3) d of the lines and (N,) what makes them unit vectors: the eye vector is - shrink d.
+        (N, 3) directions d of the lines, and (N,) 1 / |d|: the eye vector is - shrink d.
     albedo
-        (N, 3), or one.
+        (N, 3) albedo, or the number 1.
     material
         (N,) index of the material, or None where there is only one.
     """
@@ -75,15 +78,15 @@ class Shader:
     Parameters
     ----------
     scene
-        Its materials, lights, environment, normals, colors and textures.
+        Scene with materials, lights, environment, normals, colors and textures.
     effects
-        What is evaluated; None for what the scene calls for. The cameras among them mean nothing
-        here: which surface a pixel shows has been decided.
+        Effects that are evaluated; None for those that the scene calls for. The cameras among them are not
+        used, for the surface that a pixel shows has been decided.
 
     Attributes
     ----------
     effects
-        What is evaluated.
+        Effects that are evaluated.
     """
 
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
@@ -106,8 +109,8 @@ class Shader:
         colors = [light.color for light in appearance.lights]
         colors += [getattr(material, term) for material in materials for term in TERMS]
         gray = all(len(set(color)) == 1 for color in colors)
-        # Where all is gray one channel says all, by the same arithmetic.
-        self._channels = 1 if gray and not (self._interpolated & COLORFUL or self._reflects) else 3
+        # Where all is gray, one channel is computed, by the same arithmetic.
+        self._channels = 1 if gray and not (self._interpolated & COLOR_EFFECTS or self._reflects) else 3
         self._coefficients = {
             term: np.array([getattr(m, term) for m in materials]).reshape(-1, 3)[:, : self._channels]
             for term in TERMS
@@ -140,7 +143,7 @@ class Shader:
                 normal = smooth_normals(scene, where, normal)
         return _Surface(
             normal=normal,
-            # By the side of the triangle that is seen, not by that of a smoother normal.
+            # The side that is seen is that of the triangle, not that of a smoother normal.
             turn=np.where(_dot(hits.normal, hits.direction) > 0, -1.0, 1.0),
             direction=hits.direction,
             shrink=1.0 / np.sqrt(_dot(hits.direction, hits.direction)),
@@ -157,7 +160,7 @@ class Shader:
             color += diffuse * np.maximum(cosine, 0.0)[:, None]
         if Effect.SPECULAR in self.effects:
             toward_eye = -surface.shrink * (surface.direction @ toward)
-            # Rounding takes cosines beyond one, and large exponents what is beyond to infinity.
+            # A cosine rounded to more than one would overflow under a large exponent.
             along = np.minimum(2.0 * facing * cosine - toward_eye, 1.0)
             highlight = np.zeros(len(along))
             exponent = self._exponents[0 if surface.material is None else surface.material]

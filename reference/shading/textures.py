@@ -21,7 +21,7 @@ def texture_color(texture: Bytes, uv: Floats) -> Floats:
     texture
         (H, W, 4) sRGB, row 0 at the top; alpha is ignored.
     uv
-        (N, 2) in pictures: u to the right, v up, repeated beyond 0 to 1.
+        (N, 2) coordinates in units of the picture: u to the right, v up, repeated beyond 0 to 1.
     """
     height, width = texture.shape[:2]
 
@@ -37,9 +37,9 @@ def bilinear(texel: Callable[[Indices, Indices], Floats], down: Floats, right: F
     Parameters
     ----------
     texel
-        Gives (N, 3) of rows and columns, which may lie beyond the picture by one or more.
+        Function that returns the texels (N, 3) of rows and columns, which may lie outside the picture.
     down, right
-        (N,) in texels from the picture's top left corner: centers lie at halves.
+        (N,) places in texels from the picture's top left corner; texel centers lie at halves.
     """
     row, column = np.floor(down - 0.5), np.floor(right - 0.5)
     below, beside = (down - 0.5 - row)[:, None], (right - 0.5 - column)[:, None]

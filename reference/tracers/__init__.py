@@ -1,11 +1,12 @@
 """Ray tracers as second opinions, and as judges of what is hidden.
 
-embree          Embree as tracer: which triangle does a ray meet first? Single precision, robust mode
-entry           Where to start a float32 ray: not far away, for every digit of its origin is spent on
-                distance
+bare_mitsuba    Mitsuba's bare intersection of rays that lie on the device: what a certified truth is
+                raced against
+embree          Embree as tracer: the first triangle of each ray, in single precision and robust mode
+entry           Origins of float32 rays close to the scene, because a distant origin loses digits
 mitsuba_tracer  Mitsuba as tracer: a second, independent proposal, on all processors or a GPU
-proposals       What the tracer alone would have shown: the second opinion on every pixel
-sensor          The crossed frustum as a Mitsuba sensor: for any Mitsuba scene, and any integrator
-tracer          What a ray tracer has to answer here, and what scale it may answer in
-visibility      Does the true frustum see a given surface point, or is something else in front of it?
+proposals       The image that the tracer alone would have shown: the second opinion on every pixel
+sensor          The crossed frustum as a Mitsuba sensor, for any Mitsuba scene and any integrator
+tracer          The interface of ray tracers, and the scale in which they are given a scene
+visibility      Surface points that the true frustum does not see, because another surface hides them
 """

@@ -1,7 +1,7 @@
-"""Embree as tracer: which triangle does a ray meet first? Single precision, robust mode.
+"""Embree as tracer: the first triangle of each ray, in single precision and robust mode.
 
-What it answers is a proposal. Positions are computed from the triangle in double precision, and
-`certify` decides whether the proposal stands.
+The answer is a proposal. Positions are computed from the triangle in double precision, and
+`certify` decides whether the proposal is right.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 RAYS_PER_CALL = 1 << 16
-"""Embree's binding traces one call on one thread and releases the interpreter lock meanwhile."""
+"""Rays of one call. Embree's binding traces a call on one thread, without the interpreter lock, so that
+several calls run on several threads."""
 
 
 class EmbreeTracer:
@@ -29,7 +30,7 @@ class EmbreeTracer:
     Parameters
     ----------
     scene
-        Its triangles keep their numbers.
+        Scene whose triangle numbers are returned.
     """
 
     name = "embree"
@@ -49,12 +50,7 @@ class EmbreeTracer:
         """Name and version of the tracer, for reports."""
         return {"embreex": version("embreex")}
 
-    def first_hits(
-        self,
-        origins: Floats,
-        directions: Floats,
-        until: Floats | None = None,
-    ) -> Numbers:
+    def first_hits(self, origins: Floats, directions: Floats, until: Floats | None = None) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._empty or len(origins) == 0:

@@ -1,4 +1,4 @@
-"""Where to start a float32 ray: not far away, for every digit of its origin is spent on distance."""
+"""Origins of float32 rays close to the scene, because a distant origin loses digits."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 
 CLEARANCE = 2.0**-6
-"""Distance kept from the scene's box, as a share of its diagonal: far more than float32 rounds."""
+"""Distance of the origins from the scene's box, as a share of its diagonal: far more than float32 rounds."""
 
 
 def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) -> Floats:
-    """Return a point on each line center + s d before everything that it meets with s >= first.
+    """Return a point on each line center + s d before every triangle that it meets at s >= first.
 
-    That is s = `first`, or a little before the line enters the scene's bounding box if that is
-    later: the lines of a steep frustum come from far outside of it.
+    The point has s = `first`, or lies a little before the line enters the scene's bounding box if that is
+    later: the lines of a steep frustum come from far outside of the box.
 
     Parameters
     ----------
     scene
-        What may be met.
+        Scene with the triangles.
     center
         (3,) the lines' common point.
     directions
-        (N, 3) d of each line, whose z is -1.
+        (N, 3) direction d of each line, with z = -1.
     first
-        The smallest s that counts.
+        Smallest s that counts.
     """
     if not len(scene.vertices):
         return center + first * directions
@@ -40,7 +40,8 @@ def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) 
         along = np.ascontiguousarray(directions[:, axis])
         side = np.where(along > 0, low[axis], high[axis]) - center[axis]
         with np.errstate(over="ignore"):
-            # A line along the box's sides enters between them nowhere, or everywhere.
+            # A line parallel to these two sides of the box lies between them everywhere or nowhere: they
+            # do not bound s.
             s = np.maximum(s, np.divide(side, along, out=np.full(len(s), -np.inf), where=along != 0))
     # A line beside the box meets nothing, wherever it starts.
     s = np.maximum(np.where(np.isfinite(s), s, front), first)

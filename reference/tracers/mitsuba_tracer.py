@@ -1,7 +1,7 @@
 """Mitsuba as tracer: a second, independent proposal, on all processors or a GPU.
 
-In the scalar variant, the fallback without LLVM, every ray is a call from Python: right, but
-some twenty times slower.
+The scalar variant, which is the fallback without LLVM, makes a call from Python for every ray: its
+answers are the same, but it is some twenty times slower.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.model.scene import Scene
 
 RAYS_PER_CALL = 1 << 20
-"""Bounds the memory: some 100 bytes per ray."""
+"""Rays of one call. This bounds the memory, some 100 bytes per ray."""
 
 
 class MitsubaTracer:
-    """A scene's acceleration structure, built once, robust where it is Embree's.
+    """A scene's acceleration structure in Mitsuba, built once; robust where Embree builds it.
 
     Parameters
     ----------
     scene
-        Its triangles keep their numbers.
+        Scene whose triangle numbers are returned.
     """
 
     name = "mitsuba"
@@ -34,28 +34,20 @@ class MitsubaTracer:
     def __init__(self, scene: Scene) -> None:
         self._backend = backend()
         mi = self._backend.mitsuba
-        # Kept, so that this tracer outlives a change of Mitsuba's variant.
+        # The classes are kept, so that this tracer outlives a change of Mitsuba's variant.
         self._ray, self._point, self._vector = mi.Ray3f, mi.Point3f, mi.Vector3f
         self._int, self._float = mi.Int, mi.Float
         self._scale = unit_scale(scene.vertices)
         self._scene = None
         if len(scene.faces):
-            mesh = triangle_mesh("scene", scene.vertices * self._scale, scene.faces)
-            self._scene = mi.load_dict(
-                {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
-            )
+            self._scene = robust_scene(scene, self._scale)
 
     @property
     def versions(self) -> dict[str, str]:
         """Name and version of the tracer, its variant and its LLVM, for reports."""
         return self._backend.versions
 
-    def first_hits(
-        self,
-        origins: Floats,
-        directions: Floats,
-        until: Floats | None = None,
-    ) -> Numbers:
+    def first_hits(self, origins: Floats, directions: Floats, until: Floats | None = None) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._scene is None:
@@ -84,7 +76,7 @@ class MitsubaTracer:
         assert self._scene is not None
         trace = self._scene.ray_intersect_preliminary
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
-        # One ray after the other: as objects, all of them would be a hundred times as large.
+        # One ray at a time: as Python objects, all rays together would take a hundred times the memory.
         for i in range(len(origins)):
             ray = self._ray(origins[i].tolist(), directions[i].tolist())
             if ends is not None:
@@ -95,11 +87,21 @@ class MitsubaTracer:
         return hits
 
 
+def robust_scene(scene: Scene, scale: float) -> Any:
+    """Return a `mi.Scene` of all triangles, scaled, in Embree's robust mode where Embree traces."""
+    mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)
+    return backend().mitsuba.load_dict(
+        {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
+    )
+
+
 def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None = None) -> Any:
     """Return a `mi.Mesh` whose primitive numbers are the rows of `faces`.
 
     Parameters
     ----------
+    name
+        Name of the mesh in Mitsuba.
     vertices, faces
         (V, 3) and (F, 3), F at least 1; Mitsuba keeps the vertices in float32.
     bsdf

@@ -1,4 +1,4 @@
-"""What the tracer alone would have shown: the second opinion on every pixel."""
+"""The image that the tracer alone would have shown: the second opinion on every pixel."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.planes import plane_places, triangle_normals
 from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.tracer import Tracer
-from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
 
@@ -21,17 +22,18 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
     Parameters
     ----------
     tracer
-        In float32.
+        Tracer of the scene, in float32.
     scene
-        What may be met.
+        Scene with the triangles.
     pencils
-        At least one crossed frustum; all are as large.
+        Crossed frusta, at least one, all of the same resolution.
     rows
         Rows of each image.
 
     Returns
     -------
-    (P, rows, W) triangle numbers, `NOTHING` where the first hit lies beyond the reach or there is none.
+    numbers
+        (P, rows, W) triangle numbers, `NOTHING` where there is no hit or the first lies beyond the reach.
     """
     some = slice(rows.start, rows.stop)
     lines = [pencil.directions(some).reshape(-1, 3) for pencil in pencils]
@@ -41,32 +43,29 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
     ]
     hits = tracer.first_hits(np.concatenate(origins), np.concatenate(lines)).reshape(len(pencils), -1)
     for pencil, directions, own in zip(pencils, lines, hits, strict=True):
-        # Tracers know no far end here; whether a first hit lies beyond it is plain geometry.
+        # The tracer was given no far end: the planes of the triangles tell which hits lie beyond the reach.
         met = own != NOTHING
-        corners = scene.triangles[own[met]]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        slope = np.einsum("ij,ij->i", normals, directions[met])
-        offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            beyond = offset / slope > pencil.s_range[1]
+        beyond = _first_places(scene, pencil, own[met], directions[met]) > pencil.s_range[1]
         own[met] = np.where(beyond, NOTHING, own[met])
     return hits.reshape(len(pencils), len(rows), -1)
 
 
 def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:
-    """Return what a tracer proposes as if it were decided: the places are those of the triangles' planes."""
+    """Return a tracer's proposal in the form of a decision; places are those of the triangles' planes."""
     (triangle,) = proposed(tracer, scene, [pencil], rows)
     directions = pencil.directions(slice(rows.start, rows.stop))
     s = np.full(triangle.shape, np.nan)
     met = triangle != NOTHING
-    corners = scene.triangles[triangle[met]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    offset = np.einsum("ij,ij->i", normals, corners[:, 0] - np.asarray(pencil.center))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s[met] = offset / np.einsum("ij,ij->i", normals, directions[met])
+    s[met] = _first_places(scene, pencil, triangle[met], directions[met])
     return FirstSurfaces(
         triangle=triangle,
         s=s,
         certainty=np.full(triangle.shape, Certainty.UNEXAMINED, dtype=np.uint8),
         companions=np.zeros((0, 3), dtype=np.int64),
     )
+
+
+def _first_places(scene: Scene, pencil: Pencil, triangle: Numbers, directions: Floats) -> Floats:
+    """Return s at which lines (N, 3) of a pencil meet the planes of the triangles with numbers (N,)."""
+    corners = scene.triangles[triangle]
+    return plane_places(corners, triangle_normals(corners), np.asarray(pencil.center), directions)

@@ -1,4 +1,4 @@
-"""The crossed frustum as a Mitsuba sensor: for any Mitsuba scene, and any integrator.
+"""The crossed frustum as a Mitsuba sensor, for any Mitsuba scene and any integrator.
 
     register_sensor()
     scene = mi.load_dict({
@@ -8,10 +8,10 @@
     })
     image = mi.render(scene, integrator=mi.load_dict({"type": "path", "hide_emitters": True}))
 
-In words, as a dictionary or in XML: `crossed_frustum` takes `aperture` (a point), `shear_x`,
-`shear_y` (k), `half_extent_x`, `half_extent_y` (t), `reach_viewer` and `reach_back` (scene units),
-a film and a sampler. Film row 0 is at the top; +z points to the viewer; there is no `to_world`.
-Mitsuba computes in single precision: a line is off by some 1e-7 of the reach.
+In a dictionary or in XML, `crossed_frustum` takes `aperture` (a point), `shear_x`, `shear_y` (k),
+`half_extent_x`, `half_extent_y` (t), `reach_viewer` and `reach_back` (scene units), a film and a
+sampler. Film row 0 is at the top; +z points to the viewer; there is no `to_world`. Mitsuba computes in
+single precision: a line is off by some 1e-7 of the reach.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ PLUGIN = "crossed_frustum"
 """The sensor's name in Mitsuba scenes."""
 
 DIFFUSE = "face_diffuse"
-"""The mesh attribute with each triangle's diffuse color."""
+"""Name of the mesh attribute with each triangle's diffuse color."""
 
 
 def register_sensor() -> None:
-    """Make the plugin known to Mitsuba, in the variant in use; more than once does no harm."""
+    """Make the plugin known to Mitsuba, in the variant in use; calling this again does no harm."""
     _registered(backend().variant)
 
 
@@ -65,7 +65,7 @@ def sensor_parameters(scene: Scene, aperture: Aperture) -> dict[str, Any]:
 
 
 def mitsuba_scene(scene: Scene) -> dict[str, Any]:
-    """Return the triangles as a Mitsuba scene, to be completed with sensor and light, and loaded.
+    """Return the triangles as a Mitsuba scene; the caller adds sensor and light, and loads it.
 
     All objects are one mesh, two-sided, in the diffuse colors of their materials: the primitive number
     of a hit, in the `aov` integrator or in `ray_intersect`, is the scene's triangle number.
@@ -100,7 +100,7 @@ def _registered(variant: str) -> type:
             self.half_extent = mi.Vector2f(props["half_extent_x"], props["half_extent_y"])
             self.reach = (mi.Float(props["reach_viewer"]), mi.Float(props["reach_back"]))
             self.point = mi.ScalarPoint3f(props["aperture"])
-            # Opaque: values that differ from aperture to aperture must not compile another kernel.
+            # Opaque, so that another aperture's values do not compile another kernel.
             dr.make_opaque(self.aperture, self.shear, self.half_extent, self.reach)
             sizes = ("half_extent_x", "half_extent_y", "reach_viewer", "reach_back")
             if min(props[name] for name in sizes) <= 0:
@@ -169,7 +169,7 @@ def _registered(variant: str) -> type:
             """Return the viewer's end, unit direction and length of a film position's line."""
             start, window = self._window()
             x, y = position.x * window.x + start.x, position.y * window.y + start.y
-            # Mitsuba's film has its origin at the top left, u and v theirs at the center, v up.
+            # Positions on Mitsuba's film count from the top left; u and v count from the center, v up.
             slope_x = self.shear.x + (2.0 * x - 1.0) * self.half_extent.x
             slope_y = self.shear.y + (1.0 - 2.0 * y) * self.half_extent.y
             d = mi.Vector3f(slope_x, slope_y, -1.0)

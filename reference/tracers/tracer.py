@@ -1,4 +1,4 @@
-"""What a ray tracer has to answer here, and what scale it may answer in."""
+"""The interface of ray tracers, and the scale in which they are given a scene."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from xfrustum.scenes.arrays import Floats, Numbers
 
 
 class Tracer(Protocol):
-    """A scene's triangles, ready to be met by rays.
+    """A scene's triangles in a ray tracer.
 
-    What it answers is a proposal, in whatever precision it has: `certify` knows no tracer.
+    The answers are proposals, in the tracer's own precision: `certify` knows no tracer.
     """
 
     name: str
@@ -21,12 +21,7 @@ class Tracer(Protocol):
     def versions(self) -> dict[str, str]:
         """Names and versions for reports."""
 
-    def first_hits(
-        self,
-        origins: Floats,
-        directions: Floats,
-        until: Floats | None = None,
-    ) -> Numbers:
+    def first_hits(self, origins: Floats, directions: Floats, until: Floats | None = None) -> Numbers:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 
         Parameters
@@ -34,15 +29,15 @@ class Tracer(Protocol):
         origins, directions
             (N, 3) scene units; directions need no unit length.
         until
-            (N,) how far each ray goes, in lengths of its direction; None for no end.
+            (N,) end of each ray, in lengths of its direction; None for rays without end.
         """
 
 
 def unit_scale(vertices: Floats) -> float:
     """Return the power of two that brings a scene to about unit size.
 
-    Embree has absolute constants near the limits of float32; a power of two moves no bit of
-    any mantissa, so that the picture does not depend on the unit of length.
+    Embree has absolute constants near the limits of float32. A power of two changes no bit of a
+    mantissa, so that the picture does not depend on the unit of length.
     """
     size = float(np.abs(vertices).max(initial=0.0))
     return float(2.0 ** -np.floor(np.log2(size))) if size > 0 else 1.0

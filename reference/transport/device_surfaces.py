@@ -1,7 +1,7 @@
-"""Points of surfaces where light paths are computed, in double precision: only rays are in single.
+"""Points of surfaces on the device that computes light paths, in double precision.
 
-What `shading` and `interpolation` say with NumPy is said here a second time, on purpose: each checks the
-other. CONVENTIONS.md, "Light", has the model.
+Only rays are in single precision. The formulas are those of `shading` and `interpolation`, written a second
+time on purpose: each checks the other. CONVENTIONS.md, "Light", states them.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.transport.device_tables import Table, Textures
 from xfrustum.scenes.model.scene import Scene
 
-TINY = 2.0**-1000
-"""In place of the squared area of a triangle that has none."""
+MIN_SQUARED_AREA = 2.0**-1000
+"""Smallest squared area that is divided by: it takes the place of that of a triangle without area."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,14 +26,14 @@ class Point:
     Attributes
     ----------
     position
-        Where it is.
+        The point, in scaled scene units.
     side, normal, eye
-        Unit vectors: the triangle's own normal and the one to shade with, both turned to the side
-        that is seen, and the direction that it is seen from.
+        Unit vectors: the triangle's own normal and the normal for shading, both turned to the side
+        that is seen, and the eye vector.
     albedo
         Vertex color times texture.
     object
-        Its number.
+        Object number.
     """
 
     position: Any
@@ -55,9 +55,9 @@ class Surfaces:
     Parameters
     ----------
     scene
-        What is there.
+        Scene with the triangles.
     scale
-        Lengths are multiplied by this.
+        Factor by which lengths are multiplied.
     """
 
     def __init__(self, scene: Scene, scale: float) -> None:
@@ -70,11 +70,11 @@ class Surfaces:
         self._vertex_normals, self._vertex_colors = (
             None if getattr(surface, name) is None else Table(getattr(surface, name)) for name in names
         )
-        self._textures = None
+        self._textures: tuple[Textures, Table] | None = None
         if surface.texture_of_triangle is not None and surface.uv is not None:
-            self._textures = Textures(surface.textures, surface.texture_of_triangle)
-            # Rows of three, as all vectors here.
-            self._uv = Table(np.pad(surface.uv, ((0, 0), (0, 1))))
+            pictures = Textures(surface.textures, surface.texture_of_triangle)
+            # Texture coordinates are padded to rows of three, as all vectors of a `Table` are.
+            self._textures = pictures, Table(np.pad(surface.uv, ((0, 0), (0, 1))))
 
     def point(self, triangle: Any, origin: Any, direction: Any) -> Point:
         """Return where lines meet the planes of triangles, as seen against the lines' directions.
@@ -82,7 +82,7 @@ class Surfaces:
         Parameters
         ----------
         triangle
-            Its number.
+            Number of the triangle.
         origin, direction
             The line; the direction has any length.
         """
@@ -94,9 +94,9 @@ class Surfaces:
         turn = dr.select(slope > 0.0, -1.0, 1.0)
         met = origin + direction * (dr.dot(flat, a - origin) / dr.select(slope == 0.0, 1.0, slope)) - a
 
-        # Kept on the triangle, which a float32 ray that grazes it may meet where the line does not.
+        # The point is kept on the triangle: a float32 ray may graze a triangle that the line misses.
         plane = dr.cross(b - a, c - a)
-        inverse = 1.0 / dr.maximum(dr.squared_norm(plane), TINY)
+        inverse = 1.0 / dr.maximum(dr.squared_norm(plane), MIN_SQUARED_AREA)
         of_b = dr.clip(dr.dot(plane, dr.cross(met, c - a)) * inverse, 0.0, 1.0)
         of_c = dr.clip(dr.dot(plane, dr.cross(b - a, met)) * inverse, 0.0, 1.0 - of_b)
         weights = (1.0 - of_b - of_c, of_b, of_c)
@@ -108,13 +108,14 @@ class Surfaces:
         normal, albedo = flat, mi.Vector3d(1.0)
         if self._vertex_normals is not None:
             smooth = between(self._vertex_normals)
-            # Not where a corner has none, which is NaN, nor where they cancel each other.
+            # The flat normal where a corner has none, which makes the sum NaN, and where normals cancel.
             found = dr.squared_norm(smooth) > 0.0
             normal = dr.normalize(dr.select(found, smooth, flat))
         if self._vertex_colors is not None:
             albedo = albedo * between(self._vertex_colors)
         if self._textures is not None:
-            albedo = albedo * self._textures.color(triangle, between(self._uv))
+            pictures, uv = self._textures
+            albedo = albedo * pictures.color(triangle, between(uv))
         return Point(
             position=a + of_b * (b - a) + of_c * (c - a),
             side=turn * flat,

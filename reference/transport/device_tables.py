@@ -1,4 +1,7 @@
-"""Tables and pictures where light paths are computed: Dr.Jit's arrays, or an entry at a time without."""
+"""Tables and pictures on the device that computes light paths.
+
+They are Dr.Jit's arrays or, in Mitsuba's scalar variant, entries that are picked one at a time.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +20,21 @@ from xfrustum.scenes.arrays import Bytes, Numbers
 class Table:
     """Numbers, or rows of three, looked up by index.
 
-    Dr.Jit gathers from NumPy's memory, whose alignment then does not matter to compiled kernels. The
-    scalar variant of Mitsuba knows no gather, and picks.
+    Dr.Jit gathers from NumPy's memory; gathers compile to the same kernel whatever its alignment. The
+    scalar variant of Mitsuba has no gather, and indexes NumPy's array.
     """
 
     def __init__(self, entries: NDArray[Any]) -> None:
         self._entries = np.ascontiguousarray(entries).ravel()
-        if not backend().scalar:
-            mi = backend().mitsuba
-            kinds = {"float64": mi.Float64, "float32": mi.Float32, "int32": mi.Int32, "uint32": mi.UInt32}
-            self._array = kinds[str(self._entries.dtype)](self._entries)
+        self._array = None if backend().scalar else self._on_device()
+
+    def _on_device(self) -> Any:
+        mi = backend().mitsuba
+        kinds = {"float64": mi.Float64, "float32": mi.Float32, "int32": mi.Int32, "uint32": mi.UInt32}
+        return kinds[str(self._entries.dtype)](self._entries)
 
     def number(self, index: Any) -> Any:
-        """Return an entry, rows counted entry by entry."""
+        """Return an entry; the index counts all entries of all rows."""
         if backend().scalar:
             return self._entries[index].item()
         return backend().drjit.gather(type(self._array), self._array, index)
@@ -44,7 +49,7 @@ class Table:
 
 
 class Textures:
-    """All pictures in one piece, four bytes a texel.
+    """All pictures in one table, four bytes a texel.
 
     Parameters
     ----------
@@ -65,7 +70,7 @@ class Textures:
         self._linear = Table(LINEAR)
 
     def color(self, triangle: Any, uv: Any) -> Any:
-        """Return linear RGB at texture coordinates, x and y of a vector; one where there is no texture."""
+        """Return linear RGB at texture coordinates, x and y of a vector; 1 where there is no texture."""
         mi, dr = backend().mitsuba, backend().drjit
         number = self._of_triangle.number(triangle)
         textured = number >= 0
@@ -90,7 +95,7 @@ class Surroundings:
         self._texels = Table(environment.radiance)
 
     def radiance(self, direction: Any) -> Any:
-        """Return linear RGB of what lies in a direction, of any length."""
+        """Return the environment's linear RGB in a direction, of any length."""
         dr = backend().drjit
 
         def texel(row: Any, column: Any) -> Any:

@@ -1,15 +1,15 @@
-"""Light that comes from a surface point: directly, or by way of others, with shadows where asked for.
+"""Light that comes from a surface point, directly or by way of others, with shadows or without.
 
-The surfaces are those of CONVENTIONS.md, "Light". A light of color I has the irradiance pi I on what faces
-it, so that a diffuse surface of coefficient d and albedo a scatters the share d a of what falls on it, and
-shows d a / pi of its irradiance. Hence, with interreflection:
+The surfaces are those of CONVENTIONS.md, "Light". A light of color I has the irradiance pi I on a surface
+that faces it, so that a diffuse surface of coefficient d and albedo a scatters the share d a of the incident
+light, and shows d a / pi of its irradiance. Hence, with interreflection:
 
 * diffuse light adds d a times the mean of the radiance that arrives over the hemisphere, by cosine;
 * a mirror shows the surface that lies in the mirrored direction, and the environment only where none does;
-* highlights are of lights alone; what is arriving is the whole radiance of a surface: ambient, diffuse,
-  highlights, reflection. The ambient term stays the constant that it is, as if the surface glowed.
+* only lights make highlights; light from another surface is its whole radiance: ambient, diffuse, highlights,
+  reflection. The ambient term stays constant, as if the surface glowed.
 
-Surfaces beyond the reach are not imaged, but they are there: they cast shadows and send light.
+Surfaces beyond the reach are not imaged, but they cast shadows and send light.
 """
 
 from __future__ import annotations
@@ -31,20 +31,22 @@ SINGLE = 2.0**-24
 """Unit roundoff of float32."""
 
 CLEARANCE = 64
-"""Roundings of the scene's largest coordinate by which rays start off their surface, to the side that
-is seen, so that it does not hide itself. Rounding corners, and the start, to float32 moves the one against
-the other by up to 2 sqrt(3); which side of its plane a ray starts on, Embree computes from corners
-relative to the start, up to 2 sqrt(3) long, with 6 roundings: 25 in all, and 64 has a factor of two to
-spare. A shadow that begins nearer to its caster than this is lost: some 4e-6 of the scene's size."""
+"""Distance by which rays start off their surface, in roundings of the scene's largest coordinate, to the side
+that is seen, so that a surface does not hide itself. Rounding a triangle's corners and the start to float32
+moves them against each other by up to 2 sqrt(3). From corners relative to the start, up to 2 sqrt(3) long,
+Embree computes the side of the plane that a ray starts on with 6 roundings. That makes 25 in all, and 64
+leaves a factor of two. A shadow that begins nearer to its caster than this is lost: some 4e-6 of the scene's
+size."""
 
-ROULETTE_AFTER, LIKELIEST = 3, 0.95
-"""Bounces that every path may make, and the largest chance to go on after them."""
+FREE_BOUNCES, MAX_CHANCE = 3, 0.95
+"""Bounces that every path may make, and the largest chance to go on after them (Russian roulette)."""
 
-SMALLEST_LOGARITHM = -700.0
-"""Powers below its exponential, 1e-304, are zero: float64 ends at 1e-308."""
+MIN_LOGARITHM = -700.0
+"""Logarithm below which a power is taken as zero: it is 1e-304, and float64 ends at 1e-308."""
 
-LONGEST_PATH = 128
-"""Bounces. Light that is scattered more often is left out: of albedo 0.9, 1e-6 of what there is."""
+MAX_BOUNCES = 128
+"""Largest number of bounces. Light that is scattered more often is left out; at albedo 0.9 that is 1e-6 of
+all light."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,12 +61,12 @@ class _Coefficients:
 
 
 class LightPaths:
-    """A scene that light paths run through, in Mitsuba's hands.
+    """A scene in Mitsuba, and the light paths through it.
 
     Parameters
     ----------
     scene
-        With at least one triangle.
+        Scene with at least one triangle.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -102,13 +104,13 @@ class LightPaths:
         Parameters
         ----------
         found
-            What `first` returned.
+            Triangle numbers, and whether there is one, as `first` returns them.
         line
-            Origin and direction in double precision, scaled, along which the surface is seen.
+            Origin and direction of the line along which the surface is seen, in double precision, scaled.
         transport
-            What is simulated.
+            Light transport that is simulated.
         sampler
-            Seeded.
+            Mitsuba's sampler, seeded.
         """
         mi, dr = backend().mitsuba, backend().drjit
         triangle, active = found
@@ -122,8 +124,8 @@ class LightPaths:
             light = light + dr.select(active, share * self._shown(point, transport, active), 0.0)
             direction, weight, active = self._scattered(point, sampler, active)
             share = share * weight
-            chance = dr.select(count < ROULETTE_AFTER, 1.0, dr.minimum(dr.max(share), LIKELIEST))
-            active = active & (mi.Float64(sampler.next_1d()) < chance) & (count + 1 < LONGEST_PATH)
+            chance = dr.select(count < FREE_BOUNCES, 1.0, dr.minimum(dr.max(share), MAX_CHANCE))
+            active = active & (mi.Float64(sampler.next_1d()) < chance) & (count + 1 < MAX_BOUNCES)
             share = dr.select(active, share / dr.select(active, chance, 1.0), 0.0)
             line = (point.position + self._offset * point.side, direction)
             triangle, active = self.first(self._ray(*line), active)
@@ -133,7 +135,7 @@ class LightPaths:
         return dr.while_loop(start, lambda *state: state[-1], bounce)[-2]
 
     def _shown(self, point: Point, transport: Transport, active: Any) -> Any:
-        """Return the radiance of a point toward its eye but for the light of other surfaces."""
+        """Return the radiance of a point along its eye vector, without the light of other surfaces."""
         mi, dr = backend().mitsuba, backend().drjit
         material, index = self._material, point.object
         diffuse = material.diffuse.vector(index) * point.albedo
@@ -148,7 +150,8 @@ class LightPaths:
             highlight = power(dr.maximum(dr.dot(mirrored, toward), 0.0), exponent)
             lit = active & (cosine > 0.0)
             if transport.shadows:
-                # Light under its own triangle, by a smooth normal, is not hidden by that triangle.
+                # A light that a smooth normal faces, but that lies under the triangle's own plane, is not
+                # hidden by that triangle.
                 under = dr.dot(point.side, toward) <= 0.0
                 lit = lit & (under | self._sees(point, toward, lit))
             shown = mi.Vector3d(*light.color) * (diffuse * cosine + specular * highlight)
@@ -156,21 +159,22 @@ class LightPaths:
         if self._surroundings is not None:
             reflected = material.reflectivity.vector(index) * self._surroundings.radiance(mirrored)
             if transport.interreflection:
-                # A mirrored direction under its own triangle, by a smooth normal, is not followed.
+                # A mirrored direction that lies under the triangle's own plane, because of a smooth
+                # normal, is not followed.
                 under = dr.dot(point.side, mirrored) <= 0.0
                 reflected = dr.select(under | self._sees(point, mirrored, active), reflected, 0.0)
             radiance = radiance + reflected
         return radiance
 
     def _sees(self, point: Point, direction: Any, active: Any) -> Any:
-        """Return whether nothing hides a direction, be it the point's own triangle."""
+        """Return whether nothing hides a direction from a point, not even the point's own triangle."""
         dr = backend().drjit
         active = active & (dr.dot(point.side, direction) > 0.0)
         ray = self._ray(point.position + self._offset * point.side, direction)
         return active & ~self._scene.ray_test(ray, active)
 
     def _scattered(self, point: Point, sampler: Any, active: Any) -> tuple[Any, Any, Any]:
-        """Choose where to look for light of other surfaces: its direction and weight, and whether to look."""
+        """Return a random direction to look for light of other surfaces, its weight, and whether to look."""
         mi, dr = backend().mitsuba, backend().drjit
         diffuse = self._material.diffuse.vector(point.object) * point.albedo
         mirror = self._material.reflectivity.vector(point.object)
@@ -190,11 +194,12 @@ class LightPaths:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """Return a power of a cosine, at most one: zero where it falls below what doubles hold.
+    """Return a power of a cosine, at most one, and zero where it is too small for a double.
 
-    There Dr.Jit's own power returns minus infinity or NaN; and rounding takes cosines beyond one.
+    Dr.Jit's own power returns minus infinity or NaN for results so small. A cosine that was rounded to more
+    than one counts as one.
     """
     dr = backend().drjit
     base = dr.minimum(base, 1.0)
-    within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > SMALLEST_LOGARITHM)
+    within = (base > 0.0) & (exponent * dr.log(dr.select(base > 0.0, base, 1.0)) > MIN_LOGARITHM)
     return dr.select(within, dr.power(dr.select(within, base, 1.0), exponent), 0.0)

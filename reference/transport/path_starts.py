@@ -1,7 +1,7 @@
-"""Where light paths begin: on the film, where the reference's samples are, and as lines of doubles.
+"""The lines on which light paths begin: those of the reference's samples on the film, as doubles.
 
-The sensor aims rays in float32, to find the surface; what is seen of it is computed along the very line
-that the reference decides.
+The sensor aims rays in float32, which find the surface; its light is computed along the same line in double
+precision that the reference decides.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 class PathStarts:
-    """The lines of one image, each pixel's one of `supersample` x `supersample` at random.
+    """The lines of one image; a path takes one of a pixel's `supersample` x `supersample` lines at random.
 
     Parameters
     ----------
     scene
-        Its frustum and sampling.
+        Scene with the frustum and the sampling.
     aperture
-        The point that the lines pass through.
+        Aperture that the lines pass through.
     scale
-        Lengths are multiplied by this.
+        Factor by which lengths are multiplied.
     """
 
     def __init__(self, scene: Scene, aperture: Aperture, scale: float) -> None:
@@ -44,21 +44,21 @@ class PathStarts:
         width, height = (side * count for count in scene.frustum.resolution)
         fine = replace(crossed_frustum(scene.frustum, aperture), resolution=(width, height))
         self._dx, self._dy = Table(fine.dx), Table(fine.dy)
-        # Opaque: values that differ from image to image must not compile another kernel.
+        # Opaque, so that another image's values do not compile another kernel.
         self._center = [dr.opaque(mi.Float64, scale * part) for part in fine.center]
         self._side, self._width, self._height = (dr.opaque(mi.UInt32, n) for n in (side, width, height))
 
     def seen(self, paths: LightPaths, pixel: Any, sampler: Any) -> tuple[Any, Any]:
-        """Return what `LightPaths.first` says about a random line of a pixel, and that line, scaled.
+        """Return the result of `LightPaths.first` for a random line of a pixel, and that line, scaled.
 
         Parameters
         ----------
         paths
-            The scene.
+            The scene in Mitsuba.
         pixel
-            Rows counted pixel by pixel.
+            Pixel number, row * W + column.
         sampler
-            Seeded.
+            Mitsuba's sampler, seeded.
         """
         mi, dr = backend().mitsuba, backend().drjit
         whole = int if backend().scalar else mi.UInt32

@@ -2,7 +2,7 @@
 
 Paths start where the reference's samples are: in the centers of `supersample` x `supersample` cells of each
 pixel, each path in one of them at random. So the mean over many paths is the mean that `Reference.trace`
-takes, and what differs is light transport, and noise.
+takes; the only differences are light transport and noise.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 PATHS_AT_ONCE = 1 << 20
-"""Bounds the memory, some 200 bytes a path."""
+"""Light paths of one launch. This bounds the memory, some 200 bytes a path."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadianceEstimate:
-    """A picture from random light paths, and how noisy it is.
+    """A picture from random light paths, and its noise.
 
     Attributes
     ----------
     mean
         (H, W, 3) linear RGB.
     variance_of_mean
-        (H, W, 3) of the mean, estimated from its own samples: zero where all of them agree, as where pixels
-        are not supersampled and there is no interreflection.
+        (H, W, 3) variance of the mean, estimated from its own samples: zero where all of them agree, as in
+        pixels that are not supersampled and without interreflection.
     samples
         Paths per pixel.
     """
@@ -52,7 +52,7 @@ class PathTracer:
     Parameters
     ----------
     scene
-        Its materials and lights; its sampling says where paths start.
+        Scene with materials and lights; paths start at the points of its sampling.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -60,7 +60,7 @@ class PathTracer:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Names and versions of what computes the paths, for reports."""
+        """Names and versions of the libraries that compute the paths, for reports."""
         return backend().versions
 
     @cached_property
@@ -73,12 +73,12 @@ class PathTracer:
         Parameters
         ----------
         aperture
-            Its middle alone; of more points, average their estimates.
+            Aperture, of which only the middle is used; for more points, average their estimates.
         transport
-            What is simulated, with how many paths per pixel. Without shadows and interreflection it is
-            the direct light that `Reference.trace` shows.
+            Light transport that is simulated, and the number of paths per pixel. Without shadows and
+            interreflection the result is the direct light that `Reference.trace` shows.
         seed
-            The same seed gives the same paths.
+            Seed of the paths; the same seed gives the same paths.
         """
         width, height = self.scene.frustum.resolution
         mean, variance = np.zeros((height * width, 3)), np.zeros((height * width, 3))
@@ -135,7 +135,7 @@ class _Moments:
 
     @property
     def variance_of_mean(self) -> Floats:
-        """(pixels, 3), unbiased."""
+        """(pixels, 3) unbiased estimate of the variance of the mean."""
         return self._squares / ((self._count - 1) * self._count)
 
 
@@ -145,7 +145,7 @@ def _together(path: Callable[[Any, Any], Any], pixels: range, paths: int, seed: 
     count = len(pixels) * paths
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
-    # Opaque: values that differ from launch to launch must not compile another kernel.
+    # Opaque, so that another launch's values do not compile another kernel.
     first, times = (dr.opaque(mi.UInt32, value) for value in (pixels.start, paths))
     color = path(first + dr.arange(mi.UInt32, count) // times, sampler).numpy()
     return np.asarray(color.T.reshape(len(pixels), paths, 3), dtype=np.float64)

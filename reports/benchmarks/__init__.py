@@ -1,9 +1,15 @@
 """Benchmarks, as ratios within one run.
 
-scaling/  how time and memory grow with triangles, pixels and apertures
-plate     How fast are many hogels at once, next to loops that anybody would write? Hogels per second,
-          and ratios
-table1    Table 1 of the paper, measured here: how many images a second of two databases, both cameras
-          together
-truth     How fast is the truth, next to tracers that prove nothing? Million pixels per second, and ratios
+scaling/           How time and memory grow with triangles, pixels and apertures
+plate              How fast are many hogels at once, next to loops that anybody would write? Hogels per
+                   second, and ratios
+plate_contestants  Contestants for a race over one row of a plate: many hogels at once, and loops that
+                   anybody would write
+records            What the records of several benchmarks have in common
+table1             Table 1 of the paper, measured here: how many images a second of two databases, both
+                   cameras together
+truth              How fast is the truth, next to tracers that prove nothing? Million pixels per second,
+                   and ratios
+truth_contestants  Contestants for a race to the truth: the certified one, and what others would have
+                   called one
 """

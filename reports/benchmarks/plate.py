@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from xfrustum.raster.device.timer import StageTime
-from xfrustum.raster.races.plate_rates import (
+from xfrustum.reports.benchmarks.plate_contestants import (
     BARE,
     BARE_NUMBERED,
     BATCHED,
@@ -16,12 +15,13 @@ from xfrustum.raster.races.plate_rates import (
     MEANINGS,
     PLAIN,
     PLAIN_NUMBERED,
-    contestants,
+    plate_contestants,
 )
+from xfrustum.reports.benchmarks.records import BenchmarkedScene
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Spread, race
+from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -38,23 +38,41 @@ RATIOS = (
     (COLOR, BARE),
     (COLOR, BARE_NUMBERED),
 )
-"""Whose rate is divided by whose."""
+"""Pairs of contestants; the rate of the first is divided by that of the second."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlateBenchmark:
+class PlateRecord:
+    """JSON object of a `PlateBenchmark`."""
+
+    scene: BenchmarkedScene
+    resolution: tuple[int, int]
+    settings: DoubleFrustum
+    row: int
+    hogels: int
+    meanings: dict[str, str]
+    hogels_per_second: dict[str, Timing]
+    ratios: dict[str, float]
+    stages_s: dict[str, dict[str, Timing]]
+    device: str
+    machine: dict[str, str]
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateBenchmark(Summarized[PlateRecord]):
     """The contestants on one row of one plate.
 
     Attributes
     ----------
     scene
-        With the resolution that was drawn.
+        Scene with the resolution that was drawn.
     settings
-        Of the double frustum.
+        Settings of the double frustum.
     row
-        Of the plate; all its apertures were drawn.
+        Row of the plate; all its apertures were drawn.
     seconds
-        By contestant, for the whole row.
+        Wall seconds for the whole row, by contestant.
     stages
         GPU and wall seconds of each stage of `BATCHED`, for the whole row.
     device, machine, versions
@@ -64,13 +82,13 @@ class PlateBenchmark:
     scene: Scene
     settings: DoubleFrustum
     row: int
-    seconds: dict[str, Spread]
-    stages: dict[str, dict[str, Spread]]
+    seconds: dict[str, Timing]
+    stages: dict[str, dict[str, Timing]]
     device: str
     machine: dict[str, str]
     versions: dict[str, str]
 
-    def rate(self, contestant: str) -> Spread:
+    def rate(self, contestant: str) -> Timing:
         """Return hogels per second."""
         hogels, taken = self.scene.plate.hogels[0], self.seconds[contestant]
         return replace(
@@ -82,32 +100,26 @@ class PlateBenchmark:
         """Quotients of median rates as "one/other"."""
         return {f"{one}/{other}": self.rate(one).median / self.rate(other).median for one, other in RATIOS}
 
-    def summary(self) -> dict[str, Any]:
-        """Return everything measured as one JSON object."""
-        ready: dict[str, Any] = json_ready(
-            {
-                "scene": {
-                    "name": self.scene.name,
-                    "hash": self.scene.content_hash,
-                    "triangles": len(self.scene.faces),
-                },
-                "resolution": self.scene.frustum.resolution,
-                "settings": self.settings,
-                "row": self.row,
-                "hogels": self.scene.plate.hogels[0],
-                "meanings": MEANINGS,
-                "hogels_per_second": {name: self.rate(name) for name in self.seconds},
-                "ratios": self.ratios,
-                "stages_s": self.stages,
-                "device": self.device,
-                "machine": self.machine,
-                "versions": self.versions,
-            }
+    @property
+    def record(self) -> PlateRecord:
+        """Everything measured."""
+        return PlateRecord(
+            scene=BenchmarkedScene.of(self.scene),
+            resolution=self.scene.frustum.resolution,
+            settings=self.settings,
+            row=self.row,
+            hogels=self.scene.plate.hogels[0],
+            meanings=MEANINGS,
+            hogels_per_second={name: self.rate(name) for name in self.seconds},
+            ratios=self.ratios,
+            stages_s=self.stages,
+            device=self.device,
+            machine=self.machine,
+            versions=self.versions,
         )
-        return ready
 
 
-def bench_plate(
+def benchmark_plate(
     scene: Scene, resolution: int = RESOLUTION, repeat: int = REPEAT, *, progress: bool = False
 ) -> PlateBenchmark:
     """Race one row of a scene's plate, the middle one.
@@ -115,11 +127,11 @@ def bench_plate(
     Parameters
     ----------
     scene
-        Its own resolution does not matter.
+        Scene to be drawn; its own resolution does not matter.
     resolution
         W = H in pixels.
     repeat
-        How often each contestant runs after it has warmed up.
+        Number of runs of each contestant after it has warmed up.
     progress
         Whether to draw a bar on standard error.
 
@@ -138,26 +150,26 @@ def bench_plate(
     apertures = [sized.plate.aperture(column, row) for column in range(columns)]
     runs_of_all = (repeat + 1) * len(MEANINGS)
     with (
-        contestants(sized, settings, apertures) as (runs, device, measure),
+        plate_contestants(sized, settings, apertures) as contestants,
         progress_bar(runs_of_all, "bench", "row", shown=progress) as bar,
     ):
         return PlateBenchmark(
             scene=sized,
             settings=settings,
             row=row,
-            seconds=race(runs, repeat, bar.update),
-            stages=_stages(measure, repeat),
-            device=device,
+            seconds=race(contestants.runs, repeat, bar.update),
+            stages=_stages(contestants.measure, repeat),
+            device=contestants.device,
             machine=provenance.machine(),
             versions=provenance.versions(),
         )
 
 
-def _stages(measure: Callable[[], Mapping[str, StageTime]], repeat: int) -> dict[str, dict[str, Spread]]:
+def _stages(measure: Callable[[], Mapping[str, StageTime]], repeat: int) -> dict[str, dict[str, Timing]]:
     # Everything has warmed up by now.
     runs = [measure() for _ in range(repeat)]
     return {
-        name: {clock: Spread.of([getattr(run[name], clock) for run in runs]) for clock in ("gpu_s", "wall_s")}
+        name: {clock: Timing.of([getattr(run[name], clock) for run in runs]) for clock in ("gpu_s", "wall_s")}
         for name in runs[0]
     }
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.raster.races.plate_rates import COLOR_ONLY, exhaust
+from xfrustum.reports.benchmarks.plate_contestants import COLOR_ONLY, exhaust
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Spread, race
+from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -27,7 +26,7 @@ RELATIVE_NEAR = 1e-3
 """The step back from the plate, as a fraction of the reach."""
 
 
-Timed = Callable[[Mapping[str, Callable[[], object]]], dict[str, Spread]]
+Timed = Callable[[Mapping[str, Callable[[], object]]], dict[str, Timing]]
 """Runs something repeatedly, see `race`."""
 
 
@@ -38,7 +37,7 @@ class Machine:
     Attributes
     ----------
     frames_per_second, polygons_per_second
-        As printed.
+        Rates as the paper prints them.
     antialiasing
         Whether it was on.
     """
@@ -76,15 +75,29 @@ PAPER = (
 
 
 @dataclass(frozen=True, kw_only=True)
+class RowRecord:
+    """JSON object of a `Table1Row`; polygons a second are the database's, as in the paper."""
+
+    polygons: int
+    reflective_share: float
+    frames_per_second: float
+    polygons_per_second: float
+    submitted_polygons_per_second: float
+    seconds_per_frame: Timing
+    paper: dict[str, Machine]
+    factors: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Table1Row:
     """One database, measured.
 
     Attributes
     ----------
     polygons, reflective_share
-        Of the car as it was drawn.
+        Size of the car as it was drawn, and its share of reflective polygons.
     seconds
-        For one image by both cameras, reflections included, its color read back.
+        Wall seconds of one image by both cameras, reflections included, its color read back.
     submitted
         Polygons that an image submits on average: those in its frusta, the reflective ones twice.
     paper
@@ -93,7 +106,7 @@ class Table1Row:
 
     polygons: int
     reflective_share: float
-    seconds: Spread
+    seconds: Timing
     submitted: float
     paper: Database
 
@@ -110,22 +123,36 @@ class Table1Row:
             for name, machine in self.paper.machines.items()
         }
 
-    def summary(self) -> dict[str, Any]:
-        """Return the row as one JSON object; polygons a second are the database's, as in the paper."""
-        return {
-            "polygons": self.polygons,
-            "reflective_share": self.reflective_share,
-            "frames_per_second": self.frames_per_second,
-            "polygons_per_second": self.polygons * self.frames_per_second,
-            "submitted_polygons_per_second": self.submitted * self.frames_per_second,
-            "seconds_per_frame": self.seconds,
-            "paper": self.paper.machines,
-            "factors": self.factors,
-        }
+    @property
+    def record(self) -> RowRecord:
+        """The row, as it is written."""
+        return RowRecord(
+            polygons=self.polygons,
+            reflective_share=self.reflective_share,
+            frames_per_second=self.frames_per_second,
+            polygons_per_second=self.polygons * self.frames_per_second,
+            submitted_polygons_per_second=self.submitted * self.frames_per_second,
+            seconds_per_frame=self.seconds,
+            paper=self.paper.machines,
+            factors=self.factors,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table1:
+class Table1Record:
+    """JSON object of a `Table1`."""
+
+    rows: tuple[RowRecord, ...]
+    resolution: tuple[int, int]
+    antialiasing: bool
+    settings: DoubleFrustum
+    device: str
+    machine: dict[str, str]
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table1(Summarized[Table1Record]):
     """Both rows, and what they were measured on."""
 
     rows: tuple[Table1Row, ...]
@@ -135,23 +162,21 @@ class Table1:
     machine: dict[str, str]
     versions: dict[str, str]
 
-    def summary(self) -> dict[str, Any]:
-        """Return everything measured as one JSON object."""
-        ready: dict[str, Any] = json_ready(
-            {
-                "rows": [row.summary() for row in self.rows],
-                "resolution": self.resolution,
-                "antialiasing": False,
-                "settings": self.settings,
-                "device": self.device,
-                "machine": self.machine,
-                "versions": self.versions,
-            }
+    @property
+    def record(self) -> Table1Record:
+        """Everything measured."""
+        return Table1Record(
+            rows=tuple(row.record for row in self.rows),
+            resolution=self.resolution,
+            antialiasing=False,
+            settings=self.settings,
+            device=self.device,
+            machine=self.machine,
+            versions=self.versions,
         )
-        return ready
 
 
-def bench_table1(
+def benchmark_table1(
     resolution: int = RESOLUTION,
     repeat: int = REPEAT,
     databases: tuple[Database, ...] = PAPER,
@@ -165,7 +190,7 @@ def bench_table1(
     resolution
         W = H in pixels.
     repeat
-        How often each database is drawn after it has warmed up.
+        Number of times that each database is drawn after it has warmed up.
     databases
         Their sizes and shares.
     progress

@@ -7,19 +7,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from xfrustum.reference.rates import (
+from tqdm import tqdm
+
+from xfrustum.reports.benchmarks.records import BenchmarkedScene
+from xfrustum.reports.benchmarks.truth_contestants import (
     CERTIFIED,
     MEANINGS,
     MITSUBA,
     TRIMESH,
     TRUTH,
-    Answer,
-    answers,
+    Run,
+    truth_contestants,
     versions,
 )
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -27,7 +30,7 @@ from xfrustum.scenes.model.scene import Scene
 RESOLUTIONS = (512, 1024, 2048)
 REPEAT = 9
 RATIOS = ((CERTIFIED, MITSUBA), (CERTIFIED, TRIMESH), (TRUTH, MITSUBA), (TRUTH, TRIMESH))
-"""Whose rate is divided by whose."""
+"""Pairs of contestants; the rate of the first is divided by that of the second."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +51,7 @@ class Race:
     resolution
         W and H in pixels.
     rates
-        By contestant, see `xfrustum.reference.rates.MEANINGS`; one that is not here has none.
+        Rates by contestant, see `MEANINGS`; one that does not run here has none.
     """
 
     resolution: int
@@ -66,13 +69,41 @@ class Race:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TruthBenchmark:
+class TruthScene(BenchmarkedScene):
+    """The scene that was traced, and from which aperture."""
+
+    aperture: tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaceRecord:
+    """JSON object of a `Race`; a contestant that does not run here has None."""
+
+    resolution: tuple[int, int]
+    mpixel_per_s: dict[str, Rate | None]
+    ratios: dict[str, float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthRecord:
+    """JSON object of a `TruthBenchmark`."""
+
+    scene: TruthScene
+    repeat: int
+    meanings: dict[str, str]
+    races: tuple[RaceRecord, ...]
+    machine: dict[str, str]
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthBenchmark(Summarized[TruthRecord]):
     """The contestants on one scene and machine.
 
     Attributes
     ----------
     scene
-        At any resolution.
+        Scene at any resolution.
     repeat
         Measured repetitions, after one that warms up.
     races
@@ -87,34 +118,33 @@ class TruthBenchmark:
     machine: dict[str, str]
     versions: dict[str, str]
 
-    def summary(self) -> dict[str, Any]:
-        """Return everything measured as one JSON object."""
-        ready: dict[str, Any] = json_ready(
-            {
-                "scene": {
-                    "name": self.scene.name,
-                    "hash": self.scene.content_hash,
-                    "triangles": len(self.scene.faces),
-                    "aperture": self.scene.plate.middle.index,
-                },
-                "repeat": self.repeat,
-                "meanings": MEANINGS,
-                "races": [
-                    {
-                        "resolution": [race.resolution, race.resolution],
-                        "mpixel_per_s": {name: race.rates.get(name) for name in MEANINGS},
-                        "ratios": race.ratios,
-                    }
-                    for race in self.races
-                ],
-                "machine": self.machine,
-                "versions": self.versions,
-            }
+    @property
+    def record(self) -> TruthRecord:
+        """Everything measured."""
+        races = (
+            RaceRecord(
+                resolution=(race.resolution, race.resolution),
+                mpixel_per_s={name: race.rates.get(name) for name in MEANINGS},
+                ratios=race.ratios,
+            )
+            for race in self.races
         )
-        return ready
+        return TruthRecord(
+            scene=TruthScene(
+                name=self.scene.name,
+                hash=self.scene.content_hash,
+                triangles=len(self.scene.faces),
+                aperture=self.scene.plate.middle.index,
+            ),
+            repeat=self.repeat,
+            meanings=MEANINGS,
+            races=tuple(races),
+            machine=self.machine,
+            versions=self.versions,
+        )
 
 
-def bench_truth(
+def benchmark_truth(
     scene: Scene, resolutions: Sequence[int] = RESOLUTIONS, repeat: int = REPEAT, *, progress: bool = False
 ) -> TruthBenchmark:
     """Measure the certified truth of a scene's middle aperture beside bare tracers.
@@ -122,11 +152,11 @@ def bench_truth(
     Parameters
     ----------
     scene
-        Its own resolution does not matter.
+        Scene to be traced; its own resolution does not matter.
     resolutions
         W = H in pixels of each race.
     repeat
-        How often each contestant runs after it has warmed up.
+        Number of runs of each contestant after it has warmed up.
     progress
         Whether to draw a bar on standard error.
 
@@ -178,13 +208,13 @@ def table(benchmark: TruthBenchmark) -> str:
     )
 
 
-def _race(scene: Scene, resolution: int, repeat: int, bar: Any) -> Race:
+def _race(scene: Scene, resolution: int, repeat: int, bar: tqdm[Any]) -> Race:
     sized = replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
-    running = answers(sized, sized.plate.middle)
+    contestants = truth_contestants(sized, sized.plate.middle)
     seconds: dict[str, list[float]] = {}
-    for name, answer in running.items():
-        # One at a time: what another leaves behind in caches and heap is not this one's to pay.
-        taken = [_timed(answer) for _ in range(repeat + 1)]
+    for name, run in contestants.items():
+        # One at a time, so that none pays for what another leaves behind in caches and heap.
+        taken = [_timed(run) for _ in range(repeat + 1)]
         # The first builds structures and compiles kernels.
         seconds[name] = taken[1:]
         bar.update()
@@ -202,11 +232,11 @@ def _race(scene: Scene, resolution: int, repeat: int, bar: Any) -> Race:
     )
 
 
-def _timed(answer: Answer) -> float:
+def _timed(run: Run) -> float:
     watch = Stopwatch()
-    with watch.stage("answer"):
-        answer()
-    return watch.seconds["answer"]
+    with watch.stage("run"):
+        run()
+    return watch.seconds["run"]
 
 
 def _spread(rate: Rate | None) -> str:

@@ -19,7 +19,6 @@ from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reports.commands import radiance_budgeting
 from xfrustum.reports.commands.budgeting import BudgetReport
 from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
@@ -33,7 +32,7 @@ IMAGES = ("T0", "T1", "T2", "T3", "T4", "R0", "R1")
 PAGE, DATA = "index.html", "budget.json"
 BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
 FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in IMAGES))
-"""What is always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
+"""Files that are always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
 
 LINK_COLORS = (
     "rgb(0,114,178)",
@@ -105,7 +104,7 @@ def write_budget(report: BudgetReport, out: Path) -> tuple[Path, ...]:
     """
     pictures = _pictures(report)
     with Staging(out, FILES) as staging:
-        text = json.dumps(json_ready(report.summary()), allow_nan=False, indent=1)
+        text = json.dumps(report.summary(), allow_nan=False, indent=1)
         (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
         for name, encoded in pictures.items():
             (staging.folder / name).write_bytes(encoded)
@@ -131,7 +130,7 @@ def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: Mask) -> by
     Parameters
     ----------
     truth
-        Its surfaces are light gray.
+        Image that is right; its surfaces are light gray.
     charge
         (H, W) links, negative where the pixel is right.
     unexplained
@@ -162,19 +161,19 @@ def command(report: BudgetReport) -> str:
 
 def _legend(report: BudgetReport) -> list[Cause]:
     """Return the links in the order of the chain, and after them what no link explains."""
-    numbers, explanation = report.geometry.summary(), report.geometry.explanation
+    explanation = report.geometry.explanation
     rows = [
         Cause(
-            name=link["name"],
+            name=link.name,
             color=color,
             words=words,
-            pixels=link["pixels"],
-            surface=link["surface"],
-            moved_px=link["displacement_rms_px"],
-            predicted_px=link["predicted_displacement_rms_px"],
-            predicted_surface=link["predicted_surface"],
+            pixels=link.pixels,
+            surface=link.surface,
+            moved_px=link.displacement_rms_px,
+            predicted_px=link.predicted_displacement_rms_px,
+            predicted_surface=link.predicted_surface,
         )
-        for link, color, words in zip(numbers["links"], LINK_COLORS, LINK_WORDS, strict=True)
+        for link, color, words in zip(report.geometry.numbers.links, LINK_COLORS, LINK_WORDS, strict=True)
     ]
     unexplained = Cause(
         name="unexplained",
@@ -190,15 +189,16 @@ def _legend(report: BudgetReport) -> list[Cause]:
 
 
 def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
-    numbers = report.summary()
+    numbers = report.record
+    counts = {**numbers.explained, "unexplained": numbers.unexplained}
     values = {
         "scene": report.scene,
         "aperture": report.aperture,
         "settings": report.settings,
         "numbers": numbers,
-        "radiance": numbers["radiance"],
+        "radiance": numbers.radiance,
         "legend": _legend(report),
-        "explained": [(name, words, _count(numbers, name)) for name, words in EXPLANATION_WORDS.items()],
+        "explained": [(name, words, counts[name]) for name, words in EXPLANATION_WORDS.items()],
         "grays": (
             f"rgb({SHOWN_GRAY},{SHOWN_GRAY},{SHOWN_GRAY})",
             f"rgb({EMPTY_GRAY},{EMPTY_GRAY},{EMPTY_GRAY})",
@@ -214,11 +214,6 @@ def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
         "links": len(LINKS),
     }
     return html_page("budget.html.j2", {"digits": digits}, values)
-
-
-def _count(numbers: Mapping[str, object], name: str) -> object:
-    explained = numbers["explained"]
-    return explained[name] if isinstance(explained, dict) and name in explained else numbers["unexplained"]
 
 
 def _data_uri(name: str, encoded: bytes) -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-from xfrustum.compare.attribution.budget import Budget, make_budget
-from xfrustum.compare.attribution.radiance_budget import RadianceBudget
+from xfrustum.compare.attribution.budget import Budget, BudgetNumbers, LinkNumbers, make_budget
+from xfrustum.compare.attribution.radiance_budget import RadianceBudget, RadianceNumbers
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import radiance_budgeting
+from xfrustum.reports.common.summaries import Summarized
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
@@ -20,14 +20,21 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
+@dataclass(frozen=True, kw_only=True)
+class BudgetRecord(BudgetNumbers):
+    """JSON object of a `BudgetReport`: the numbers of geometry, and those of radiance after them."""
+
+    radiance: RadianceNumbers
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BudgetReport:
+class BudgetReport(Summarized[BudgetRecord]):
     """The error of one image, charged to its causes.
 
     Attributes
     ----------
     scene, aperture, settings
-        Which image.
+        Scene, aperture and settings of the image.
     chain
         The six images from the truth to what was drawn.
     geometry
@@ -43,9 +50,10 @@ class BudgetReport:
     geometry: Budget
     radiance: RadianceBudget
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as `budget --json` prints them."""
-        return summary(self.geometry, self.radiance)
+    @property
+    def record(self) -> BudgetRecord:
+        """The numbers, as they are written."""
+        return BudgetRecord(**vars(self.geometry.numbers), radiance=self.radiance.numbers)
 
 
 def budget(
@@ -56,9 +64,9 @@ def budget(
     Parameters
     ----------
     scene
-        Its sampling and light transport are links of the radiance error.
+        Scene whose sampling and light transport are links of the radiance error.
     settings
-        How the image is drawn.
+        Settings that the image is drawn with.
     aperture
         The middle one where None.
     progress
@@ -97,39 +105,34 @@ def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tupl
     return make_budget(reference, chain), chain
 
 
-def summary(geometry: Budget, radiance: RadianceBudget | None) -> dict[str, Any]:
-    """Return the numbers as `budget --json` prints them."""
-    return {**geometry.summary(), "radiance": radiance.summary() if radiance else None}
-
-
 def table(geometry: Budget) -> str:
     """Return the budget as aligned lines, and below it what was predicted, with the ratios."""
-    numbers = geometry.summary()
+    numbers = geometry.numbers
     width = max(map(len, LINKS))
-    lines = [f"{numbers['wrong']:,} of {numbers['judged']:,} judged pixels show another triangle"]
+    lines = [f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle"]
     lines.append(f"{'charged to':<{width}}  {'pixels':>9}  {'surface':>9}  {'moves by, px rms':>17}")
-    for link in numbers["links"]:
-        moved = _three_digits(link["displacement_rms_px"])
-        lines.append(f"{link['name']:<{width}}  {link['pixels']:>9,}  {link['surface']:>9,}  {moved:>17}")
-    reasons = ", ".join(f"{name} {count:,}" for name, count in numbers["explained"].items())
-    lines.append(f"explained: {reasons}; unexplained {numbers['unexplained']:,}")
-    lines.append(f"right in the end although some link differed: {numbers['cancelled']:,}")
-    return "\n".join([*lines, "", *_prediction_lines(numbers["links"], width)])
+    for link in numbers.links:
+        moved = _three_digits(link.displacement_rms_px)
+        lines.append(f"{link.name:<{width}}  {link.pixels:>9,}  {link.surface:>9,}  {moved:>17}")
+    reasons = ", ".join(f"{name} {count:,}" for name, count in numbers.explained.items())
+    lines.append(f"explained: {reasons}; unexplained {numbers.unexplained:,}")
+    lines.append(f"right in the end although some link differed: {numbers.cancelled:,}")
+    return "\n".join([*lines, "", *_prediction_lines(numbers.links, width)])
 
 
-def _prediction_lines(links: Sequence[Mapping[str, Any]], width: int) -> list[str]:
+def _prediction_lines(links: Sequence[LinkNumbers], width: int) -> list[str]:
     """Return predicted, measured and their ratio of each link, for surfaces and for displacement."""
     three = f"{'predicted':>10} {'measured':>10} {'ratio':>7}"
     lines = [f"{'':<{width}}  {'wrong surface, pixels':>29}  {'moves by, px rms':>29}"]
     lines.append(f"{'predicted for':<{width}}  {three}  {three}")
     for link in links:
-        surface = (link["predicted_surface"], link["surface"])
-        moved = (link["predicted_displacement_rms_px"], link["displacement_rms_px"])
+        surface = (link.predicted_surface, link.surface)
+        moved = (link.predicted_displacement_rms_px, link.displacement_rms_px)
         columns = [
             f"{_three_digits(predicted):>10} {_three_digits(measured):>10} {_ratio(predicted, measured):>7}"
             for predicted, measured in (surface, moved)
         ]
-        lines.append("  ".join([f"{link['name']:<{width}}", *columns]))
+        lines.append("  ".join([f"{link.name:<{width}}", *columns]))
     return lines
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from xfrustum.compare import Comparison, compare_images
+from xfrustum.compare import Comparison, HeightError, Spread, compare_images
+from xfrustum.compare.metrics.comparison import Share
+from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
 from xfrustum.reference import Reference
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.error_report import images
 from xfrustum.scenes import open_scene
@@ -20,7 +20,12 @@ from xfrustum.scenes.model.scene import Scene
 
 _NAMES = ("displacement", "triangle", "height", "radiance", "surface")
 FILES = ("comparison.json", *(f"{name}.png" for name in _NAMES))
-"""What may be written."""
+"""Names of the files that may be written."""
+
+_DISPLACEMENT = ("rms", "p50", "p95", "p99", "max")
+_HEIGHT = ("rms", "max")
+_RADIANCE = ("mean", "rms", "p99", "max")
+"""Numbers of each error that are written out, in order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +35,13 @@ class FileComparison:
     Attributes
     ----------
     comparison
-        Its `surface` is None where the scene is not at hand to trace.
+        Error between the images; its `surface` is None where the scene is not at hand to trace.
     reach
         The truth's longest reach, scene units.
     heights
         Both ends of the scale of height errors; see `images.height_range`.
     note
-        Why the scene is not at hand; empty where it is.
+        Reason why the scene is not at hand; empty where it is.
     """
 
     comparison: Comparison
@@ -53,7 +58,7 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
     InputError
         A file is missing or no hogel image, or the images do not belong together.
     """
-    # Before anything is said about cameras: it is the files that differ, whatever they say of theirs.
+    # Sizes are compared before cameras: files of two sizes differ, whatever they say about their cameras.
     (width, height), (other_width, other_height) = image_size(truth), image_size(raster)
     if (width, height) != (other_width, other_height):
         raise InputError(
@@ -61,7 +66,7 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
             "make both of one scene, at one resolution"
         )
     true_image = read_image(truth)
-    # Where an image says nothing of its camera, it is taken to answer for the truth's.
+    # An image that says nothing of its camera is taken to answer for the truth's.
     raster_image = read_image(raster, true_image.camera)
     scene, note = _scene_again(true_image.camera, truth.parent)
     reference = None if scene is None else Reference(scene)
@@ -79,7 +84,7 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
     unseen = "wrong surfaces are not counted"
     if not camera.scene:
         return None, f"the truth names no scene; {unseen}"
-    # As named, then beside the image: a folder of both may have been moved as one.
+    # The scene may lie where it is named, or beside the image: a folder of both may have been moved as one.
     beside = (folder / camera.scene, folder / Path(camera.scene).name)
     other, reasons = "", {}
     for name in dict.fromkeys((camera.scene, *map(str, beside))):
@@ -93,7 +98,7 @@ def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:
         other = name
     if other:
         return None, f"scene {other} is not the one that the truth was traced from; {unseen}"
-    # That a place has no such file says less than what is wrong with a file that is there.
+    # What is wrong with a file that exists says more than that another file does not exist.
     told = max(reasons, key=lambda name: Path(name).is_file())
     return None, f"scene {camera.scene} cannot be opened ({reasons[told]}); {unseen}"
 
@@ -108,8 +113,7 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
     """
     comparison, maps = compared.comparison, compared.comparison.maps
     with Staging(out) as staging:
-        text = json.dumps(json_ready(comparison.summary()), allow_nan=False, indent=1)
-        (staging.folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+        write_json(staging.folder / "comparison.json", comparison.numbers)
         (staging.folder / "displacement.png").write_bytes(images.displacement_map(maps.displacement))
         (staging.folder / "triangle.png").write_bytes(images.mask(maps.triangle, images.TRIANGLE_COLOR))
         height = images.height_map(maps.height, compared.reach, compared.heights)
@@ -123,44 +127,42 @@ def write_comparison(compared: FileComparison, out: Path) -> tuple[Path, ...]:
 
 def table(comparison: Comparison) -> str:
     """Return the numbers of a comparison as aligned lines."""
-    numbers = comparison.summary()
     lines = [
-        ("pixels", f"{numbers['pixels']:,}"),
-        ("judged", f"{numbers['judged']:,}"),
-        ("covered", f"{numbers['covered']:,}"),
-        ("wrong surface", _share(numbers["surface"])),
-        ("another triangle", _share(numbers["triangle"])),
-        ("displacement, px", _numbers(numbers["displacement_px"])),
-        ("height error", _numbers(numbers["height"])),
-        ("drawn in the plate", f"{numbers['at_plate']:,}"),
-        *_radiance(numbers["radiance"]),
+        ("pixels", f"{comparison.pixels:,}"),
+        ("judged", f"{comparison.judged:,}"),
+        ("covered", f"{comparison.covered:,}"),
+        ("wrong surface", _share(comparison.surface)),
+        ("another triangle", _share(comparison.triangle)),
+        ("displacement, px", _numbers(comparison.displacement_px, *_DISPLACEMENT)),
+        ("height error", _numbers(comparison.height, *_HEIGHT)),
+        ("drawn in the plate", f"{comparison.at_plate:,}"),
+        *_radiance(comparison.radiance),
     ]
     width = max(len(name) for name, _ in lines)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
 
 
-def _radiance(error: dict[str, Any] | None) -> list[tuple[str, str]]:
+def _radiance(error: RadianceNumbers | None) -> list[tuple[str, str]]:
     """Return the lines about color: linear radiance, how it looks, and what is beyond the truth's noise."""
     if error is None:
         return []
-    spread = ("mean", "rms", "p99", "max")
-    lines = [("radiance error", _numbers({name: error[name] for name in spread}))]
-    inside = error["away_from_edges"]
-    if inside is not None:
-        lines.append(("  in the same triangle", _numbers({name: inside[name] for name in spread})))
-    if error["flip"] is not None:
-        ssim = "not defined" if error["ssim"] is None else f"{error['ssim']:.4g}"
-        lines.append(("looks different", f"FLIP {error['flip']:.3g}  SSIM {ssim}"))
-    if error["noise"] is not None:
-        lines.append(("beyond noise, 1/255", f"{error['noise']['differ']:,} pixels"))
+    lines = [("radiance error", _numbers(error, *_RADIANCE))]
+    if error.away_from_edges is not None:
+        lines.append(("  in the same triangle", _numbers(error.away_from_edges, *_RADIANCE)))
+    if error.flip is not None:
+        ssim = "not defined" if error.ssim is None else f"{error.ssim:.4g}"
+        lines.append(("looks different", f"FLIP {error.flip:.3g}  SSIM {ssim}"))
+    if error.noise is not None:
+        lines.append(("beyond noise, 1/255", f"{error.noise.differ:,} pixels"))
     return lines
 
 
-def _share(part: dict[str, Any] | None) -> str:
-    return "not known" if part is None else f"{part['wrong']:,} ({100 * part['fraction']:.3g} %)"
+def _share(part: Share | None) -> str:
+    return "not known" if part is None else f"{part.wrong:,} ({100 * part.fraction:.3g} %)"
 
 
-def _numbers(group: dict[str, float] | None) -> str:
+def _numbers(group: Spread | HeightError | RadianceSpread | None, *names: str) -> str:
+    """Write some numbers of a group, each after its name."""
     if group is None:
         return "not defined"
-    return "  ".join(f"{name} {value:.3g}" for name, value in group.items())
+    return "  ".join(f"{name} {getattr(group, name):.3g}" for name in names)

@@ -24,9 +24,9 @@ from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMappi
 from xfrustum.scenes.plate.plate import Aperture
 
 NEAR_PER_REACH = 1e-6
-"""Of the reach, where nobody says otherwise. What is farther than a percent of the reach from the plate is
-displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth buffer resolves 2^-24 of
-any distance, however small the near plane."""
+"""Near offset as a share of the reach, where none is asked for. What is farther than a percent of the reach
+from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth buffer
+resolves 2^-24 of any distance, however small the near plane."""
 
 _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)

@@ -12,7 +12,7 @@ from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps
 from xfrustum.compare.planning.plate import PlatePlanner
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.scouting.sample import RandomSample
 from xfrustum.compare.scouting.scout import scout
 from xfrustum.reference import Reference
@@ -24,8 +24,8 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
-LINE = 100
-"""Characters a line of a reason."""
+LINE_CHARACTERS = 100
+"""Largest number of characters in a line of a reason."""
 
 
 def make_plan(
@@ -108,7 +108,7 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
 
 def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: Requirement) -> str:
     """Return a plan as aligned lines that end in the command that draws so."""
-    lines = [textwrap.fill(made.reason, LINE)]
+    lines = [textwrap.fill(made.reason, LINE_CHARACTERS)]
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
         return lines[0]
@@ -120,7 +120,7 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     rows = [
         ("displacement, 99 %", "px", requirement.tolerance_px, "displacement_p99_px"),
         ("wrong by depth", "of the pixels", requirement.max_wrong, "depth_wrong"),
-        (apart, "of the pixels", MISORDERED, "misordered"),
+        (apart, "of the pixels", MAX_MISORDERED_FRACTION, "misordered"),
         ("sheets are ordered from", scene.units, separation, "separation"),
     ]
     width = max(len(title) for title, *_ in rows)
@@ -156,7 +156,7 @@ def _answer(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
             f"At {known.hopeless} of the {known.scouted} that were looked through no near would do: "
             "a surface passes through these apertures."
         )
-    return textwrap.fill(" ".join(sentences), LINE)
+    return textwrap.fill(" ".join(sentences), LINE_CHARACTERS)
 
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:

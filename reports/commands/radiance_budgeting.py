@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from xfrustum.compare.attribution.radiance_budget import RadianceBudget, make_radiance_budget, steps
+from xfrustum.compare.attribution.radiance_budget import (
+    RadianceBudget,
+    RadianceLink,
+    make_radiance_budget,
+    steps,
+)
 from xfrustum.compare.prediction.chain import Chain
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.error_report import images
@@ -20,17 +25,16 @@ def radiance_budget_of(scene: Scene, chain: Chain, *, progress: bool = False) ->
 
 def table(budget: RadianceBudget) -> str:
     """Return the radiance error link by link as aligned lines."""
-    numbers = budget.summary()
-    total = {"name": "in all", **numbers["total"], "standard_error": None}
-    rows = [*numbers["links"], total]
-    width = max(len(row["name"]) for row in rows)
-    columns = ("mean", "rms", "max", "rms_same_triangle", "max_same_triangle")
+    numbers = budget.numbers
+    rows = [*numbers.links, RadianceLink(name="in all", **vars(numbers.total), standard_error=None)]
+    width = max(len(row.name) for row in rows)
     heads = ("mean", "rms", "max", "rms, same tri.", "max, same tri.")
     lines = [f"{'radiance changes by':<{width + 2}}" + "".join(f"{head:>16}" for head in heads)]
     for row in rows:
-        cells = "".join(f"{_number(row[column]):>16}" for column in columns)
-        noise = row["standard_error"]
-        lines.append(f"{row['name']:<{width + 2}}{cells}" + (f"  +- {noise:.2g} rms" if noise else ""))
+        values = (row.mean, row.rms, row.max, row.rms_same_triangle, row.max_same_triangle)
+        cells = "".join(f"{_number(value):>16}" for value in values)
+        noise = row.standard_error
+        lines.append(f"{row.name:<{width + 2}}{cells}" + (f"  +- {noise:.2g} rms" if noise else ""))
     return "\n".join(lines)
 
 

@@ -26,7 +26,7 @@ def forecast(scene: Scene, *, transported: bool) -> str | None:
     Parameters
     ----------
     scene
-        With the sampling and light transport that are asked for.
+        Scene with the sampling and light transport that are asked for.
     transported
         Whether light paths are traced.
     """
@@ -62,9 +62,9 @@ def trace_to_file(
     Parameters
     ----------
     reference
-        Of the scene.
+        Truth of the scene.
     aperture
-        Which one.
+        Aperture to be traced.
     path
         The file; it appears complete, or not at all.
     progress

@@ -28,9 +28,9 @@ def trace_transported(
     Parameters
     ----------
     reference
-        Of the scene.
+        Truth of the scene.
     aperture
-        Which one.
+        Aperture to be traced.
     path
         The file; it appears complete, or not at all.
     progress

@@ -1,13 +1,12 @@
-"""How every figure looks: colors that are told apart, axes that can be read, spreads of repetitions."""
+"""How every figure looks: colors that are told apart, axes that can be read, timings of repetitions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import plotly.graph_objects as go
 
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 
 # Okabe and Ito's palette: told apart by color-blind readers, and on white as on black.
 COLORS = ("#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#8C8C8C", "#B5A900")
@@ -28,19 +27,19 @@ def look(place: int) -> tuple[str, str]:
     return COLORS[place % len(COLORS)], MARKERS[(place + cycle) % len(MARKERS)]
 
 
-def error_bars(spreads: Sequence[Spread], factor: float = 1.0) -> dict[str, Any]:
+def error_bars(timings: Sequence[Timing], factor: float = 1.0) -> dict[str, str | bool | float | list[float]]:
     """Return bars from the lowest to the highest repetition, about medians drawn in units of 1 / factor."""
     return {
         "type": "data",
         "symmetric": False,
-        "array": [factor * (one.highest - one.median) for one in spreads],
-        "arrayminus": [factor * (one.median - one.lowest) for one in spreads],
+        "array": [factor * (one.highest - one.median) for one in timings],
+        "arrayminus": [factor * (one.median - one.lowest) for one in timings],
         "thickness": 0.8,
         "width": 0,
     }
 
 
-def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) -> dict[str, Any]:
+def log_axis(values: Sequence[float], ratio: float = 1000.0, labels: int = 6) -> dict[str, str | int | None]:
     """Return a logarithmic axis, labeled at powers of ten where the values span that ratio or more.
 
     So few powers of ten as there are below it label little or nothing: 1, 2 and 5 times each, which
@@ -69,15 +68,15 @@ def style(figure: go.Figure) -> None:
         modebar={"bgcolor": "rgba(0, 0, 0, 0)", "color": _GRID, "activecolor": INK},
         hovermode="closest",
     )
-    axis: dict[str, Any] = {
-        "gridcolor": _GRID,
-        "linecolor": INK,
-        "zeroline": False,
-        "ticks": "outside",
-        "tickcolor": _GRID,
-        "automargin": True,
-        "title_standoff": 8,
-    }
+    for update_axes in (figure.update_xaxes, figure.update_yaxes):
+        update_axes(
+            gridcolor=_GRID,
+            linecolor=INK,
+            zeroline=False,
+            ticks="outside",
+            tickcolor=_GRID,
+            automargin=True,
+            title_standoff=8,
+        )
     # Labels without room turn so that they end under their ticks: the last one stays on the page.
-    figure.update_xaxes(**axis, autotickangles=[0, -30, -90])
-    figure.update_yaxes(**axis)
+    figure.update_xaxes(autotickangles=[0, -30, -90])

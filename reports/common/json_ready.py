@@ -2,26 +2,63 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+INLINED: Mapping[str, object] = {"inlined": True, "columns": "{}"}
+"""Metadata of a field whose own fields stand beside it: its keys in JSON, and its columns in a table, have no
+prefix."""
+
+
+@runtime_checkable
+class _PlotlyFigure(Protocol):
+    """A figure of plotly, known by its methods, for importing plotly takes long."""
+
+    def to_plotly_json(self) -> object: ...
+
+    def to_json(self) -> str: ...
+
 
 def json_ready(value: Any) -> Any:
-    """Return the value in JSON's own types: NaN and infinity become None, numpy scalars numbers."""
-    if is_dataclass(value) and not isinstance(value, type):
-        value = asdict(value)
-    elif isinstance(value, np.generic | np.ndarray):
+    """Return the value in JSON's own types.
+
+    A dataclass becomes an object of its fields; the keys of a field that is `INLINED` stand beside the
+    other fields. NaN and infinity become None, numpy scalars numbers, and figures of plotly the objects
+    that plotly.js takes.
+    """
+    if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
+    elif isinstance(value, Path | StrEnum):
+        value = str(value)
+    if value is None or isinstance(value, int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path | StrEnum) else value
+    if is_dataclass(value) and not isinstance(value, type):
+        return json_object(value)
+    # Figures come last: asking for the methods of a protocol takes longest.
+    return json_ready(json.loads(value.to_json())) if isinstance(value, _PlotlyFigure) else value
+
+
+def json_object(record: Any) -> dict[str, Any]:
+    """Return a dataclass as a JSON object; see `json_ready`."""
+    ready = ((field, json_ready(getattr(record, field.name))) for field in fields(record))
+    parts = [value if field.metadata.get("inlined") else {field.name: value} for field, value in ready]
+    return {key: value for part in parts for key, value in part.items()}
+
+
+def write_json(path: Path, record: Any) -> None:
+    """Write a dataclass or a mapping as a JSON file, without NaN or infinity."""
+    text = json.dumps(json_ready(record), allow_nan=False, indent=1)
+    path.write_text(text + "\n", encoding="utf-8")

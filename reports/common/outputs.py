@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -20,11 +21,45 @@ from xfrustum.scenes.disk.durable import (
 from xfrustum.scenes.errors import InputError
 
 
+@dataclass(frozen=True, kw_only=True)
+class Staged:
+    """A folder that is being filled out of sight.
+
+    Attributes
+    ----------
+    out, place
+        Folder that the files are for, as it was asked for and where it lies.
+    folder
+        Folder aside that they are written to.
+    names
+        Names of the files, where they are known beforehand.
+    """
+
+    out: Path
+    place: Path
+    folder: Path
+    names: Sequence[str]
+
+    def commit(self) -> tuple[Path, ...]:
+        """Move the staged files to `out` and return their paths, sorted by name."""
+        try:
+            files = sorted(self.folder.iterdir())
+            if not put_folder(self.folder, self.place):
+                for file in files:
+                    put(file, self.place / file.name)
+                sync_folder(self.place)
+        except OSError as error:
+            raise InputError(
+                f"--out {self.out}: cannot put files there ({_reason(error)}); choose another place"
+            ) from error
+        return tuple(self.out / file.name for file in files)
+
+
 class Staging:
     """A folder that fills up out of sight and takes its place in one step.
 
     Entering it proves that the place can be written, before any work is spent, and removes what
-    processes that were killed have left there. `commit` moves the files to `out` when they are on the
+    processes that were killed have left there. `Staged.commit` moves the files to `out` when they are on the
     disk; leaving without it removes every trace.
 
     Parameters
@@ -44,11 +79,10 @@ class Staging:
     def __init__(self, out: Path, names: Sequence[str] = ()) -> None:
         self.out = out
         self.names = names
-        self.folder = Path()
         self._place = Path(os.path.realpath(out))
         self._aside: Aside | None = None
 
-    def __enter__(self) -> Staging:
+    def __enter__(self) -> Staged:
         # Beside its place and on the same file system, else the rename would be a copy.
         host = self.out if self.out.exists() else self._nearest_folder()
         if not host.is_dir():
@@ -60,27 +94,13 @@ class Staging:
             remove_abandoned(self._place.parent)
             self._aside = Aside(host, folder=True)
             # With the permissions that new folders get; the one aside is for nobody else.
-            self.folder = self._aside.path / "out"
-            self.folder.mkdir()
+            folder = self._aside.path / "out"
+            folder.mkdir()
         except OSError as error:
             raise InputError(
                 f"--out {self.out}: cannot write in {host} ({_reason(error)}); choose another place"
             ) from error
-        return self
-
-    def commit(self) -> tuple[Path, ...]:
-        """Move the staged files to `out` and return their paths, sorted by name."""
-        try:
-            files = sorted(self.folder.iterdir())
-            if not put_folder(self.folder, self._place):
-                for file in files:
-                    put(file, self._place / file.name)
-                sync_folder(self._place)
-        except OSError as error:
-            raise InputError(
-                f"--out {self.out}: cannot put files there ({_reason(error)}); choose another place"
-            ) from error
-        return tuple(self.out / file.name for file in files)
+        return Staged(out=self.out, place=self._place, folder=folder, names=self.names)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

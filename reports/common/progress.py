@@ -10,16 +10,16 @@ from xfrustum.terminal import messages
 
 
 def progress_bar(total: int | None, what: str, unit: str, *, shown: bool) -> tqdm[Any]:
-    """Return a bar on standard error, to be updated; a log gets few lines of it.
+    """Return a bar on standard error that its caller updates; a log gets few lines of it.
 
     Parameters
     ----------
     total
         Number of units; None where it is not known.
     what, unit
-        In words.
+        Name of the task and of one unit.
     shown
-        Whether to draw it at all.
+        Whether to draw the bar.
     """
     # A log keeps every line that a terminal would overwrite.
     seconds = 0.1 if messages().isatty() else 5.0

@@ -1,11 +1,14 @@
-"""Versions and machine: what a measurement must carry to be repeated."""
+"""Versions, machine and scene: what a measurement must carry to be repeated."""
 
 from __future__ import annotations
 
 import os
 import platform
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+
+from xfrustum.scenes.model.scene import Scene
 
 _LIBRARIES = (
     "xfrustum",
@@ -18,6 +21,19 @@ _LIBRARIES = (
     "scikit-image",
     "flip-evaluator",
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneName:
+    """A scene's name and the SHA-256 of its content."""
+
+    name: str
+    hash: str
+
+    @classmethod
+    def of(cls, scene: Scene) -> SceneName:
+        """Return the name and the hash of a scene."""
+        return cls(name=scene.name, hash=scene.content_hash)
 
 
 def versions() -> dict[str, str]:

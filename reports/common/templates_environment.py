@@ -40,7 +40,7 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any]) -> str
     template
         Name of the file.
     filters
-        Beside those of Jinja, by name.
+        Filters beside those of Jinja, by name.
     values
         What the template shows; all text is escaped.
     """

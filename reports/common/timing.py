@@ -106,15 +106,15 @@ def median_interval(values: Sequence[float]) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
-    """What repetitions of one thing came to: seconds, or whatever was measured.
+class Timing:
+    """Repeated measurements of one thing: seconds, or a rate.
 
     Attributes
     ----------
     median, lowest, highest
-        Over the repetitions.
+        Median and ends over the repetitions.
     repetitions
-        How many, after the warm-up.
+        Number of repetitions after the warm-up.
     low, high
         Ends of the interval of the median where it is narrower than from `lowest` to `highest`, else None.
     """
@@ -127,8 +127,8 @@ class Spread:
     high: float | None = None
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Spread:
-        """Return the spread of at least one value."""
+    def of(cls, values: Sequence[float]) -> Timing:
+        """Return the timing of at least one value."""
         lowest, highest = min(values), max(values)
         low, high = median_interval(values)
         return cls(
@@ -148,14 +148,14 @@ class Spread:
             self.highest if self.high is None else self.high,
         )
 
-    def told_below(self, other: Spread) -> bool:
+    def told_below(self, other: Timing) -> bool:
         """Whether it is less than another: their intervals do not overlap, and repetitions are enough."""
         if min(self.repetitions, other.repetitions) < FEWEST_REPETITIONS:
             return False
         return self.interval[1] < other.interval[0]
 
-    def divided_by(self, count: float) -> Spread:
-        """Return the spread of each of so many equal parts."""
+    def divided_by(self, count: float) -> Timing:
+        """Return the timing of each of so many equal parts."""
         return replace(
             self,
             median=self.median / count,
@@ -168,17 +168,17 @@ class Spread:
 
 def race(
     contestants: Mapping[str, Callable[[], object]], repeat: int, done: Callable[[], object] = lambda: None
-) -> dict[str, Spread]:
+) -> dict[str, Timing]:
     """Return the wall seconds of each contestant; all take turns, so that a slow minute is everybody's.
 
     Parameters
     ----------
     contestants
-        Each runs once to warm up, and then `repeat` times.
+        What each contestant runs: once to warm up, and then `repeat` times.
     repeat
-        At least 1.
+        Number of measured runs of each, at least 1.
     done
-        Called after every run, for progress.
+        Function that is called after every run, for progress.
     """
     seconds: dict[str, list[float]] = {name: [] for name in contestants}
     for turn in range(repeat + 1):
@@ -189,4 +189,4 @@ def race(
             done()
             if turn:
                 seconds[name].append(watch.seconds[name])
-    return {name: Spread.of(values) for name, values in seconds.items()}
+    return {name: Timing.of(values) for name, values in seconds.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import compress
 
-from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Spread, Stopwatch
+from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Stopwatch, Timing
 
 NARROW = 0.05
 """Length of a median's interval, as a share of the median, below which more repetitions are not worth
@@ -18,7 +18,7 @@ their number."""
 CLEARLY_SLOWER = 2.0
 """Ratio of medians beyond which a way is not repeated further: no slow minute makes it the fastest."""
 
-Unsettled = Callable[[Sequence[Spread]], Sequence[bool]]
+Unsettled = Callable[[Sequence[Timing]], Sequence[bool]]
 """Says of each contestant, from the times of all, whether further turns could change its place."""
 
 
@@ -53,31 +53,31 @@ def take_turns_until_settled(
     """
     watch = Stopwatch()
     while True:
-        spreads = [Spread.of(taken) for taken in seconds]
-        racing = list(unsettled(spreads))
-        expected = sum(spread.median for spread in compress(spreads, racing))
+        timings = [Timing.of(taken) for taken in seconds]
+        racing = list(unsettled(timings))
+        expected = sum(timing.median for timing in compress(timings, racing))
         if not any(racing) or watch.seconds.get("turns", 0.0) + expected > budget_s:
             return
         with watch.stage("turns"):
             take_turn(list(compress(runs, racing)), list(compress(seconds, racing)))
 
 
-def open_races(tied: Sequence[Spread], spreads: Sequence[Spread]) -> list[bool]:
-    """Return which of some spreads take a further turn, given those that are not told apart from the fastest.
+def open_races(tied: Sequence[Timing], timings: Sequence[Timing]) -> list[bool]:
+    """Return which of some timings take a further turn, given those that are not told apart from the fastest.
 
     Nobody does where one is the fastest, or all that are tied are known well. Else all do that are not
     clearly slower, those told apart by now included: times are compared that come from the same minutes.
     """
     if len(tied) < 2 or all(map(settled, tied)):
-        return [False] * len(spreads)
+        return [False] * len(timings)
     medians = [one.median for one in tied]
     limit = max(CLEARLY_SLOWER * min(medians), *medians)
-    return [one.median <= limit for one in spreads]
+    return [one.median <= limit for one in timings]
 
 
-def settled(spread: Spread) -> bool:
+def settled(timing: Timing) -> bool:
     """Return whether more repetitions of one thing are not worth their time."""
-    low, high = spread.interval
-    if spread.repetitions >= MAX_REPETITIONS:
+    low, high = timing.interval
+    if timing.repetitions >= MAX_REPETITIONS:
         return True
-    return spread.repetitions >= FEWEST_REPETITIONS and high - low <= NARROW * spread.median
+    return timing.repetitions >= FEWEST_REPETITIONS and high - low <= NARROW * timing.median

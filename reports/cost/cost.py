@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from xfrustum.compare import compare_images
@@ -12,20 +12,34 @@ from xfrustum.compare.extent import require_seen
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.json_ready import INLINED, json_object
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Spread, Stopwatch
+from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.reports.common.turns import take_turn, take_turns_until_settled
-from xfrustum.reports.cost.ways import Contestant, drawn, traced
-from xfrustum.reports.trade_off.trade_off import Answer, Option, answers, summary, unsettled
+from xfrustum.reports.cost.ways import Way, drawn, traced
+from xfrustum.reports.trade_off.trade_off import FastestWithin, Option, answers, unsettled
+from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord, trade_off_record
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 REPEAT = 5
+"""Measured pictures of each configuration unless told otherwise: the fewest by which times are told apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostRecord:
+    """The object that `cost --json` prints; see `CostReport`."""
+
+    scene: provenance.SceneName
+    aperture: tuple[int, int]
+    trade_off: TradeOffRecord = field(metadata=INLINED)
+    upload_s: dict[str, float]
+    machine: dict[str, str]
+    versions: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,13 +49,13 @@ class CostReport:
     Attributes
     ----------
     scene, aperture, tolerance_px
-        What was asked.
+        Question that was asked.
     options
-        Raster, tracers and truth.
+        Rasterizer, tracers and truth.
     upload_s
-        By renderer: what is done once for a scene, buffers, programs and acceleration structures.
+        By renderer: seconds of what is done once for a scene, buffers, programs and acceleration structures.
     machine, versions
-        Names and values, for whoever repeats it.
+        Names and values of the hardware and of the libraries.
     """
 
     scene: Scene
@@ -53,23 +67,21 @@ class CostReport:
     versions: dict[str, str]
 
     @property
-    def answers(self) -> tuple[Answer, ...]:
+    def answers(self) -> tuple[FastestWithin, ...]:
         """The cheapest options within the tolerance and within a fifth of it."""
         return answers(self.options, self.tolerance_px)
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""
-        ready: dict[str, Any] = json_ready(
-            {
-                "scene": {"name": self.scene.name, "hash": self.scene.content_hash},
-                "aperture": self.aperture.index,
-                **summary(self.options, self.tolerance_px),
-                "upload_s": self.upload_s,
-                "machine": self.machine,
-                "versions": self.versions,
-            }
+        record = CostRecord(
+            scene=provenance.SceneName.of(self.scene),
+            aperture=self.aperture.index,
+            trade_off=trade_off_record(self.options, self.tolerance_px),
+            upload_s=self.upload_s,
+            machine=self.machine,
+            versions=self.versions,
         )
-        return ready
+        return json_object(record)
 
 
 def measure_cost(
@@ -85,13 +97,13 @@ def measure_cost(
     Parameters
     ----------
     aperture
-        The middle one where None.
+        Aperture whose picture is made; the middle one where None.
     tolerance_px
-        Of the 99th percentile of displacement; a fifth of it is answered for too.
+        Tolerance of the 99th percentile of displacement; a fifth of it is answered for too.
     repeat
         Measured pictures of each configuration, after one that warms up. All configurations take turns,
-        so that a slow minute is everybody's. Those that may be the fastest make more, until they are told
-        apart or that has taken as long again.
+        so that a slow minute slows all of them down. Configurations that may be the fastest make more
+        pictures, until they are told apart or these have taken as long again.
 
     Raises
     ------
@@ -115,11 +127,8 @@ def measure_cost(
             with watch.stage(name):
                 reference.tracer  # noqa: B018 - built when first asked for
         device = drawers["auto"].device
-        contestants = [
-            *drawn(scene, aperture, drawers),
-            *traced(aperture, tracers),
-        ]
-        options = _race(contestants, tracers["embree"], aperture, asked, progress)
+        ways = [*drawn(scene, aperture, drawers), *traced(aperture, tracers)]
+        options = _race(ways, tracers["embree"], aperture, asked, progress)
     opengl = {f"OpenGL {name}": value for name, value in device.items()}
     libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
     return CostReport(
@@ -134,22 +143,22 @@ def measure_cost(
 
 
 def _race(
-    contestants: list[Contestant],
+    ways: list[Way],
     reference: Reference,
     aperture: Aperture,
     asked: Asked,
     progress: bool,
 ) -> list[Option]:
-    """Let each make its picture in turn; the first is judged, and not timed.
+    """Make the picture of each way in turn; the first picture of each is judged, and not timed.
 
-    Those that may be the fastest within a tolerance go on in turns until they are told apart, for at
+    Ways that may be the fastest within a tolerance go on in turns until they are told apart, for at
     most as long again.
     """
     truth = reference.trace(aperture)
-    timed = [Timed(one) for one in contestants]
+    timed = [TimedWay(one) for one in ways]
     errors: list[tuple[float, float]] = []
-    with progress_bar(len(contestants) * (1 + asked.repeat), "cost", "picture", shown=progress) as bar:
-        for one in contestants:
+    with progress_bar(len(ways) * (1 + asked.repeat), "cost", "picture", shown=progress) as bar:
+        for one in ways:
             judged = compare_images(truth, one.picture(), reference, radiance=False)
             moved, wrong = judged.displacement_px, judged.surface_wrong or 0
             p99 = moved.p99 if moved and one.renderer == "raster" else 0.0
@@ -171,38 +180,40 @@ def _race(
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What decides how often pictures are made: turns that all take, and the tolerance that is asked for."""
+    """The number of turns that all ways take, and the tolerance that is asked for."""
 
     repeat: int
     tolerance_px: float
 
 
-class Timed:
-    """A contestant and the seconds of its pictures; calling it makes one picture."""
+class TimedWay:
+    """A way to make a picture and the seconds of its pictures; calling it makes one picture."""
 
-    def __init__(self, contestant: Contestant) -> None:
-        self._contestant = contestant
+    def __init__(self, way: Way) -> None:
+        self._way = way
         self.time_s: list[float] = []
         self._gpu_s: list[float] = []
         self._read_s: list[float] = []
 
     def __call__(self) -> None:
         """Make a picture, and note what its stages took."""
-        self._contestant.picture()
-        if self._contestant.rasterizer is not None:
-            stages = self._contestant.rasterizer.times
+        if self._way.draw is None:
+            self._way.picture()
+        else:
+            stages = self._way.draw().times
             self._gpu_s.append(stages["draw"].gpu_s)
             self._read_s.append(stages["read"].wall_s)
 
     def option(self, displacement_p99_px: float, surface_fraction: float) -> Option:
-        """Return the contestant with its error and what its pictures took."""
+        """Return the way with its error and the times of its pictures."""
         return Option(
-            renderer=self._contestant.renderer,
-            label=self._contestant.label,
-            configuration=self._contestant.configuration,
+            renderer=self._way.renderer,
+            label=self._way.label,
+            family=self._way.family,
+            configuration=self._way.configuration,
             displacement_p99_px=displacement_p99_px,
             surface_fraction=surface_fraction,
-            time_s=Spread.of(self.time_s),
-            gpu_s=Spread.of(self._gpu_s) if self._gpu_s else None,
-            read_s=Spread.of(self._read_s) if self._read_s else None,
+            time_s=Timing.of(self.time_s),
+            gpu_s=Timing.of(self._gpu_s) if self._gpu_s else None,
+            read_s=Timing.of(self._read_s) if self._read_s else None,
         )

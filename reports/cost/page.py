@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from xfrustum.reports.common import formatting
+from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import CONFIDENCE
@@ -40,8 +40,7 @@ def write_cost(measured: CostReport, out: Path) -> tuple[Path, ...]:
         The folder cannot be written.
     """
     with Staging(out, FILES) as staging:
-        text = json.dumps(measured.summary(), allow_nan=False, indent=1)
-        (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
+        write_json(staging.folder / DATA, measured.summary())
         (staging.folder / PAGE).write_text(_page(measured), encoding="utf-8")
         return staging.commit()
 
@@ -56,6 +55,6 @@ def _page(measured: CostReport) -> str:
         "cost": measured,
         "confidence": CONFIDENCE,
         "rows": rows,
-        "figure": json.loads(figure.to_json()),
+        "figure": figure,
     }
     return html_page("cost.html.j2", filters, values)

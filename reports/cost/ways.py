@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
-from xfrustum.raster import Rasterizer
+from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.common.timing import Spread
-from xfrustum.reports.trade_off.trade_off import certified, near_label
+from xfrustum.reports.common.timing import Timing
+from xfrustum.reports.trade_off.trade_off import CertifiedConfiguration, Configuration, certified, near_label
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -28,37 +27,65 @@ DEPTHS = (
     (DepthFormat.D24, DepthMapping.LINEAR),
 )
 CUTS_PER_REACH = ((0.1,), (0.03, 0.2), (0.01, 0.05, 0.25))
-"""One, two and three cuts in about geometric progression, as planners place them.
+"""Heights of one, two and three cuts in about geometric progression, as planners place them.
 
 See docs/method.md, "Splitting".
 """
 NEARS_PER_CUT = (1e-1, 1e-2)
 USUAL_NEAR_PER_REACH = 1e-3
-"""Where samples and effects are measured, whose cost does not depend on near."""
+"""Near plane at which samples and effects are measured: their cost does not depend on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contestant:
-    """One configuration, ready to make its picture.
+class DrawnConfiguration(Configuration):
+    """A picture of the rasterizer: its settings, samples of the aperture, and effects."""
+
+    family: str
+    near: float
+    depth: DepthFormat
+    mapping: DepthMapping
+    slabs: tuple[float, ...]
+    aperture_samples: int
+    effects: tuple[Effect, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TracedConfiguration(Configuration):
+    """A picture of a tracer alone, by its name."""
+
+    family: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertifiedFamily(CertifiedConfiguration):
+    """The certified truth, with the name of its family."""
+
+    family: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """One way to make a picture, ready to make it.
 
     Attributes
     ----------
-    renderer, label, configuration
-        As in `Option`.
+    renderer, label, family, configuration
+        Renderer and configuration, in words and values; see `trade_off.Option`.
     picture
-        Makes it.
-    rasterizer
-        Who draws it, where somebody does.
+        Function that makes the picture.
+    draw
+        Function that draws the picture and returns the times of its stages besides; None where it is traced.
     """
 
     renderer: str
     label: str
-    configuration: dict[str, Any]
+    family: str
+    configuration: Configuration
     picture: Callable[[], HogelImage]
-    rasterizer: Rasterizer | None = None
+    draw: Callable[[], Drawn] | None = None
 
 
-def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[Contestant]:
+def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[Way]:
     """Yield near planes with depth buffers and mappings, slabs, samples of the aperture, effects."""
     reach, usual = scene.frustum.longest_reach, USUAL_NEAR_PER_REACH * scene.frustum.longest_reach
     once = replace(scene.sampling, aperture=1)
@@ -88,7 +115,7 @@ def _raster(
     settings: DoubleFrustum,
     sampling: Sampling,
     family: str | None = None,
-) -> Contestant:
+) -> Way:
     label = near_label(settings.near, scene.units, scene.frustum.longest_reach, settings.depth_label)
     if settings.slabs:
         label += f" and cuts at {', '.join(digits(cut) for cut in settings.slabs)}"
@@ -96,36 +123,49 @@ def _raster(
         label += f", {sampling.aperture} aperture samples"
     if family == "all effects":
         label += ", all effects"
-    return Contestant(
+
+    def draw() -> Drawn:
+        return drawer.draw(aperture, settings, normals=False, sampling=sampling)
+
+    family = family or settings.depth_label
+    return Way(
         renderer="raster",
         label=label,
-        configuration={
-            "family": family or settings.depth_label,
-            "near": settings.near,
-            "depth": settings.depth,
-            "mapping": settings.mapping,
-            "slabs": settings.slabs,
-            "aperture_samples": sampling.aperture,
-            "effects": sorted(drawer.effects, key=list(Effect).index),
-        },
-        picture=lambda: drawer.render(aperture, settings, normals=False, sampling=sampling),
-        rasterizer=drawer,
+        family=family,
+        configuration=DrawnConfiguration(
+            family=family,
+            near=settings.near,
+            depth=settings.depth,
+            mapping=settings.mapping,
+            slabs=settings.slabs,
+            aperture_samples=sampling.aperture,
+            effects=tuple(sorted(drawer.effects, key=list(Effect).index)),
+        ),
+        picture=lambda: draw().image,
+        draw=draw,
     )
 
 
-def traced(aperture: Aperture, tracers: dict[str, Reference]) -> Iterator[Contestant]:
-    """Yield each tracer alone, and the truth that is certified."""
+def traced(aperture: Aperture, tracers: dict[str, Reference]) -> Iterator[Way]:
+    """Yield each tracer alone, and the certified truth."""
     for name, reference in tracers.items():
 
         def picture(reference: Reference = reference) -> HogelImage:
             return reference.propose(aperture)
 
         label = f"{name} alone, float32, nothing proven"
-        yield Contestant(renderer=name, label=label, configuration={"family": name}, picture=picture)
-    truth = certified(Spread.of([0.0]))
-    yield Contestant(
+        yield Way(
+            renderer=name,
+            label=label,
+            family=name,
+            configuration=TracedConfiguration(family=name),
+            picture=picture,
+        )
+    truth = certified(Timing.of([0.0]))
+    yield Way(
         renderer=truth.renderer,
         label=truth.label,
-        configuration={**truth.configuration, "family": "certified truth"},
+        family="certified truth",
+        configuration=CertifiedFamily(family="certified truth"),
         picture=lambda: tracers["embree"].trace(aperture),
     )

@@ -5,7 +5,9 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NoReturn
+
+from tqdm import tqdm
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -17,35 +19,42 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-ONCE = Sampling()
+SINGLE_SAMPLE = Sampling()
+"""One point for each pixel and aperture."""
+
 PROCEDURE = (
     "each image with and without the effect, in turn, the first of a pair in alternation, "
     "after one of each that warms up; "
     "medians, of the differences for costs; color only, one sample unless samples are what is measured; "
     "light transport from its time for 4 paths a pixel"
 )
+"""How costs are measured, in words."""
+
 MEASURED_PATHS = 4
+"""Light paths per pixel with which light transport is timed: its time is proportional to their number."""
+
 RENDERERS = ("raster", "reference")
+"""Names of the renderers whose costs are measured."""
 
 Image = Callable[[], object]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What one effect adds to the time of one image.
+    """The time that one effect adds to an image.
 
     Attributes
     ----------
     seconds
-        Median of the differences between the image with it and the one without.
+        Median of the differences between the image with the effect and the image without.
     spread
         Half the distance between the quartiles of the differences.
     interval
         Ends of the interval that holds the true median difference; see `timing.median_interval`.
     repetitions
-        How many differences there are.
+        Number of differences.
     without
-        Median time of the image without it.
+        Median time of the image without the effect.
     """
 
     seconds: float
@@ -62,15 +71,15 @@ class Cost:
 
 
 def cost(with_it: Image, without_it: Image, repeat: int) -> Cost:
-    """Return what the first of two images costs more than the second.
+    """Return the time that the first of two images takes beyond the second.
 
     Parameters
     ----------
     with_it, without_it
-        Make the images.
+        Functions that make the images.
     repeat
-        Measured pairs, after one that warms up. Which image of a pair is the first alternates: the second
-        may find caches filled, or a processor slowed down.
+        Measured pairs, after one that warms up. The images of a pair are made in alternating order: the
+        second may find caches filled, or a processor slowed down.
     """
     pairs = [_pair(with_it, without_it, swapped=turn % 2 == 0) for turn in range(repeat + 1)][1:]
     differences = [one - other for one, other in pairs]
@@ -105,7 +114,7 @@ class Stopwatches:
     Attributes
     ----------
     scene, aperture, settings, tracer
-        Which image.
+        Image that is timed.
     repeat
         Measured pairs.
     """
@@ -117,34 +126,40 @@ class Stopwatches:
     repeat: int
 
     def of_effects(
-        self, with_it: frozenset[Effect], without_it: frozenset[Effect], bar: Any
+        self, with_it: frozenset[Effect], without_it: frozenset[Effect], bar: tqdm[NoReturn]
     ) -> dict[str, Cost]:
-        """Return what the effects of one set cost beyond those of another, by renderer."""
+        """Return the cost of one set of effects beyond another, by renderer."""
         found = {}
         with Rasterizer(self.scene, with_it) as one, Rasterizer(self.scene, without_it) as other:
-            found["raster"] = cost(self._raster(one, ONCE), self._raster(other, ONCE), self.repeat)
+            found["raster"] = cost(
+                self._raster(one, SINGLE_SAMPLE), self._raster(other, SINGLE_SAMPLE), self.repeat
+            )
         bar.update()
-        # Which surface a true line meets first does not depend on which cameras would draw it.
+        # A true line meets the same surface first, whichever cameras would draw it.
         if (with_it ^ without_it) - {Effect.C, Effect.C_STAR}:
             true, simpler = (Reference(self.scene, self.tracer, some) for some in (with_it, without_it))
-            found["reference"] = cost(self._trace(true, ONCE), self._trace(simpler, ONCE), self.repeat)
+            found["reference"] = cost(
+                self._trace(true, SINGLE_SAMPLE), self._trace(simpler, SINGLE_SAMPLE), self.repeat
+            )
         bar.update()
         return found
 
-    def of_sampling(self, sampling: Sampling, bar: Any) -> dict[str, Cost]:
-        """Return what finer sampling costs beyond one sample, by renderer."""
+    def of_sampling(self, sampling: Sampling, bar: tqdm[NoReturn]) -> dict[str, Cost]:
+        """Return the cost of finer sampling beyond one sample, by renderer."""
         found = {}
         with Rasterizer(self.scene) as rasterizer:
-            images = (self._raster(rasterizer, sampling), self._raster(rasterizer, ONCE))
+            images = (self._raster(rasterizer, sampling), self._raster(rasterizer, SINGLE_SAMPLE))
             found["raster"] = cost(*images, self.repeat)
         bar.update()
         reference = Reference(self.scene, self.tracer)
-        found["reference"] = cost(self._trace(reference, sampling), self._trace(reference, ONCE), self.repeat)
+        found["reference"] = cost(
+            self._trace(reference, sampling), self._trace(reference, SINGLE_SAMPLE), self.repeat
+        )
         bar.update()
         return found
 
-    def of_transport(self, transport: Transport, bar: Any) -> dict[str, Cost]:
-        """Return what Mitsuba's light transport takes: an image beside the others, all of it a cost."""
+    def of_transport(self, transport: Transport, bar: tqdm[NoReturn]) -> dict[str, Cost]:
+        """Return the cost of Mitsuba's light transport: the whole time of an image of its own."""
         tracer, few = PathTracer(self.scene), replace(transport, samples=MEASURED_PATHS)
         found = cost(lambda: tracer.render(self.aperture, few), lambda: None, self.repeat)
         # Paths are independent of each other: the time is proportional to their number.

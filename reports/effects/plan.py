@@ -1,9 +1,11 @@
-"""What a scene calls for, effect by effect: used or left out, the fact that decided it, and what it costs."""
+"""The effects that a scene calls for: each used or left out, the fact that decided it, and its cost."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NoReturn
+
+from tqdm import tqdm
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.reference import TRACERS
@@ -15,17 +17,17 @@ from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, decide
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.model.slabs import Slab, slabs
+from xfrustum.scenes.model.slabs import SlabContent, slab_contents
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 REPEAT = FEWEST_DIFFERENCES
 """Measured pairs of images for each effect."""
-NEAR = 1e-3
-"""Of the reach, where nothing else is asked for: the time does not depend on it."""
+DEFAULT_NEAR_PER_REACH = 1e-3
+"""Near plane where none is asked for: the time does not depend on it."""
 
-WOULD_BE = {"antialiasing": Sampling(supersample=2), "band-limiting": Sampling(aperture=4)}
-"""What sampling would cost is measured with, where it is not asked for."""
+SAMPLING_NOT_ASKED = {"antialiasing": Sampling(supersample=2), "band-limiting": Sampling(aperture=4)}
+"""Sampling whose cost is measured where a scene asks for none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,13 +37,13 @@ class Row:
     Attributes
     ----------
     name
-        As `--effects` takes it, or that of a setting of the scene.
+        Name of the effect as `--effects` takes it, or of a setting of the scene.
     used
-        Whether this scene's images have it.
+        Whether this scene's images have the effect.
     reason
-        The fact that decided it.
+        The fact that decided whether it is used.
     costs
-        By renderer; none where it was not measured or means nothing there.
+        Cost by renderer; without an entry where it was not measured or means nothing.
     """
 
     name: str
@@ -52,18 +54,18 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectsPlan:
-    """What will be simulated of one image, decided before anything runs, and what was measured of it.
+    """The effects that one image will have, decided before anything runs, and their measured costs.
 
     Attributes
     ----------
     scene, aperture, settings, tracer
-        Which image.
+        Image that is asked for.
     rows
         The local effects, and then the settings of the scene.
     slabs
-        Of both cameras, from the back.
+        Slabs of both cameras, from the back.
     left_out
-        What all local effects would cost beyond those used, by renderer; none if not measured.
+        Cost of all local effects beyond those used, by renderer; empty if not measured.
     repeat
         Measured pairs of images; 0 if nothing was measured.
     """
@@ -73,12 +75,12 @@ class EffectsPlan:
     settings: DoubleFrustum
     tracer: str
     rows: tuple[Row, ...]
-    slabs: tuple[Slab, ...]
+    slabs: tuple[SlabContent, ...]
     left_out: dict[str, Cost]
     repeat: int
 
     @property
-    def drawn(self) -> tuple[Slab, ...]:
+    def drawn(self) -> tuple[SlabContent, ...]:
         """The slabs that have something in them."""
         return tuple(slab for slab in self.slabs if slab.triangles)
 
@@ -104,9 +106,9 @@ def explain(
     Parameters
     ----------
     scene
-        Its sampling and light transport are settings that are asked for.
+        Scene whose sampling and light transport are settings that are asked for.
     aperture, settings
-        Which image; by default the middle aperture, both cameras and no slabs.
+        Image that is asked for; by default of the middle aperture, with both cameras and no slabs.
     tracer
         One of `xfrustum.reference.TRACERS`.
     repeat
@@ -120,8 +122,8 @@ def explain(
         The settings make no sense for the scene, the aperture sees nothing of the objects, or there is no
         usable OpenGL.
     """
-    aperture = scene.plate.middle if aperture is None else aperture
-    settings = DoubleFrustum(near=NEAR * scene.frustum.longest_reach) if settings is None else settings
+    aperture = aperture or scene.plate.middle
+    settings = settings or DoubleFrustum(near=DEFAULT_NEAR_PER_REACH * scene.frustum.longest_reach)
     settings.check_against(scene.frustum)
     if whole(repeat) < 0:
         raise InputError(f"explain: repetitions must be a count from 0, not {repeat!r}")
@@ -145,14 +147,14 @@ def explain(
         settings=settings,
         tracer=tracer,
         rows=tuple(rows),
-        slabs=slabs(scene, settings),
+        slabs=slab_contents(scene, settings),
         left_out=left_out,
         repeat=repeat,
     )
 
 
 def _settings_of(scene: Scene) -> list[Row]:
-    """Return what changes the picture, and therefore is simulated only if it is asked for."""
+    """Return the rows of what changes the picture and therefore is simulated only if it is asked for."""
     sampling, transport = scene.sampling, scene.transport
     side, many = sampling.supersample, sampling.multisample
     finer = side > 1 or many > 1
@@ -176,16 +178,20 @@ def _settings_of(scene: Scene) -> list[Row]:
     ]
 
 
-def _measured(row: Row, used: frozenset[Effect], watches: Stopwatches, bar: Any) -> dict[str, Cost]:
-    """Return what one row costs: an effect that is left out beside those used, one that is used of them."""
+def _measured(
+    row: Row, used: frozenset[Effect], watches: Stopwatches, bar: tqdm[NoReturn]
+) -> dict[str, Cost]:
+    """Return the cost of one row: of an effect added to those used, or taken away from them."""
     if row.name in set(Effect):
         effect = Effect(row.name)
         return watches.of_effects(used | {effect}, used - {effect}, bar)
     asked = watches.scene.sampling
     if row.name == "antialiasing":
-        finer = replace(asked, aperture=1) if row.used else WOULD_BE[row.name]
+        finer = replace(asked, aperture=1) if row.used else SAMPLING_NOT_ASKED[row.name]
         return watches.of_sampling(finer, bar)
     if row.name == "band-limiting":
-        return watches.of_sampling(Sampling(aperture=asked.aperture) if row.used else WOULD_BE[row.name], bar)
+        return watches.of_sampling(
+            Sampling(aperture=asked.aperture) if row.used else SAMPLING_NOT_ASKED[row.name], bar
+        )
     transport = Transport(samples=watches.scene.transport.samples, **{row.name: True})
     return watches.of_transport(transport, bar)

@@ -2,58 +2,133 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.json_ready import json_object
+from xfrustum.reports.common.provenance import SceneName
 from xfrustum.reports.effects.costs import PROCEDURE, RENDERERS, Cost
-from xfrustum.reports.effects.plan import EffectsPlan
+from xfrustum.reports.effects.plan import EffectsPlan, Row
+from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.plate.double_frustum import Camera
+
+Number = TypeVar("Number")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByRenderer(Generic[Number]):
+    """One number for each renderer; None where it was not measured or means nothing."""
+
+    raster: Number | None
+    reference: Number | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectRecord:
+    """One effect: whether it is used, why, and what it costs."""
+
+    name: str
+    used: bool
+    reason: str
+    cost_s: ByRenderer[float]
+    spread_s: ByRenderer[float]
+    interval_s: ByRenderer[tuple[float, float]]
+    resolved: ByRenderer[bool]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlabRecord:
+    """One slab: its camera, its heights, and the number of its triangles."""
+
+    camera: Camera
+    heights: tuple[float, float]
+    triangles: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassRecord:
+    """One pass of the rasterizer; `draws` says what it draws."""
+
+    camera: Camera
+    heights: tuple[float, float]
+    draws: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplesRecord:
+    """Points per pixel, coverage samples, and points of the aperture."""
+
+    pixel: int
+    multisample: int
+    aperture: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectsRecord:
+    """The object that `explain --json` prints; see `EffectsPlan`."""
+
+    scene: SceneName
+    aperture: tuple[int, int]
+    effects: tuple[EffectRecord, ...]
+    cameras: tuple[Camera, ...]
+    slabs: tuple[SlabRecord, ...]
+    passes: tuple[PassRecord, ...]
+    samples: SamplesRecord
+    transport: Transport
+    tracer: str
+    image_s: ByRenderer[float]
+    left_out_s: ByRenderer[float]
+    left_out_interval_s: ByRenderer[tuple[float, float]]
+    repeat: int
+    procedure: str
 
 
 def summary(plan: EffectsPlan) -> dict[str, Any]:
     """Return the plan as one JSON object."""
-    sampling, transport = plan.scene.sampling, plan.scene.transport
-    ready: dict[str, Any] = json_ready(
-        {
-            "scene": {"name": plan.scene.name, "hash": plan.scene.content_hash},
-            "aperture": plan.aperture.index,
-            "effects": [
-                {
-                    "name": row.name,
-                    "used": row.used,
-                    "reason": row.reason,
-                    "cost_s": _by_renderer(row.costs, "seconds"),
-                    "spread_s": _by_renderer(row.costs, "spread"),
-                    "interval_s": _by_renderer(row.costs, "interval"),
-                    "resolved": _by_renderer(row.costs, "resolved"),
-                }
-                for row in plan.rows
-            ],
-            "cameras": list(dict.fromkeys(slab.camera for slab in plan.drawn)),
-            "slabs": [
-                {"camera": slab.camera, "heights": slab.heights, "triangles": slab.triangles}
-                for slab in plan.slabs
-            ],
-            "passes": [
-                {"camera": camera, "heights": heights, "draws": kind} for camera, heights, kind in plan.passes
-            ],
-            "samples": {
-                "pixel": sampling.supersample**2,
-                "multisample": sampling.multisample,
-                "aperture": sampling.aperture,
-            },
-            "transport": transport,
-            "tracer": plan.tracer,
-            "image_s": _by_renderer(plan.left_out, "without"),
-            "left_out_s": _by_renderer(plan.left_out, "seconds"),
-            "left_out_interval_s": _by_renderer(plan.left_out, "interval"),
-            "repeat": plan.repeat,
-            "procedure": PROCEDURE,
-        }
+    sampling = plan.scene.sampling
+    record = EffectsRecord(
+        scene=SceneName.of(plan.scene),
+        aperture=plan.aperture.index,
+        effects=tuple(_effect(row) for row in plan.rows),
+        cameras=tuple(dict.fromkeys(slab.camera for slab in plan.drawn)),
+        slabs=tuple(
+            SlabRecord(camera=slab.camera, heights=slab.heights, triangles=slab.triangles)
+            for slab in plan.slabs
+        ),
+        passes=tuple(
+            PassRecord(camera=camera, heights=heights, draws=kind) for camera, heights, kind in plan.passes
+        ),
+        samples=SamplesRecord(
+            pixel=sampling.supersample**2, multisample=sampling.multisample, aperture=sampling.aperture
+        ),
+        transport=plan.scene.transport,
+        tracer=plan.tracer,
+        image_s=_by_renderer(plan.left_out, lambda cost: cost.without),
+        left_out_s=_by_renderer(plan.left_out, lambda cost: cost.seconds),
+        left_out_interval_s=_by_renderer(plan.left_out, lambda cost: cost.interval),
+        repeat=plan.repeat,
+        procedure=PROCEDURE,
     )
-    return ready
+    return json_object(record)
+
+
+def _effect(row: Row) -> EffectRecord:
+    return EffectRecord(
+        name=row.name,
+        used=row.used,
+        reason=row.reason,
+        cost_s=_by_renderer(row.costs, lambda cost: cost.seconds),
+        spread_s=_by_renderer(row.costs, lambda cost: cost.spread),
+        interval_s=_by_renderer(row.costs, lambda cost: cost.interval),
+        resolved=_by_renderer(row.costs, lambda cost: cost.resolved),
+    )
+
+
+def _by_renderer(costs: dict[str, Cost], number: Callable[[Cost], Number]) -> ByRenderer[Number]:
+    raster, reference = (number(costs[name]) if name in costs else None for name in RENDERERS)
+    return ByRenderer(raster=raster, reference=reference)
 
 
 def table(plan: EffectsPlan) -> str:
@@ -98,12 +173,8 @@ def _sentences(plan: EffectsPlan) -> Iterator[str]:
         yield "not told: the interval of the differences, in brackets, holds zero, or repetitions are too few"
 
 
-def _by_renderer(costs: dict[str, Cost], what: str) -> dict[str, Any]:
-    return {name: getattr(costs[name], what) if name in costs else None for name in RENDERERS}
-
-
 def _time(cost: Cost | None) -> str:
-    """Write a cost; of one that cannot be told from nothing, the interval of its repetitions."""
+    """Write a cost, or the interval of its repetitions where it cannot be told from nothing."""
     if cost is None:
         return "-"
     if not cost.resolved:

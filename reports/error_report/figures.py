@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 
 import plotly.graph_objects as go
 
+from xfrustum.compare import Spread
+from xfrustum.compare.metrics.comparison import Share
 from xfrustum.reports.common.figure_style import COLORS, INK, log_axis, look, style
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
 from xfrustum.scenes.plate.plate import Aperture
@@ -23,18 +26,22 @@ def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
     reach = sweep.scene.frustum.longest_reach
     return {
         "surface": _surface_figure(rows, reach),
-        "displacement_p99": _displacement_figure(rows, reach, "p99", "99th percentile of displacement, px"),
-        "displacement_rms": _displacement_figure(rows, reach, "rms", "rms displacement, px"),
-        "triangle": _fraction_figure(rows, reach, "triangle", "pixels with another triangle"),
+        "displacement_p99": _displacement_figure(
+            rows, reach, attrgetter("p99"), "99th percentile of displacement, px"
+        ),
+        "displacement_rms": _displacement_figure(rows, reach, attrgetter("rms"), "rms displacement, px"),
+        "triangle": _fraction_figure(
+            rows, reach, lambda row: row.comparison.triangle, "pixels with another triangle"
+        ),
     }
 
 
 def stage_times(sweep: Sweep) -> go.Figure:
     """Return a bar per stage: wall seconds that add up to those of everything, parts drawn as parts."""
     stages = list(sweep.times_s)
-    parts = {stage: sum(sweep.parts_s.get(stage, {}).values()) for stage in stages}
+    parts = dict.fromkeys(stages, 0.0) | {"raster": sweep.parts_s.raster.gpu}
+    names = {stage: stage for stage in stages} | {"raster": "raster, of it gpu"}
     figure = go.Figure()
-    names = {stage: f"{stage}, of it {' and '.join(part)}" for stage, part in sweep.parts_s.items()}
     for seconds, label, color in (
         ([parts[stage] for stage in stages], "part", COLORS[2]),
         ([sweep.times_s[stage] - parts[stage] for stage in stages], "stage", COLORS[1]),
@@ -49,7 +56,7 @@ def stage_times(sweep: Sweep) -> go.Figure:
             textposition="outside" if whole else "none",
             cliponaxis=False,
             customdata=[sweep.times_s[stage] if whole else parts[stage] for stage in stages],
-            hovertext=stages if whole else [names.get(stage, stage) for stage in stages],
+            hovertext=stages if whole else [names[stage] for stage in stages],
             hovertemplate="%{hovertext}: %{customdata:.3f} s<extra></extra>",
             showlegend=False,
         )
@@ -65,7 +72,7 @@ def stage_times(sweep: Sweep) -> go.Figure:
 def number_figure(
     rows: Sequence[tuple[int, Measurement]], reach: float, number: Number, title: str
 ) -> go.Figure:
-    """Draw any number of a row against near, one line for each depth buffer; zeros are left out."""
+    """Draw a number of each row against near, one line for each depth buffer; zeros are left out."""
     figure = go.Figure()
     _add_depth_lines(figure, rows, reach, number)
     figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
@@ -96,44 +103,51 @@ def pair_figure(
 
 
 def _fraction_figure(
-    rows: Sequence[tuple[int, Measurement]], reach: float, key: str, title: str
+    rows: Sequence[tuple[int, Measurement]],
+    reach: float,
+    share: Callable[[Measurement], Share | None],
+    title: str,
 ) -> go.Figure:
     """Draw a share of pixels; zeros, which a logarithmic axis lacks, lie at half a pixel and are hollow."""
     figure = go.Figure()
 
-    def fraction(row: Measurement) -> float | None:
-        share = float(row.comparison[key]["fraction"])
-        return share or 0.5 / max(row.comparison["judged"], 1)
+    def known(row: Measurement) -> Share:
+        found = share(row)
+        assert found is not None, "a sweep knows the scene and all triangles"
+        return found
 
-    _add_depth_lines(figure, rows, reach, fraction)
+    _add_depth_lines(figure, rows, reach, lambda row: known(row).fraction or _half_pixel(row))
     for line, group in zip(figure.data, _by_depth(rows).values(), strict=True):
-        comparisons = [row.comparison for _, row in group]
         symbol = line.marker.symbol
-        line.marker.symbol = [symbol + ("" if c[key]["wrong"] else "-open") for c in comparisons]
-        line.text = [f"{c[key]['wrong']} of {c['judged']}" for c in comparisons]
+        line.marker.symbol = [symbol + ("" if known(row).wrong else "-open") for _, row in group]
+        line.text = [f"{known(row).wrong} of {row.comparison.judged}" for _, row in group]
         line.hovertemplate = "near %{x:.3g} of the reach<br>%{text} pixels wrong"
     _log_axes(figure, title)
     return figure
 
 
+def _half_pixel(row: Measurement) -> float:
+    """Return the share that half a pixel is of the judged ones."""
+    return 0.5 / max(row.comparison.judged, 1)
+
+
 def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go.Figure:
     """Draw the share of wrong surfaces with its closed forms, one for each depth buffer, dashed."""
-    figure = _fraction_figure(rows, reach, "surface", "pixels with the wrong surface")
+    figure = _fraction_figure(
+        rows, reach, lambda row: row.comparison.surface, "pixels with the wrong surface"
+    )
     for place, (label, group) in enumerate(_by_depth(rows).items()):
         figure.add_scatter(
             x=[row.settings.near / reach for _, row in group],
-            # Less than half a pixel is as much as none.
-            y=[
-                max(row.predicted.surface_fraction, 0.5 / max(row.comparison["judged"], 1))
-                for _, row in group
-            ],
+            # Shares of less than half a pixel are drawn there too, where zeros are.
+            y=[max(row.predicted.surface_fraction, _half_pixel(row)) for _, row in group],
             name=f"{label}, closed form",
             mode="lines",
             showlegend=False,
             line={"color": look(place)[0], "dash": "dash", "width": 1.5},
             hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g}",
         )
-    # One entry for all of them.
+    # The legend has one entry for all closed forms.
     figure.add_scatter(
         x=[None], y=[None], name="closed form", mode="lines", line={"color": INK, "dash": "dash", "width": 2}
     )
@@ -141,14 +155,14 @@ def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go
 
 
 def _displacement_figure(
-    rows: Sequence[tuple[int, Measurement]], reach: float, statistic: str, title: str
+    rows: Sequence[tuple[int, Measurement]], reach: float, statistic: Callable[[Spread], float], title: str
 ) -> go.Figure:
     """Draw a statistic of displacement with its closed-form prediction, dashed."""
     figure = go.Figure()
 
     def measured(row: Measurement) -> float | None:
-        displacement = row.comparison["displacement_px"]
-        return None if displacement is None else displacement[statistic] or None
+        displacement = row.comparison.displacement_px
+        return None if displacement is None else statistic(displacement) or None
 
     _add_depth_lines(figure, rows, reach, measured)
     figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g} px")
@@ -157,7 +171,7 @@ def _displacement_figure(
     nears = sorted(predicted)
     figure.add_scatter(
         x=nears,
-        y=[getattr(predicted[near], statistic) or None for near in nears],
+        y=[statistic(predicted[near]) or None for near in nears],
         name="closed form",
         mode="lines",
         line={"color": INK, "dash": "dash", "width": 2},

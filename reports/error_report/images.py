@@ -31,7 +31,9 @@ LARGEST_HEIGHT_ERROR = 1e-2
 RADIANCE_RANGE = (1e-4, 1.0)
 """Ends of the logarithmic scale, linear radiance; the lower one is a fortieth of an 8-bit step."""
 SURFACE_COLOR = "rgb(224, 49, 49)"
+"""Color of pixels with the wrong surface."""
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
+"""Color of pixels with another triangle."""
 
 _DISPLACEMENT_STEPS = 40
 _HEIGHT_STEPS = 15
@@ -46,22 +48,21 @@ _KEPT_BITS = 0xFF << _DROPPED_BITS & 0xFF
 def height_range(scene: Scene | None, reach: float) -> tuple[float, float]:
     """Return both ends of the scale of height errors, as fractions of the longest reach.
 
-    Smaller errors than the lower end are white. It is the error that rounding alone may make of a 32-bit
-    surface point (`compare.rounding.positions`) as far away as the reach, or as the scene's largest
-    coordinate if that
-    is larger, rounded up to 1, 2 or 5 of its power of ten.
+    Errors below the lower end are white. This end is the largest error that rounding alone may make in a
+    32-bit surface point (`compare.rounding.positions`) as far away as the reach, or as the scene's largest
+    coordinate if that is larger, rounded up to 1, 2 or 5 of its power of ten.
 
     Parameters
     ----------
     scene
-        None where it is not at hand.
+        Scene that is shown; None where it is not at hand.
     reach
         Longest reach, scene units.
     """
     rounding = POSITION_ROUNDINGS * FLOAT32_ROUNDING
     if scene is not None:
         rounding = max(rounding, largest_tolerance(scene) / reach)
-    # A far vertex may make a scale of less than a decade; its upper end stays.
+    # A far vertex could make a scale of less than a decade: the lower end stays a tenth of the upper one.
     return min(_rounded_up(rounding), LARGEST_HEIGHT_ERROR / 10), LARGEST_HEIGHT_ERROR
 
 
@@ -82,7 +83,7 @@ def setting_pictures(
     reach
         Longest reach, scene units; the unit of the height scale.
     heights
-        Both ends of that scale; see `height_range`.
+        Both ends of the height scale; see `height_range`.
     reduction
         Image pixels per picture pixel, along each side; errors keep the worst of a block.
     """
@@ -100,8 +101,8 @@ def setting_pictures(
 def picture(image: HogelImage, reduction: int = 1) -> bytes:
     """Encode the color image as WebP in sRGB, transparent where there is no surface.
 
-    Without loss but for the last `_DROPPED_BITS` of each channel, which nobody sees and which
-    fill half the file.
+    Only the last `_DROPPED_BITS` of each channel are lost, which nobody sees and which would fill half the
+    file.
     """
     covered = image.covered
     if image.color is None:
@@ -131,7 +132,7 @@ def displacement_map(displacement: Floats, reduction: int = 1) -> bytes:
     low, high = np.log10(DISPLACEMENT_RANGE_PX)
     known = np.isfinite(length)
     level = (_log10(length[known]) - low) / (high - low) * _DISPLACEMENT_STEPS
-    # 0 is both "undefined" and the least: the worst of a block is its largest index.
+    # Index 0 is "undefined" and the least of all: the worst of a block is its largest index.
     index = np.zeros(length.shape, dtype=np.uint8)
     index[known] = 1 + np.clip(np.floor(level), 0, _DISPLACEMENT_STEPS - 1)
     return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
@@ -142,8 +143,8 @@ def height_map(
 ) -> bytes:
     """Encode the signed (H, W) height error as PNG, transparent where undefined.
 
-    Red is nearer to the viewer than the truth, blue farther; logarithmic between the ends of a
-    `height_range`, in fractions of the reach.
+    Red is nearer to the viewer than the truth, blue farther; the scale is logarithmic between the ends of
+    a `height_range`, in fractions of the reach.
     """
     low, high = np.log10(heights)
     known = np.isfinite(height)
@@ -160,9 +161,10 @@ def height_map(
 
 
 def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
-    """Encode the radiance error (H, W, 3) as PNG: of the channel that is farthest off, whichever its sign.
+    """Encode the size of the radiance error (H, W, 3) as PNG; the channel that is farthest off counts.
 
-    Logarithmic over `RADIANCE_RANGE`; smaller errors are transparent, and so is what is not judged.
+    The scale is logarithmic over `RADIANCE_RANGE`; smaller errors and pixels that are not judged are
+    transparent.
     """
     low, high = np.log10(RADIANCE_RANGE)
     level = (_log10(np.abs(error).max(axis=-1)) - low) / (high - low) * _DISPLACEMENT_STEPS
@@ -196,7 +198,8 @@ def media_type(encoded: bytes) -> str:
 
 
 _BIN_BITS = 12
-"""Of a float32's 23 bits of mantissa: colors that differ in these alone are nearly always shown alike."""
+"""Number of the last of a float32's 23 bits of mantissa: colors that differ only in these are nearly always
+shown alike."""
 
 
 @cache
@@ -209,10 +212,10 @@ def _level_of_bin() -> NDArray[np.int16]:
 
 
 def _levels(linear: NDArray[np.floating]) -> Bytes:
-    """Return the 8-bit levels of colors between 0 and 1, to the last one those of the curve itself.
+    """Return the 8-bit levels of colors between 0 and 1, exactly as the curve gives them.
 
-    The curve rises (but at its knee, by 1e-8, far from where two levels meet): where both ends of a bin
-    have one level, all that is between them has it.
+    The curve rises everywhere but at its knee, where it falls by 1e-8, far from where two levels meet. Where
+    both ends of a bin have the same level, all colors between them have it too.
     """
     colors = np.ascontiguousarray(linear, dtype=np.float32)
     levels: NDArray[np.int16] = _level_of_bin()[colors.view(np.uint32) >> _BIN_BITS]

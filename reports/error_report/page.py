@@ -4,24 +4,34 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
-from dataclasses import fields
-from typing import Any
+from dataclasses import dataclass, fields
 
+import plotly.graph_objects as go
+
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
+from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reports.common import formatting
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import figures, images, shading_page
-from xfrustum.reports.error_report.shading import ShadingReport
-from xfrustum.reports.error_report.sweep_bench import REPEAT_BUDGET_S
-from xfrustum.reports.error_report.tables import recommended_command, report_object
+from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S
+from xfrustum.reports.error_report.shading import ShadingReport, milliseconds
+from xfrustum.reports.error_report.tables import recommended_command
 from xfrustum.reports.measurements import best
-from xfrustum.reports.measurements.measurement import Measurement, SettingPictures, Sweep
+from xfrustum.reports.measurements.measurement import (
+    Measurement,
+    Ratios,
+    SettingPictures,
+    StageParts,
+    StageTimes,
+    Sweep,
+)
 from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
-from xfrustum.scenes.tolerances import TOLERANCE_PX
+from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import TOLERANCE_PX
 
 _CERTAINTY_WORDS = {
     Certainty.PROVEN: "proven in floating point",
@@ -29,6 +39,61 @@ _CERTAINTY_WORDS = {
     Certainty.TIE: "tie, not judged",
     Certainty.UNEXAMINED: "not examined",
 }
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageRow:
+    """One row as the page's script reads it; pictures by the keys of `PageData.pictures`."""
+
+    aperture: tuple[int, int]
+    depth: str
+    near: float
+    comparison: ComparisonNumbers
+    predicted: Prediction
+    predicted_surface: float
+    ratio: Ratios
+    times_s: StageTimes
+    parts_s: StageParts
+    pictures: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageData:
+    """What the page's script reads.
+
+    Attributes
+    ----------
+    rows
+        One for each aperture and setting.
+    apertures
+        Column and row of each aperture.
+    truths
+        Key of each aperture's true picture.
+    start
+        Number of the row that is shown first.
+    units, reach
+        Length unit of the scene, and its longest reach.
+    pictures
+        Data addresses by key; each picture once, however many settings share it.
+    curves
+        Figures of each aperture by name; None where a figure shows no point.
+    eye
+        Figure of the bent eye vector, where there is one.
+    times, cost
+        Figures of the stages' times, and of error against time.
+    """
+
+    rows: tuple[PageRow, ...]
+    apertures: tuple[tuple[int, int], ...]
+    truths: tuple[str, ...]
+    start: int
+    units: str
+    reach: float
+    pictures: dict[str, str]
+    curves: tuple[dict[str, go.Figure | None], ...]
+    eye: go.Figure | None
+    times: go.Figure
+    cost: go.Figure
 
 
 def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
@@ -43,7 +108,7 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "reach": reach,
         "sentence": best.sentence(sweep.rows, sweep.scene.units, reach),
         "can_be_judged": best.can_be_judged(sweep.rows),
-        "verdict": best.best_setting(sweep.rows),
+        "best": best.best_setting(sweep.rows),
         "command": recommended_command(sweep),
         "near_range": best.near_range,
         "unseen_px": best.UNSEEN_DISPLACEMENT_PX,
@@ -68,56 +133,59 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "total_s": sweep.wall_s,
         "page_data": _page_data(sweep, shading),
     }
-    filters = {"percent": formatting.percent, "pixels": best.pixels, "digits": formatting.digits}
+    filters = {
+        "percent": formatting.percent,
+        "pixels": best.pixels,
+        "digits": formatting.digits,
+        "milliseconds": milliseconds,
+    }
     return html_page("report.html.j2", filters, values)
 
 
-def _page_data(sweep: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
-    """Collect what the page's script needs: pictures by hash, rows, figures."""
+def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
+    """Return what the page's script reads."""
     pictures: dict[str, str] = {}
-    rows = [_row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True)]
+    rows = tuple(_row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True))
     chosen = best.best_setting(sweep.rows).settings
     start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
-    return {
-        "rows": rows,
-        "apertures": [list(aperture.index) for aperture in sweep.apertures],
-        "truths": [_keep(encoded, pictures) for encoded in sweep.truths],
-        "start": start,
-        "units": sweep.scene.units,
-        "reach": sweep.scene.frustum.longest_reach,
-        "pictures": pictures,
-        "curves": [
-            {
-                name: None if figures.is_blank(figure) else json.loads(figure.to_json())
-                for name, figure in (
-                    figures.curves(sweep, aperture) | shading_page.curves(shading, sweep, aperture)
-                ).items()
-            }
-            for aperture in sweep.apertures
-        ],
-        "eye": shading_page.eye_figure(shading),
-        "times": json.loads(figures.stage_times(sweep).to_json()),
-        "cost": json.loads(trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX).to_json()),
-    }
+    return PageData(
+        rows=rows,
+        apertures=tuple(aperture.index for aperture in sweep.apertures),
+        truths=tuple(_keep(encoded, pictures) for encoded in sweep.truths),
+        start=start,
+        units=sweep.scene.units,
+        reach=sweep.scene.frustum.longest_reach,
+        pictures=pictures,
+        curves=tuple(_curves(sweep, shading, aperture) for aperture in sweep.apertures),
+        eye=shading_page.eye_figure(shading),
+        times=figures.stage_times(sweep),
+        cost=trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX),
+    )
 
 
-def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) -> dict[str, Any]:
-    return {
-        "aperture": list(row.aperture.index),
-        "depth": row.settings.depth_label,
-        "near": row.settings.near,
-        "comparison": row.comparison,
-        "predicted": row.predicted,
-        "predicted_surface": row.predicted.surface_fraction,
-        "ratio": row.measured_over_predicted,
-        "times_s": row.times_s,
-        "parts_s": row.parts_s,
-        "pictures": {
+def _curves(sweep: Sweep, shading: ShadingReport | None, aperture: Aperture) -> dict[str, go.Figure | None]:
+    """Return the figures of an aperture by name; None for those without a point."""
+    drawn = figures.curves(sweep, aperture) | shading_page.curves(shading, sweep, aperture)
+    return {name: None if figures.is_blank(figure) else figure for name, figure in drawn.items()}
+
+
+def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) -> PageRow:
+    return PageRow(
+        aperture=row.aperture.index,
+        depth=row.settings.depth_label,
+        near=row.settings.near,
+        comparison=row.comparison,
+        predicted=row.predicted,
+        predicted_surface=row.predicted.surface_fraction,
+        ratio=row.measured_over_predicted,
+        times_s=row.times_s,
+        parts_s=row.parts_s,
+        pictures={
             f.name: _keep(encoded, pictures)
             for f in fields(own)
             if (encoded := getattr(own, f.name)) is not None
         },
-    }
+    )
 
 
 def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
@@ -131,7 +199,7 @@ def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
 
 def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
     """Return one line per class: its words, and its number of pixels at each aperture."""
-    first = {row.aperture: row.certainty for row in reversed(sweep.rows)}
+    first = {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)}
     return [
         (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
         for kind, words in _CERTAINTY_WORDS.items()
@@ -139,10 +207,10 @@ def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
 
 
 def _frustum_words(sweep: Sweep) -> str:
-    frustum = report_object(sweep)["scene"]["frustum"]
-    width, height = frustum["resolution"]
-    toward, behind = frustum["reach"]
-    kind = "recentered" if sweep.scene.frustum.recentered else "centered"
+    frustum = sweep.scene.frustum
+    width, height = frustum.resolution
+    toward, behind = frustum.reach
+    kind = "recentered" if frustum.recentered else "centered"
     units = sweep.scene.units
     return (
         f"{kind} frustum, {width} x {height} pixels, "

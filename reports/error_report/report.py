@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.reports.error_report.page import render_page
+from xfrustum.reports.error_report.report_records import ReportRecord
 from xfrustum.reports.error_report.shading import ShadingReport
 from xfrustum.reports.error_report.shading_measure import measure_shading
 from xfrustum.reports.error_report.sweep import (
@@ -23,8 +23,8 @@ from xfrustum.reports.error_report.sweep import (
     settings_grid,
     sweep,
 )
-from xfrustum.reports.error_report.tables import recommended_command, report_object, write_parquet
-from xfrustum.reports.measurements.best import Verdict, best_setting, sentence
+from xfrustum.reports.error_report.tables import recommended_command, report_record, write_parquet
+from xfrustum.reports.measurements.best import Recommendation, best_setting, sentence
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -34,7 +34,7 @@ from xfrustum.scenes.plate.plate import Aperture
 
 @dataclass(frozen=True, kw_only=True)
 class ReportFiles:
-    """What a report left behind.
+    """The files of a report, and what it found.
 
     Attributes
     ----------
@@ -43,21 +43,21 @@ class ReportFiles:
     best
         The best setting, and its numbers at the worst aperture.
     sentence
-        The same in words.
+        The recommendation in words.
     content
         The object in report.json.
     notes
-        Further sentences: of a shaded scene, the time that effects take, and what is left out.
+        Further sentences about a shaded scene: the time that effects take, and what is left out.
     cost
-        What the sweep took, in words.
+        Time that the sweep took, in words.
     command
-        The command that draws as is recommended.
+        Command that draws with the best setting.
     """
 
     html: Path
     json: Path
     parquet: Path
-    best: Verdict
+    best: Recommendation
     sentence: str
     content: dict[str, Any]
     notes: tuple[str, ...]
@@ -66,7 +66,7 @@ class ReportFiles:
 
 
 FILES = ("index.html", "report.json", "measurements.parquet")
-"""What a report writes."""
+"""Names of the files that a report writes."""
 
 
 def default_folder(scene: Scene) -> Path:
@@ -91,17 +91,17 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     Parameters
     ----------
     out
-        Folder for the files; `default_folder` where None. Nothing appears there before all are complete.
+        Folder for the files; `default_folder` where None. No file appears in it before all are complete.
     nears
-        Offsets in scene units, each between 0 and the reach; 25 logarithmic ones where None.
+        Near planes in scene units, each between 0 and the reach; 25 logarithmic ones where None.
     apertures
-        The middle one where None and, when the frustum is recentered, two corners.
+        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
     depths
         Depth formats with mappings; `DEFAULT_DEPTHS` where None.
     tracer
-        Which reference traces the truth.
+        Reference that traces the truth.
     effects
-        What is simulated, as `--effects` takes it: `auto`, `all`, or names between commas.
+        Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
     progress
         Show a progress bar on standard error.
 
@@ -122,7 +122,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         with watch.stage("light"):
             shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
         measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
-        content = _write(staging.folder, measured, shading)
+        record = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
         html=staging.out / FILES[0],
@@ -130,7 +130,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         parquet=staging.out / FILES[2],
         best=best_setting(measured.rows),
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
-        content=content,
+        content=json_object(record),
         notes=tuple(shading.sentences()) if shading else (),
         cost=measured.cost_sentence,
         command=recommended_command(measured),
@@ -150,11 +150,10 @@ def _settings(
     return settings
 
 
-def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> dict[str, Any]:
-    """Write the three files; return the object in report.json."""
-    content = {**report_object(measured), "shading": json_ready(shading and shading.summary())}
+def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
+    """Write the three files; return what report.json holds."""
+    record = report_record(measured, shading)
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
-    text = json.dumps(content, allow_nan=False, indent=1)
-    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / "report.json", record)
     write_parquet(measured, folder / "measurements.parquet")
-    return content
+    return record

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
+from xfrustum.compare.metrics.left_out import LeftOutNumbers
 from xfrustum.reports.common.formatting import digits, percent
+from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_DIFFERENCES
 from xfrustum.reports.effects.costs import Cost
 from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -22,11 +24,11 @@ class EyeError:
     Attributes
     ----------
     near
-        Scene units.
+        Near plane in scene units.
     predicted
-        Over the truth's surface points.
+        Error at the truth's surface points.
     measured
-        Over the points that the device drew, with its float32 arithmetic.
+        Error at the points that the device drew, with its float32 arithmetic.
     """
 
     near: float
@@ -36,22 +38,46 @@ class EyeError:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MissedLight:
-    """What a rasterizer misses of one aperture.
+    """The light that a rasterizer misses in one aperture's image.
 
     Attributes
     ----------
     aperture
-        Which one.
+        Aperture whose truth was traced.
     numbers
-        See `LeftOut.summary`.
+        Light that is missed.
     picture, difference
-        The truth with shadows and interreflection, and how far the one without is from it, encoded.
+        The truth with shadows and interreflection, and its difference from the truth without, encoded.
     """
 
     aperture: Aperture
-    numbers: dict[str, Any]
+    numbers: LeftOutNumbers
     picture: bytes
     difference: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissedRecord:
+    """The light that is missed in one aperture's image, as report.json has it."""
+
+    aperture: tuple[int, int]
+    numbers: LeftOutNumbers = field(metadata=INLINED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShadingRecord:
+    """What report.json says about light; see `ShadingReport`."""
+
+    effects: str
+    decisions: tuple[Decision, ...]
+    saved_s: dict[str, float]
+    saved_interval_s: dict[str, tuple[float, float]]
+    image_s: dict[str, float]
+    same_bits: bool
+    sampling: Sampling
+    seconds_per_aperture_sample: dict[str, float]
+    eye_vector: tuple[EyeError, ...]
+    left_out: tuple[MissedRecord, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,21 +87,21 @@ class ShadingReport:
     Attributes
     ----------
     scene
-        What was measured.
+        Scene that was measured.
     names
-        As `--effects` takes them: what was drawn.
+        Effects that were drawn, as `--effects` takes them.
     decisions
-        Of every effect: whether the scene calls for it, and why.
+        For every effect: whether the scene calls for it, and why.
     saved
-        By renderer: what all effects cost beyond those that the scene calls for.
+        By renderer: cost of all effects beyond those that the scene calls for.
     same_bits
-        Whether the rasterizer's images with all and with those are the same, bit by bit.
+        Whether the rasterizer's images with all effects and with those called for are the same, bit by bit.
     per_sample
-        By renderer: seconds for each point of the aperture; none where it has one.
+        By renderer: seconds for each point of the aperture; empty where it has one point.
     eye
-        By near; none where no highlight and no reflection is drawn.
+        Error by near; empty where no highlight and no reflection is drawn.
     missed
-        By aperture; none where no light transport is asked for.
+        Missed light by aperture; empty where no light transport is asked for.
     """
 
     scene: Scene
@@ -87,23 +113,26 @@ class ShadingReport:
     eye: tuple[EyeError, ...]
     missed: tuple[MissedLight, ...]
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers as report.json has them."""
-        return {
-            "effects": self.names,
-            "decisions": self.decisions,
-            "saved_s": {name: cost.seconds for name, cost in self.saved.items()},
-            "saved_interval_s": {name: cost.interval for name, cost in self.saved.items()},
-            "image_s": {name: cost.without for name, cost in self.saved.items()},
-            "same_bits": self.same_bits,
-            "sampling": self.scene.sampling,
-            "seconds_per_aperture_sample": self.per_sample,
-            "eye_vector": self.eye,
-            "left_out": [{"aperture": part.aperture.index, **part.numbers} for part in self.missed],
-        }
+    @property
+    def record(self) -> ShadingRecord:
+        """The numbers as report.json has them."""
+        return ShadingRecord(
+            effects=self.names,
+            decisions=self.decisions,
+            saved_s={name: cost.seconds for name, cost in self.saved.items()},
+            saved_interval_s={name: cost.interval for name, cost in self.saved.items()},
+            image_s={name: cost.without for name, cost in self.saved.items()},
+            same_bits=self.same_bits,
+            sampling=self.scene.sampling,
+            seconds_per_aperture_sample=self.per_sample,
+            eye_vector=self.eye,
+            left_out=tuple(
+                MissedRecord(aperture=part.aperture.index, numbers=part.numbers) for part in self.missed
+            ),
+        )
 
     def sentences(self) -> Iterator[str]:
-        """Say what a person asks first: the time saved, and what is missing."""
+        """Say in words how much time is saved, and how much light is missed."""
         for name, cost in self.saved.items():
             yield (
                 f"{name.capitalize()}: {milliseconds(cost.without)} an image with what the scene calls for; "
@@ -114,9 +143,9 @@ class ShadingReport:
             numbers = part.numbers
             yield (
                 f"Aperture {part.aperture.column},{part.aperture.row}: light transport changes "
-                f"{numbers['pixels']:,} pixels ({percent(numbers['pixels'] / pixels)}), "
-                f"{numbers['darker']:,} of them to darker; rms {digits(numbers['rms'])} in radiance, "
-                f"after noise of {digits(numbers['rms_noise'])} is taken off."
+                f"{numbers.pixels:,} pixels ({percent(numbers.pixels / pixels)}), "
+                f"{numbers.darker:,} of them to darker; rms {digits(numbers.rms)} in radiance, "
+                f"after noise of {digits(numbers.rms_noise)} is taken off."
             )
 
 

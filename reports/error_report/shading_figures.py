@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
@@ -14,15 +13,17 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
-    """Return the figures of one aperture that `figures.curves` lacks, by name; likewise with row numbers."""
+    """Return the figures of one aperture that `figures.curves` lacks, by name."""
     rows = [(i, row) for i, row in enumerate(sweep.rows) if row.aperture == aperture]
     reach = sweep.scene.frustum.longest_reach
 
     def rms(row: Measurement) -> float | None:
-        return _of(row.comparison["radiance"], "rms")
+        error = row.comparison.radiance
+        return None if error is None else error.rms or None
 
     def flip(row: Measurement) -> float | None:
-        return _of(row.comparison["radiance"], "flip")
+        error = row.comparison.radiance
+        return None if error is None else error.flip or None
 
     return {
         "radiance": figures.number_figure(rows, reach, rms, "rms radiance error, linear"),
@@ -38,7 +39,3 @@ def eye_figure(errors: Sequence[EyeError], reach: float) -> go.Figure:
         [error.predicted for error in errors],
         "rms change of radiance at the same surface points",
     )
-
-
-def _of(radiance: Mapping[str, Any] | None, statistic: str) -> float | None:
-    return None if radiance is None else radiance[statistic] or None

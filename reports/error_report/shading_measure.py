@@ -1,13 +1,14 @@
-"""Measuring what a report says about light beside its rows."""
+"""Measuring light for a report: effects and their time, the eye vector, what is missed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from xfrustum.compare.metrics.left_out import measure_left_out
 from xfrustum.compare.prediction.eye_error import measured_eye_error, predicted_eye_error
@@ -43,9 +44,10 @@ def measure_shading(
     Parameters
     ----------
     apertures, settings
-        Of the report; the first aperture stands for all, but for what is left out.
+        Apertures and settings of the report. Light that is missed is measured at all apertures, everything
+        else at the first one.
     effects
-        As `--effects` takes them.
+        Effects that are simulated, as `--effects` takes them.
     progress
         Show a progress bar on standard error.
     """
@@ -91,15 +93,17 @@ def _bits(array: NDArray[np.generic]) -> Bytes:
     return np.ascontiguousarray(array).view(np.uint8)
 
 
-def _per_sample(watches: Stopwatches, bar: Any) -> dict[str, float]:
+def _per_sample(watches: Stopwatches, bar: tqdm[NoReturn]) -> dict[str, float]:
     """Return seconds for each further point of the aperture."""
     count = watches.scene.sampling.aperture
     costs = watches.of_sampling(Sampling(aperture=count), bar)
     return {name: (cost.seconds + cost.without) / count for name, cost in costs.items()}
 
 
-def _eye_errors(scene: Scene, aperture: Aperture, nears: Sequence[float], bar: Any) -> Iterator[EyeError]:
-    """Yield what the bent eye vector costs at each near, with a depth buffer that loses nothing."""
+def _eye_errors(
+    scene: Scene, aperture: Aperture, nears: Sequence[float], bar: tqdm[NoReturn]
+) -> Iterator[EyeError]:
+    """Yield the error of the bent eye vector at each near, with a depth buffer that loses nothing."""
     once, shader = replace(scene, sampling=Sampling()), Shader(scene)
     truth = Reference(once).trace(aperture)
     with Rasterizer(once) as rasterizer:
@@ -114,13 +118,13 @@ def _eye_errors(scene: Scene, aperture: Aperture, nears: Sequence[float], bar: A
             bar.update()
 
 
-def _missed(scene: Scene, aperture: Aperture, bar: Any) -> MissedLight:
+def _missed(scene: Scene, aperture: Aperture, bar: tqdm[NoReturn]) -> MissedLight:
     left_out = measure_left_out(scene, aperture, bar.update)
     image = Reference(scene).trace(aperture, Sampling())
     full = (left_out.without + left_out.difference.mean).astype(np.float32)
     return MissedLight(
         aperture=aperture,
-        numbers=asdict(left_out.numbers),
+        numbers=left_out.numbers,
         picture=images.picture(replace(image, color=full)),
         difference=images.radiance_map(left_out.difference.mean),
     )

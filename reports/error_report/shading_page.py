@@ -3,38 +3,62 @@
 from __future__ import annotations
 
 import base64
-import json
-from typing import Any
+from dataclasses import dataclass
 
 import plotly.graph_objects as go
 
+from xfrustum.compare.metrics.left_out import LeftOutNumbers
 from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE
 from xfrustum.reports.error_report import images, shading_figures
-from xfrustum.reports.error_report.shading import ShadingReport, milliseconds
+from xfrustum.reports.error_report.shading import ShadingReport
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.plate.plate import Aperture
 
 
-def context(shading: ShadingReport | None) -> dict[str, Any] | None:
-    """Return what the page's parts about light are written with; None where the scene is not shaded."""
+@dataclass(frozen=True, kw_only=True)
+class ShownLight:
+    """The light that is missed in one aperture's image; `pictures` are data addresses, see `MissedLight`."""
+
+    aperture: Aperture
+    numbers: LeftOutNumbers
+    pictures: tuple[str, str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LightContext:
+    """What the page's parts about light show.
+
+    Attributes
+    ----------
+    report
+        The measurements.
+    sentences
+        The measurements in words.
+    missed
+        Light that is missed, by aperture.
+    """
+
+    report: ShadingReport
+    sentences: tuple[str, ...]
+    missed: tuple[ShownLight, ...]
+    radiance_colors: tuple[str, ...] = tuple(images.radiance_scale())
+    radiance_range: tuple[float, float] = images.RADIANCE_RANGE
+    pixels_per_degree: float = PIXELS_PER_DEGREE
+
+
+def context(shading: ShadingReport | None) -> LightContext | None:
+    """Return what the page's parts about light show; None where the scene is not shaded."""
     if shading is None:
         return None
-    return {
-        "report": shading,
-        "sentences": list(shading.sentences()),
-        "milliseconds": milliseconds,
-        "radiance_colors": images.radiance_scale(),
-        "radiance_range": images.RADIANCE_RANGE,
-        "pixels_per_degree": PIXELS_PER_DEGREE,
-        "missed": [
-            {
-                **part.numbers,
-                "aperture": part.aperture,
-                "pictures": [_uri(part.picture), _uri(part.difference)],
-            }
-            for part in shading.missed
-        ],
-    }
+    missed = [
+        ShownLight(
+            aperture=part.aperture,
+            numbers=part.numbers,
+            pictures=(_uri(part.picture), _uri(part.difference)),
+        )
+        for part in shading.missed
+    ]
+    return LightContext(report=shading, sentences=tuple(shading.sentences()), missed=tuple(missed))
 
 
 def curves(shading: ShadingReport | None, sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
@@ -42,13 +66,11 @@ def curves(shading: ShadingReport | None, sweep: Sweep, aperture: Aperture) -> d
     return {} if shading is None else shading_figures.curves(sweep, aperture)
 
 
-def eye_figure(shading: ShadingReport | None) -> dict[str, Any] | None:
-    """Return the figure of the bent eye vector for the page's script; None where there is none."""
+def eye_figure(shading: ShadingReport | None) -> go.Figure | None:
+    """Return the figure of the bent eye vector; None where there is none."""
     if shading is None or not shading.eye:
         return None
-    figure = shading_figures.eye_figure(shading.eye, shading.scene.frustum.longest_reach)
-    ready: dict[str, Any] = json.loads(figure.to_json())
-    return ready
+    return shading_figures.eye_figure(shading.eye, shading.scene.frustum.longest_reach)
 
 
 def _uri(encoded: bytes) -> str:

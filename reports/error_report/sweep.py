@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,14 +14,20 @@ from xfrustum.reference import Reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch
-from xfrustum.reports.error_report.sweep_bench import REPEAT_BUDGET_S, SweepBench
-from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S, SettingMeasurer
+from xfrustum.reports.measurements.measurement import (
+    Measurement,
+    RasterParts,
+    SettingPictures,
+    StageParts,
+    Sweep,
+)
 from xfrustum.scenes.model.effects import chosen
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 
@@ -31,19 +38,20 @@ DEFAULT_DEPTHS: tuple[DepthBuffer, ...] = (
     (DepthFormat.D32F, DepthMapping.STANDARD),
     (DepthFormat.D32F, DepthMapping.REVERSED),
 )
-"""Cheapest first: of windows of the same nears, the first is recommended."""
+"""Depth buffers of a report, the cheapest first: where windows are equally good, the first is recommended."""
 
 DEFAULT_NEAR_COUNT = 25
-_LARGEST_NEAR, _SMALLEST_NEAR = 1e-1, 1e-8
+_LARGEST_NEAR_PER_REACH, _SMALLEST_NEAR_PER_REACH = 1e-1, 1e-8
 
 PAGE_PIXELS = 120_000_000
-"""Pixels of all settings together that are shown in full. All pictures of a setting take between a
-tenth and a fifth of a byte per pixel, so that the page stays under 30 MB; larger sweeps are shown reduced."""
+"""Pixels of all settings together up to which pictures are shown in full; those of larger sweeps are reduced.
+All pictures of a setting take between a tenth and a fifth of a byte per pixel, so that the page stays under
+30 MB."""
 
 
 def default_nears(frustum: Frustum) -> tuple[float, ...]:
     """Return 25 offsets in scene units, logarithmic, from 1e-1 down to 1e-8 of the longest reach."""
-    fractions = np.geomspace(_LARGEST_NEAR, _SMALLEST_NEAR, DEFAULT_NEAR_COUNT)
+    fractions = np.geomspace(_LARGEST_NEAR_PER_REACH, _SMALLEST_NEAR_PER_REACH, DEFAULT_NEAR_COUNT)
     return tuple(float(fraction) * frustum.longest_reach for fraction in fractions)
 
 
@@ -70,11 +78,11 @@ def sweep(
     Parameters
     ----------
     apertures, settings
-        At least one each.
+        At least one aperture and one setting.
     tracer
-        Which reference traces the truth.
+        Reference that traces the truth.
     effects
-        What is simulated, as `--effects` takes it.
+        Effects that are simulated, as `--effects` takes them.
     progress
         Show a progress bar on standard error.
 
@@ -87,68 +95,81 @@ def sweep(
     with watch.stage("prepare"):
         reference = Reference(scene, tracer=tracer, effects=chosen(scene, effects))
         rasterizer = Rasterizer(scene, effects=chosen(scene, effects))
-    bench = SweepBench(
-        scene, reference, rasterizer, _reduction(scene.frustum, len(apertures) * len(settings))
-    )
+    reduction = _reduction(scene.frustum, len(apertures) * len(settings))
+    measurer = SettingMeasurer(scene, reference, rasterizer, reduction)
     with rasterizer:
-        _run(bench, apertures, settings, watch, progress)
+        measured = _run(measurer, apertures, settings, watch, progress)
         with watch.stage("repeat"):
             # No longer than the measurement itself.
             budget_s = min(REPEAT_BUDGET_S, time.perf_counter() - begun)
-            frames = bench.repeat(_within_tolerance(bench.rows), apertures[0], budget_s)
+            kept = _within_tolerance(measured.rows)
+            first = [row for row in measured.rows if row.aperture == apertures[0] and row.settings in kept]
+            frames = measurer.repeat(first, budget_s)
     opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
     wall_s = time.perf_counter() - begun
     return Sweep(
         scene=scene,
         apertures=tuple(apertures),
-        rows=tuple(bench.rows),
-        pictures=tuple(bench.pictures),
-        truths=tuple(bench.truths),
-        reduction=bench.reduction,
+        rows=tuple(measured.rows),
+        pictures=tuple(measured.pictures),
+        truths=tuple(measured.truths),
+        reduction=reduction,
         versions={**provenance.versions(), **reference.versions},
         devices={**provenance.machine(), **opengl},
         times_s=watch.seconds | {"other": wall_s - sum(watch.seconds.values())},
-        parts_s={"raster": {"gpu": bench.gpu_s}},
+        parts_s=StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in measured.rows))),
         wall_s=wall_s,
         frames_s=frames,
     )
 
 
-def _within_tolerance(rows: Sequence[Measurement]) -> list[DoubleFrustum]:
-    """Return the settings that keep the usual tolerance at every aperture, in the order of the rows."""
+@dataclass(frozen=True, kw_only=True)
+class _Measured:
+    """Rows and pictures of all settings at all apertures, and the pictures of the truths."""
+
+    rows: list[Measurement]
+    pictures: list[SettingPictures]
+    truths: list[bytes]
+
+
+def _within_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
+    """Return the settings that keep the usual tolerance at every aperture."""
     keeps = {row.settings: True for row in rows}
     for row in rows:
         moved, wrong = row.displacement_p99_px, row.surface_fraction
         keeps[row.settings] &= moved <= TOLERANCE_PX and wrong <= MAX_WRONG
-    return [settings for settings, kept in keeps.items() if kept]
+    return {settings for settings, kept in keeps.items() if kept}
 
 
 def _run(
-    bench: SweepBench,
+    measurer: SettingMeasurer,
     apertures: Sequence[Aperture],
     settings: Sequence[DoubleFrustum],
     watch: Stopwatch,
     progress: bool,
-) -> None:
-    """Trace every aperture, and draw and judge every setting there."""
+) -> _Measured:
+    """Trace every aperture, and draw and judge every setting at each of them."""
+    measured = _Measured(rows=[], pictures=[], truths=[])
     with watch.stage("warm up"):
-        bench.warm_up(apertures[0], settings)
+        measurer.warm_up(apertures[0], settings)
     steps = len(apertures) * (1 + len(settings))
     with progress_bar(steps, "report", "image", shown=progress) as bar:
         for aperture in apertures:
             bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
-            bench.trace(aperture, watch)
+            traced = measurer.trace(aperture, watch)
+            measured.truths.append(traced.picture)
             bar.update()
-            for some in _batches(settings, bench.at_once):
-                bar.set_postfix_str(
-                    f"aperture {aperture.column},{aperture.row}: {some[0].depth_label}", refresh=False
-                )
-                bench.measure(aperture, some, watch)
+            for some in measurer.measure(traced, _batches(settings, measurer.batch_size), watch):
+                label = some[-1].row.settings.depth_label
+                bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: {label}", refresh=False)
+                measured.rows.extend(one.row for one in some)
+                measured.pictures.extend(one.pictures for one in some)
                 bar.update(len(some))
+    return measured
 
 
 def _batches(settings: Sequence[DoubleFrustum], size: int) -> Iterator[Sequence[DoubleFrustum]]:
-    """Yield parts of about that size: a remainder by itself would leave processors idle."""
+    """Yield parts of about one size: a smaller remainder would leave processors idle."""
     count = max(1, round(len(settings) / size))
     for part in np.array_split(np.arange(len(settings)), count):
         yield [settings[i] for i in part]

@@ -12,10 +12,10 @@ from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-SURFACE_TIE = 1e-4
-"""Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which puts
+SURFACE_TIE_FRACTION = 1e-4
+"""Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which leaves
 the pixels within sqrt(2)/2 2^-8 px on both sides of a silhouette in doubt: a share of 0.0055 l/W, for
-contours as long as l image widths. At W = 512 and nine image widths that is one pixel in ten thousand."""
+contours as long as l image widths. At W = 512 and nine image widths this is one pixel in ten thousand."""
 
 DISPLACEMENT_TIE_PX = 1e-3
 """Displacements closer than this are equal: 32-bit surface positions measure it no better (99 % of
@@ -34,9 +34,9 @@ class Window:
     Attributes
     ----------
     low, high
-        The least and the largest of them, scene units.
+        The least and the largest near, scene units.
     nears
-        How many were measured from the one to the other.
+        Number of nears that were measured from `low` to `high`.
     """
 
     low: float
@@ -50,13 +50,13 @@ class Window:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """One setting, with its numbers at the worst of the apertures.
+class Recommendation:
+    """A setting that is recommended, with its numbers at the worst of the apertures.
 
     Attributes
     ----------
     settings
-        The setting.
+        Near, depth buffer and options of the setting.
     surface_fraction
         Share of judged pixels with the wrong surface.
     displacement_p99_px
@@ -84,25 +84,25 @@ class _Candidate:
         self.displacement_p99_px = max(row.displacement_p99_px for row in rows)
 
     def worst(self, kind: str) -> tuple[float, Aperture]:
-        """Return the largest share of pixels that are wrong in one sense, and the aperture that has it."""
+        """Return the largest share of pixels that are wrong in one sense, and its aperture."""
         shares = {place: row.wrong_share(kind) for place, row in self._rows.items()}
         place = max(shares, key=shares.__getitem__)
         return shares[place], place
 
     def is_worse_than(self, other: _Candidate, kind: str, comparisons: int) -> bool:
-        """Return whether it is worse where it is worst: by more than a tie, and beyond chance."""
+        """Return whether it is worse at its worst aperture: by more than a tie, and beyond chance."""
         share, place = self.worst(kind)
         here, there = self._rows[place], other._rows[place]
-        if share <= other.worst(kind)[0] + SURFACE_TIE:
+        if share <= other.worst(kind)[0] + SURFACE_TIE_FRACTION:
             return False
         mine, others = here.wrong_pixels(kind), there.wrong_pixels(kind)
         shared = mine.shared_with(others) if mine is not None and others is not None else 0
         return is_worse(here.wrong_count(kind) - shared, there.wrong_count(kind) - shared, comparisons)
 
-    def verdict(self, window: Window) -> Verdict:
-        """Return its numbers."""
+    def recommendation(self, window: Window) -> Recommendation:
+        """Return the setting with its numbers."""
         shaded = all(row.wrong_pixels("radiance") is not None for row in self._rows.values())
-        return Verdict(
+        return Recommendation(
             settings=self.settings,
             surface_fraction=self.worst("surface")[0],
             displacement_p99_px=self.displacement_p99_px,
@@ -112,14 +112,13 @@ class _Candidate:
 
 
 def equally_good(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
-    """Return the settings that nothing measured is better than.
+    """Return the settings than which no measured setting is better.
 
-    First come the wrong surfaces: what is not worse than the setting with the fewest. Of those, where the
-    scene is shaded, come the wrong colors likewise; of those, displacement: what keeps to
-    `UNSEEN_DISPLACEMENT_PX`, or to the least within `DISPLACEMENT_TIE_PX` where nothing keeps to it. Worse is
-    what has more wrong pixels by more than `SURFACE_TIE`, and beyond chance (`compare.metrics.paired`).
-    The worst
-    aperture counts.
+    Settings are chosen in three steps. The first keeps those that are not worse than the one with the fewest
+    wrong surfaces. The second does the same for wrong colors, where the scene is shaded. The third keeps
+    those displaced by at most `UNSEEN_DISPLACEMENT_PX` or, if that is more, by the least displacement plus
+    `DISPLACEMENT_TIE_PX`. One setting is worse than another if it has more wrong pixels by more than
+    `SURFACE_TIE_FRACTION` and beyond chance (`compare.metrics.paired`). The worst aperture counts.
 
     Raises
     ------
@@ -146,13 +145,13 @@ def _best(candidates: list[_Candidate]) -> list[_Candidate]:
     return [one for one in candidates if one.displacement_p99_px <= limit]
 
 
-def best_setting(rows: Sequence[Measurement]) -> Verdict:
+def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     """Return what is recommended: the middle of the widest window of equally good near planes.
 
     A window is a run of near planes of one depth buffer, as they were measured, that all are `equally_good`.
     Where windows are equally wide, the one with the larger nears is taken, and where these are equal too, the
-    depth buffer that comes first. Its middle, by ratio, is farthest from what a large near bends and from
-    what a small one starves of depth; of two middles it is the larger near.
+    depth buffer that comes first. Its middle, by ratio, is farthest both from nears so large that they bend
+    the picture and from nears so small that they starve it of depth; of two middles the larger near is taken.
 
     Raises
     ------
@@ -165,11 +164,11 @@ def best_setting(rows: Sequence[Measurement]) -> Verdict:
     run = max(runs, key=lambda one: (_window(one).width, _window(one).high))
     window = _window(run)
     middle = (window.low * window.high) ** 0.5
-    # The ratio to the middle, whichever way; digits beyond the twelfth are those of the square root.
+    # The ratio to the middle, upwards or downwards; its digits beyond the twelfth are rounding.
     chosen = min(
         reversed(run), key=lambda one: round(max(one.settings.near / middle, middle / one.settings.near), 12)
     )
-    return chosen.verdict(window)
+    return chosen.recommendation(window)
 
 
 def _window(run: Sequence[_Candidate]) -> Window:
@@ -192,11 +191,11 @@ def _runs(buffer: Sequence[_Candidate], good: set[DoubleFrustum]) -> list[list[_
 
 def can_be_judged(rows: Sequence[Measurement]) -> bool:
     """Return whether there is a pixel that some setting could show wrongly."""
-    shown = any(row.comparison["covered"] or row.comparison["displacement_px"] for row in rows)
-    return shown and any(row.comparison["judged"] for row in rows)
+    shown = any(row.comparison.covered or row.comparison.displacement_px for row in rows)
+    return shown and any(row.comparison.judged for row in rows)
 
 
-def best_per_depth(rows: Sequence[Measurement]) -> list[Verdict]:
+def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
     """Return the best setting of each depth format and mapping, in the order of the rows.
 
     Each is best among the settings of its own depth buffer.
@@ -217,37 +216,37 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
     units, reach
         The scene's length unit, and its larger reach in it.
     """
-    if not any(row.comparison["judged"] for row in rows):
+    if not any(row.comparison.judged for row in rows):
         return "Nothing can be judged: every pixel of the truth is a tie."
     if not can_be_judged(rows):
         return "There is nothing to judge: neither the truth nor any raster image shows a surface."
-    verdict = best_setting(rows)
+    best = best_setting(rows)
     settings = len({row.settings for row in rows})
     apertures = len({row.aperture for row in rows})
     where = f" at the worst of {apertures} apertures" if apertures > 1 else ""
     chosen = "The one setting measured" if settings == 1 else f"Best of {settings} settings"
-    wrong = f"{percent(verdict.surface_fraction)} of the judged pixels show the wrong surface{where}"
+    wrong = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
     return (
-        f"{chosen}: near {near_range(verdict.window)} {units} "
-        f"({near_range(verdict.window, reach)} of the reach) with {verdict.settings.depth_label} depth"
-        f"{_equally(verdict, units)}{wrong}, {_colors(verdict)}"
-        f"and 99 % of the picture lies within {pixels(verdict.displacement_p99_px)} of where it belongs."
+        f"{chosen}: near {near_range(best.window)} {units} "
+        f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth"
+        f"{_equally(best, units)}{wrong}, {_colors(best)}"
+        f"and 99 % of the picture lies within {pixels(best.displacement_p99_px)} of where it belongs."
     )
 
 
-def _equally(verdict: Verdict, units: str) -> str:
-    if verdict.window.nears == 1:
+def _equally(best: Recommendation, units: str) -> str:
+    if best.window.nears == 1:
         return ". "
     return (
-        f"; the {verdict.window.nears} nears measured there are equally good. "
-        f"At {digits(verdict.settings.near)} {units}, "
+        f"; the {best.window.nears} nears measured there are equally good. "
+        f"At {digits(best.settings.near)} {units}, "
     )
 
 
-def _colors(verdict: Verdict) -> str:
-    if verdict.radiance_fraction is None:
+def _colors(best: Recommendation) -> str:
+    if best.radiance_fraction is None:
         return ""
-    return f"{percent(verdict.radiance_fraction)} are off in color by more than a level of 255, "
+    return f"{percent(best.radiance_fraction)} are off in color by more than a level of 255, "
 
 
 def near_range(window: Window, unit: float = 1.0) -> str:

@@ -32,7 +32,7 @@ class Claims:
     Raises
     ------
     OSError
-        It cannot be opened.
+        The file cannot be opened.
     """
 
     def __init__(self, path: Path) -> None:

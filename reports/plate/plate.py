@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,16 +16,17 @@ from xfrustum.raster.plate.renderer import PlateRenderer
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.plate.claims import Claims
-from xfrustum.reports.plate.store import SOURCE, PlateStore, open_store
-from xfrustum.scenes.model.effects import needed
+from xfrustum.reports.plate.store import PlateStore, open_store
+from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.look import look_hash
-from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
-WRITTEN_BEHIND = 4
+MAX_WAITING_HOGELS = 4
 """Hogels that may wait for the disk while others are drawn: several take it little longer than one."""
 
 Span = tuple[int, int] | None
@@ -41,9 +42,9 @@ class PlateFiles:
     out
         The Zarr group.
     drawn, found
-        How many hogels were drawn, and how many had been finished before or by others meanwhile.
+        Number of hogels that were drawn, and of those that had been finished before or by others meanwhile.
     damaged
-        How many of those drawn were there, and not whole.
+        Number of drawn hogels that had been there, and were not whole.
     notes
         What was damaged and has been mended, in sentences.
     """
@@ -74,11 +75,11 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     Parameters
     ----------
     scene, settings
-        What is drawn, and how.
+        Scene that is drawn, and settings of its cameras.
     out
         Folder of a Zarr group, made where it does not exist.
     apertures
-        In which order; None for the whole plate.
+        Apertures in the order in which they are drawn; None for the whole plate.
     content
         Type of color, whether triangle numbers come along, and what is simulated.
     check
@@ -97,8 +98,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     if not isinstance(chosen, ApertureBlocks):
         chosen = list(dict.fromkeys(chosen))
     with PlateRenderer(scene, settings, content) as renderer:
-        description = described(renderer)
-        store = open_store(out, scene, content, description)
+        store = open_store(out, scene, content, json_ready(described(renderer)))
         with (
             store.claims() as claims,
             progress_bar(len(chosen), "plate", "hogel", shown=progress) as bar,
@@ -147,7 +147,7 @@ class _Work:
                 self._count_found()
             elif not self.claims.take(number):
                 self.elsewhere.append(aperture)
-            # Whoever claimed it before may have finished it since.
+            # Another process that claimed it before may have finished it since.
             elif self._finished(aperture):
                 self.claims.release(number)
                 self._count_found()
@@ -189,41 +189,80 @@ def _written(hogels: Iterable[PlateHogel], store: PlateStore) -> Iterator[Apertu
         store.write(hogel)
         return hogel.aperture
 
-    with ThreadPoolExecutor(WRITTEN_BEHIND, thread_name_prefix="plate") as writer:
+    with ThreadPoolExecutor(MAX_WAITING_HOGELS, thread_name_prefix="plate") as writer:
         for hogel in hogels:
-            if len(waiting) == WRITTEN_BEHIND:
+            if len(waiting) == MAX_WAITING_HOGELS:
                 yield waiting.popleft().result()
             waiting.append(writer.submit(write, hogel))
         while waiting:
             yield waiting.popleft().result()
 
 
-def described(renderer: PlateRenderer) -> dict[str, Any]:
-    """Return everything that decides a plate's pixels, as JSON: what must agree to go on with it.
+@dataclass(frozen=True, kw_only=True)
+class SceneDescription:
+    """The scene that a plate is drawn from, with the hashes of its triangles and of its look.
 
-    Where the scene came from is told as well; it decides nothing, and need not agree.
+    `source` says where the scene came from; it decides no pixel, and need not agree.
     """
+
+    name: str
+    source: str | None
+    units: str
+    hash: str
+    look: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContentDescription:
+    """Type of color, and whether triangle numbers come along."""
+
+    color: ColorType
+    ids: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class RendererDescription:
+    """Name of the device that draws, and version of the program."""
+
+    device: str
+    xfrustum: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateDescription:
+    """Everything that decides a plate's pixels: what must agree to go on with a store."""
+
+    scene: SceneDescription
+    plate: Plate
+    frustum: Frustum
+    settings: DoubleFrustum
+    effects: tuple[Effect, ...]
+    content: ContentDescription
+    renderer: RendererDescription
+
+
+def described(renderer: PlateRenderer) -> PlateDescription:
+    """Return everything that decides the pixels that a renderer draws."""
     scene = renderer.scene
     # More than the scene calls for changes no pixel.
     simulated = renderer.effects & needed(scene, renderer.settings.camera)
-    ready: dict[str, Any] = json_ready(
-        {
-            "scene": {
-                "name": scene.name,
-                SOURCE: scene.source,
-                "units": scene.units,
-                "hash": scene.content_hash,
-                "look": look_hash(scene),
-            },
-            "plate": asdict(scene.plate),
-            "frustum": asdict(scene.frustum),
-            "settings": asdict(renderer.settings),
-            "effects": sorted(simulated),
-            "content": {"color": renderer.content.color, "ids": renderer.content.ids},
-            "renderer": {"device": renderer.device["renderer"], "xfrustum": metadata.version("xfrustum")},
-        }
+    return PlateDescription(
+        scene=SceneDescription(
+            name=scene.name,
+            source=scene.source,
+            units=scene.units,
+            hash=scene.content_hash,
+            look=look_hash(scene),
+        ),
+        plate=scene.plate,
+        frustum=scene.frustum,
+        settings=renderer.settings,
+        effects=tuple(sorted(simulated)),
+        content=ContentDescription(color=renderer.content.color, ids=renderer.content.ids),
+        renderer=RendererDescription(
+            device=renderer.device["renderer"], xfrustum=metadata.version("xfrustum")
+        ),
     )
-    return ready
 
 
 def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> ApertureBlocks:

@@ -35,7 +35,7 @@ ATTRIBUTE = "xfrustum"
 """Attribute of the group that holds everything that decides its pixels."""
 
 SOURCE = "source"
-"""What tells where the scene came from, in the part about the scene: for people, it need not agree."""
+"""Key that says where the scene came from, in the description of the scene: for people, it need not agree."""
 
 COLOR, TRIANGLE = "color", "triangle"
 """Arrays of the group. A hogel is finished with its color, which is written last."""
@@ -50,7 +50,7 @@ COMPRESSION_LEVEL = 1
 """Level of Zstandard: the same bytes for the same pixels, in a small part of the time that drawing takes."""
 
 Description = Mapping[str, Any]
-"""What JSON can hold."""
+"""A JSON object as it is read from a file: it may say anything."""
 
 
 class PlateStore:
@@ -61,7 +61,7 @@ class PlateStore:
     out
         The group's folder.
     arrays
-        Its arrays by name, in the order in which a hogel's are written.
+        Arrays of the group by name, in the order in which a hogel's are written.
     mended
         Names of arrays whose description was damaged and has been written again.
     """
@@ -106,11 +106,12 @@ class PlateStore:
             The disk is full or cannot be written.
         """
         column, row = hogel.aperture.index
-        images: dict[str, Any] = {COLOR: hogel.color, TRIANGLE: hogel.triangle}
         with _mendable(self.out):
             for name, array in self._arrays.items():
                 _clear_way(self.out, self._chunk(name, hogel.aperture))
-                array[row, column] = images[name]
+                image = hogel.color if name == COLOR else hogel.triangle
+                assert image is not None
+                array[row, column] = image
 
     def claims(self) -> Claims:
         """Return what tells processes that draw this plate at once who draws which hogel.
@@ -144,9 +145,9 @@ def open_store(out: Path, scene: Scene, content: PlateContent, description: Desc
     out
         A folder that this made before, or that does not exist.
     scene
-        Its plate and resolution give the shapes.
+        Scene that gives plate and resolution, and so the shapes.
     content
-        Which arrays there are.
+        Content that says which arrays there are.
     description
         Everything that decides the pixels.
 

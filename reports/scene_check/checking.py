@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from xfrustum.compare.extent import ObjectExtent, Sight, extents, heights, length, unseen_facts, warnings
+from xfrustum.compare.extent.facts import Point
 from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.scene_check.drawing import draw_view
 from xfrustum.reports.scene_check.picture_frame import View
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
+from xfrustum.scenes.plate.plate import Plate
 
 FILES = tuple(f"{view.value}.svg" for view in View)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectCheck:
-    """What is known of one object before it is drawn.
+    """One object, as it is known before it is drawn.
 
     Attributes
     ----------
     extent
-        Where it lies.
+        Place and size of the object.
     normals, colors, textures
         What its vertices and triangles have to be shaded with, and where that comes from, in words.
     """
@@ -35,16 +37,54 @@ class ObjectCheck:
     textures: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class ObjectRecord:
+    """JSON object of an `ObjectCheck`; see `ObjectExtent` for its first fields."""
+
+    number: int
+    name: str
+    triangles: int
+    low: Point
+    high: Point
+    share_in_reach: float | None
+    sight: Sight
+    size: Point
+    normals: str
+    colors: str
+    textures: str
+
+    @classmethod
+    def of(cls, one: ObjectCheck) -> ObjectRecord:
+        """Return the JSON object of an object."""
+        extent = one.extent
+        return cls(
+            **vars(extent), size=extent.size, normals=one.normals, colors=one.colors, textures=one.textures
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckRecord:
+    """JSON object of a `SceneCheck`."""
+
+    scene: str
+    units: str
+    plate: Plate
+    reach: tuple[float, float]
+    objects: tuple[ObjectRecord, ...]
+    warnings: tuple[str, ...]
+    seen: bool
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SceneCheck:
-    """What is known of a scene before it is drawn.
+class SceneCheck(Summarized[CheckRecord]):
+    """A scene, as it is known before it is drawn.
 
     Attributes
     ----------
     scene
         What was checked.
     objects
-        In the scene's order.
+        All objects, in the scene's order.
     warnings
         What looks like a mistake, one sentence each.
     seen
@@ -60,18 +100,19 @@ class SceneCheck:
         """Return the `side` or the `top` view as an SVG document."""
         return draw_view(self.scene, View(view))
 
-    def summary(self) -> dict[str, Any]:
-        """Return everything but the pictures as one JSON object."""
+    @property
+    def record(self) -> CheckRecord:
+        """Everything but the pictures, as it is written."""
         scene = self.scene
-        return {
-            "scene": scene.name,
-            "units": scene.units,
-            "plate": {"size": list(scene.plate.size), "hogels": list(scene.plate.hogels)},
-            "reach": list(scene.frustum.reach),
-            "objects": [_entry(one) for one in self.objects],
-            "warnings": list(self.warnings),
-            "seen": self.seen,
-        }
+        return CheckRecord(
+            scene=scene.name,
+            units=scene.units,
+            plate=scene.plate,
+            reach=scene.frustum.reach,
+            objects=tuple(ObjectRecord.of(one) for one in self.objects),
+            warnings=self.warnings,
+            seen=self.seen,
+        )
 
 
 def check(scene: Scene) -> SceneCheck:
@@ -143,11 +184,6 @@ def table(checked: SceneCheck) -> str:
         )
         lines += [f"  {name:<12}  {value}" for name, value in rows]
     return "\n".join(lines)
-
-
-def _entry(one: ObjectCheck) -> dict[str, Any]:
-    entry = {**asdict(one.extent), "size": list(one.extent.size)}
-    return {**entry, "normals": one.normals, "colors": one.colors, "textures": one.textures}
 
 
 def _sight(sight: Sight) -> str:

@@ -51,7 +51,7 @@ class NewScene:
     mesh
         Box of the mesh as its file has it: lengths along x, y and z.
     scale, translate
-        How it is placed.
+        Placement of the mesh.
     size
         Its lengths in scene units.
     plate, hogels, reach, units
@@ -105,7 +105,7 @@ def new_scene(
     size
         What the longest side of the mesh is scaled to, scene units; it keeps its own size where None.
     place
-        Where the mesh is put.
+        Placement of the mesh.
     force
         Whether an existing file is replaced.
 

@@ -40,7 +40,7 @@ class View(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PictureFrame:
-    """Which rectangle of space a view shows, in one scale in both directions.
+    """The rectangle of space that a view shows, in one scale in both directions.
 
     Attributes
     ----------

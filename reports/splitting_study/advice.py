@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from xfrustum.reports.splitting_study.figures import near_words
 from xfrustum.reports.splitting_study.grid import DepthBuffer
 from xfrustum.reports.splitting_study.rows import StudyRow
-from xfrustum.reports.splitting_study.verdict import Answer, answers, unbroken
+from xfrustum.reports.splitting_study.suitability import Outcome, outcomes, unbroken
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,10 +23,10 @@ class Advice:
 def advice_table(rows: Sequence[StudyRow]) -> tuple[list[list[str]], list[Advice]]:
     """Return the columns, each the names of depth buffers that share it, and the lines.
 
-    An answer serves both sides of the plate: nears that are enough on each, else the cuts of the side
+    An outcome serves both sides of the plate: nears that are enough on each, else the cuts of the side
     that needs more.
     """
-    found = list(answers(rows).values())
+    found = list(outcomes(rows).values())
     kinds = sorted({(a.case.resolution, a.case.ratio) for a in found})
     measured = sorted({row.near for row in rows if not row.slabs}, reverse=True)
     columns: dict[tuple[str, ...], list[str]] = {}
@@ -43,7 +43,7 @@ def advice_table(rows: Sequence[StudyRow]) -> tuple[list[list[str]], list[Advice
     return list(columns.values()), lines
 
 
-def _advice(sides: Sequence[Answer], measured: Sequence[float]) -> str:
+def _advice(sides: Sequence[Outcome], measured: Sequence[float]) -> str:
     common = set.intersection(*(set(a.nears) for a in sides))
     if common:
         return span(unbroken(common, measured))

@@ -5,28 +5,27 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from xfrustum.compare.prediction.chain import EXACT_DEPTH
-from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, MISORDERED
+from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, MAX_MISORDERED_FRACTION
 from xfrustum.reports.common.formatting import digits, percent
-from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.templates_environment import Filters, plain_text
 from xfrustum.reports.measurements.best import pixels
 from xfrustum.reports.splitting_study import facts
-from xfrustum.reports.splitting_study.advice import advice_table, buffer_name, span
+from xfrustum.reports.splitting_study.advice import Advice, advice_table, buffer_name, span
 from xfrustum.reports.splitting_study.figures import SIDE_WORDS, maps, near_words
 from xfrustum.reports.splitting_study.measure import NEAREST_PERCENTILE
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow
-from xfrustum.reports.splitting_study.verdict import (
-    Verdict,
-    answers,
-    verdict,
+from xfrustum.reports.splitting_study.suitability import (
+    Suitability,
+    outcomes,
+    suitability,
 )
 from xfrustum.scenes.library.depth_family import CAR_RATIO, CARS, FARTHEST, REACH
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[StudyRow]
 
@@ -37,7 +36,7 @@ EXAMPLE_NEAR = 1e-2
 def sentence(rows: Rows) -> str:
     """Say the result in one sentence."""
     found = facts.buffer_facts(rows)
-    # Of equally good ones, one that costs no early depth test.
+    # Among equally good ones the last counts that costs no early depth test.
     best = max(found, key=lambda f: (f.one_pair, len(f.always), f.buffer[1] not in EXPRESSION_ROUNDINGS))
     nears = (
         f", at any near from {near_words(best.always[0])} to {near_words(best.always[-1])} of the reach"
@@ -51,6 +50,74 @@ def sentence(rows: Rows) -> str:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class WorstShares:
+    """Largest shares of a side's pixels that are wrong by depth and that are lost, at any near.
+
+    `covered` is the share that surfaces cover, at the near where most are wrong.
+    """
+
+    wrong: float
+    lost: float
+    covered: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DocumentNumbers:
+    """Everything that the template says of the rows, by the names that it uses.
+
+    Attributes
+    ----------
+    cells, pictures_with_slabs, minutes
+        Number of pictures of one pair of frusta, number of those with slabs, and what all took.
+    nears, spacing, resolutions, ratios, sides
+        What was varied; spacing says in words how far apart the nears are.
+    buffers, example, columns, advice, agreement
+        Facts of each depth buffer, pictures at `EXAMPLE_NEAR`, the table at the end, and how well closed
+        forms do.
+    too_careful, too_hopeful
+        Number of cases in which the rule of thumb is wrong, by depth buffer.
+    side_differences, gap_nears, gap_buffers
+        Cases that C and C* answer differently, in words; nears and buffers of windows with gaps.
+    wrong_at_best, slab_displacement, slab_wrong, slab_counts
+        Largest figures of settings that are enough, and how many cases needed how many slabs.
+    starved, starved_by_sheets, starved_by_picture
+        Number of starved settings, and of those that only the sheets or only the picture call so.
+    worst
+        Worst shares by side.
+    suitable
+        Number of settings by `Suitability`.
+    """
+
+    cells: int
+    pictures_with_slabs: int
+    minutes: float
+    nears: list[float]
+    spacing: str
+    resolutions: list[int]
+    ratios: list[float]
+    sides: list[str]
+    buffers: list[facts.BufferFacts]
+    example: list[StudyRow]
+    columns: list[list[str]]
+    advice: list[Advice]
+    agreement: facts.Agreement
+    too_careful: dict[str, int]
+    too_hopeful: dict[str, int]
+    side_differences: list[str]
+    gap_nears: list[float]
+    gap_buffers: list[str]
+    wrong_at_best: float
+    slab_displacement: float
+    slab_wrong: float
+    slab_counts: dict[int | None, int]
+    starved: int
+    starved_by_sheets: int
+    starved_by_picture: int
+    worst: dict[str, WorstShares]
+    suitable: dict[str, int]
+
+
 def document(rows: Rows, origin: Origin) -> str:
     """Return the document as Markdown."""
     filters: Filters = {
@@ -62,69 +129,66 @@ def document(rows: Rows, origin: Origin) -> str:
         "plain": "{:g}".format,
         "rounded": _rounded,
     }
-    titles = {name: drawn.title for name, drawn in maps(rows).items()}
-    text = plain_text(
-        "when-to-split.md.j2", filters, {**_constants(), **_counts(rows), "origin": origin, "figures": titles}
-    )
-    return re.sub(r"\n{3,}", "\n\n", text)
-
-
-def _constants() -> dict[str, Any]:
-    return {
+    values = {
         "tolerance_px": TOLERANCE_PX,
         "max_depth_wrong": MAX_DEPTH_WRONG,
         "separation": ASKED_SEPARATION,
-        "misordered": MISORDERED,
+        "misordered": MAX_MISORDERED_FRACTION,
         "control": buffer_name(EXACT_DEPTH),
         "cars": CARS,
         "car_ratio": CAR_RATIO,
         "farthest": FARTHEST / REACH,
         "percentile": NEAREST_PERCENTILE,
         "product": math.sqrt(2) * TOLERANCE_PX,
+        "origin": origin,
+        "figures": {name: drawn.title for name, drawn in maps(rows).items()},
+        **vars(_numbers(rows)),
     }
+    text = plain_text("when-to-split.md.j2", filters, values)
+    return re.sub(r"\n{3,}", "\n\n", text)
 
 
-def _counts(rows: Rows) -> dict[str, Any]:
+def _numbers(rows: Rows) -> DocumentNumbers:
     """Return everything that the template says of the rows."""
     single = facts.whole(rows)
     buffers = facts.buffer_facts(rows)
     columns, advice = advice_table(rows)
     gap_nears, gap_buffers = facts.gaps(rows)
-    good = [row for row in rows if verdict(row) is Verdict.ENOUGH]
+    good = [row for row in rows if suitability(row) is Suitability.ENOUGH]
     split = [row for row in good if row.slabs]
-    starved = [row for row in single if verdict(row) in {Verdict.STARVED, Verdict.BOTH}]
-    return {
-        "cells": len(single),
-        "pictures_with_slabs": len(rows) - len(single),
-        "minutes": sum(row.seconds for row in rows) / 60,
-        "nears": sorted({row.near for row in single}, reverse=True),
-        "spacing": _spacing(single),
-        "resolutions": sorted({row.resolution for row in single}),
-        "ratios": sorted({row.ratio for row in single}),
-        "sides": [SIDE_WORDS[side] for side in dict.fromkeys(row.side for row in single)],
-        "buffers": buffers,
-        "example": _example(single),
-        "columns": columns,
-        "advice": advice,
-        "agreement": facts.agreement(rows, buffers),
-        "too_careful": facts.rule_exceptions(rows, buffers, one_pair=True),
-        "too_hopeful": facts.rule_exceptions(rows, buffers, one_pair=False),
-        "side_differences": [
+    starved = [row for row in single if suitability(row) in {Suitability.STARVED, Suitability.BOTH}]
+    return DocumentNumbers(
+        cells=len(single),
+        pictures_with_slabs=len(rows) - len(single),
+        minutes=sum(row.seconds for row in rows) / 60,
+        nears=sorted({row.near for row in single}, reverse=True),
+        spacing=_spacing(single),
+        resolutions=sorted({row.resolution for row in single}),
+        ratios=sorted({row.ratio for row in single}),
+        sides=[SIDE_WORDS[side] for side in dict.fromkeys(row.side for row in single)],
+        buffers=buffers,
+        example=_example(single),
+        columns=columns,
+        advice=advice,
+        agreement=facts.agreement(rows, buffers),
+        too_careful=facts.rule_exceptions(rows, buffers, one_pair=True),
+        too_hopeful=facts.rule_exceptions(rows, buffers, one_pair=False),
+        side_differences=[
             f"{buffer_name(case.buffer)} at depth {case.ratio:g} and {case.resolution} px"
             for case in facts.side_differences(rows)
         ],
-        "gap_nears": gap_nears,
-        "gap_buffers": [buffer_name(buffer) for buffer in gap_buffers],
-        "wrong_at_best": max((row.surface_wrong / row.judged for row in good if not row.slabs), default=0.0),
-        "slab_displacement": max((row.displacement_p99 or 0.0 for row in split), default=0.0),
-        "slab_wrong": max((row.surface_wrong / row.judged for row in split), default=0.0),
-        "slab_counts": _slab_counts(rows),
-        "starved": len(starved),
-        "starved_by_sheets": sum(row.depth_fraction <= MAX_DEPTH_WRONG for row in starved),
-        "starved_by_picture": sum(row.misordered <= MISORDERED for row in starved),
-        "worst": _worst(single),
-        "verdicts": {str(v): sum(verdict(row) is v for row in single) for v in Verdict},
-    }
+        gap_nears=gap_nears,
+        gap_buffers=[buffer_name(buffer) for buffer in gap_buffers],
+        wrong_at_best=max((row.surface_wrong / row.judged for row in good if not row.slabs), default=0.0),
+        slab_displacement=max((row.displacement_p99 or 0.0 for row in split), default=0.0),
+        slab_wrong=max((row.surface_wrong / row.judged for row in split), default=0.0),
+        slab_counts=_slab_counts(rows),
+        starved=len(starved),
+        starved_by_sheets=sum(row.depth_fraction <= MAX_DEPTH_WRONG for row in starved),
+        starved_by_picture=sum(row.misordered <= MAX_MISORDERED_FRACTION for row in starved),
+        worst=_worst(single),
+        suitable={str(kind): sum(suitability(row) is kind for row in single) for kind in Suitability},
+    )
 
 
 def _spacing(single: Rows) -> str:
@@ -156,54 +220,20 @@ def _rounded(value: float) -> str:
 
 def _slab_counts(rows: Rows) -> dict[int | None, int]:
     """Return how many cases needed how many slabs; None counts those that stayed open."""
-    split = [a for a in answers(rows).values() if not a.one_pair]
+    split = [a for a in outcomes(rows).values() if not a.one_pair]
     counts = [None if a.slabs is None else len(a.slabs) for a in split]
     return {count: counts.count(count) for count in sorted(set(counts), key=lambda c: c or 99)}
 
 
-def _worst(single: Rows) -> dict[str, dict[str, float]]:
-    """Return for each side the largest share of pixels wrong by depth, and of those lost, with both nears."""
+def _worst(single: Rows) -> dict[str, WorstShares]:
+    """Return the worst shares of each side."""
     worst = {}
     for side in dict.fromkeys(row.side for row in single):
         own = [row for row in single if row.side is side]
         wrong = max(own, key=lambda row: row.depth_fraction)
-        worst[SIDE_WORDS[side].split(",")[0]] = {
-            "wrong": wrong.depth_fraction,
-            "lost": max(row.lost / row.judged for row in own),
-            "covered": wrong.covered / wrong.judged,
-        }
+        worst[SIDE_WORDS[side].split(",")[0]] = WorstShares(
+            wrong=wrong.depth_fraction,
+            lost=max(row.lost / row.judged for row in own),
+            covered=wrong.covered / wrong.judged,
+        )
     return worst
-
-
-def content_object(rows: Rows, origin: Origin) -> dict[str, Any]:
-    """Return the study as one JSON object: criteria, every case's answer, where it came from."""
-    found = facts.buffer_facts(rows)
-    same = facts.agreement(rows, found)
-    content: dict[str, Any] = json_ready(
-        {
-            "sentence": sentence(rows),
-            "criteria": {
-                "displacement_p99_px": TOLERANCE_PX,
-                "depth_wrong": MAX_DEPTH_WRONG,
-                "separation": ASKED_SEPARATION,
-            },
-            "cells": len(rows),
-            "agreement": same,
-            "cases": [
-                {
-                    "side": a.case.side,
-                    "ratio": a.case.ratio,
-                    "resolution": a.case.resolution,
-                    "depth": a.case.buffer[0],
-                    "mapping": a.case.buffer[1],
-                    "one_pair": a.one_pair,
-                    "nears": a.nears,
-                    "slabs": a.slabs,
-                }
-                for a in answers(rows).values()
-            ],
-            "versions": origin.versions,
-            "devices": origin.devices,
-        }
-    )
-    return content

@@ -12,21 +12,21 @@ from scipy.optimize import brentq
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.reports.splitting_study.grid import SIDES, DepthBuffer
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
-from xfrustum.reports.splitting_study.verdict import (
+from xfrustum.reports.splitting_study.suitability import (
     Case,
-    Verdict,
-    answers,
+    Suitability,
     case_of,
-    predicted_verdict,
+    outcomes,
+    predicted_suitability,
+    suitability,
     unbroken,
-    verdict,
 )
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[StudyRow]
 
 _LEAST_NEAR, _LARGEST_NEAR = 1e-12, 0.5
-"""Where the smallest near that orders a separation is looked for, shares of the reach."""
+"""Nears between which the smallest that orders a separation is looked for, shares of the reach."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,17 +38,17 @@ class BufferFacts:
     buffer
         Format and mapping.
     cases, one_pair
-        How many, and in how many of them one pair of frusta is enough.
+        Number of cases, and number of those in which one pair of frusta is enough.
     picture_alone
-        In how many it would be, were no separation asked for.
+        Number of cases in which one pair would be enough, were no separation asked for.
     always
         Nears that are enough in every case, largest first and without a gap.
     least_near
         Smallest near that orders sheets `ASKED_SEPARATION` apart at the reach, by the closed form; None
         where every near does.
     slabs
-        Most slabs that a case needed where one pair is not enough; 0 where it always is, None where
-        a case stayed open.
+        Largest number of slabs that a case needed where one pair is not enough; 0 where one pair always is,
+        None where a case stayed open.
     """
 
     buffer: DepthBuffer
@@ -87,21 +87,21 @@ def whole(rows: Iterable[StudyRow]) -> list[StudyRow]:
 
 def buffer_facts(rows: Rows) -> list[BufferFacts]:
     """Return the facts of every depth buffer, in the order of the rows."""
-    found = answers(rows)
+    found = outcomes(rows)
     pictures = {
         case: any(_picture_will_do(row) for row in group) for case, group in _grouped(whole(rows)).items()
     }
     measured = {row.near for row in whole(rows)}
     facts = []
     for buffer in dict.fromkeys(row.buffer for row in rows):
-        own = [answer for case, answer in found.items() if case.buffer == buffer]
-        common = set.intersection(*(set(answer.nears) for answer in own))
-        split = [answer.slabs for answer in own if not answer.one_pair]
+        own = [outcome for case, outcome in found.items() if case.buffer == buffer]
+        common = set.intersection(*(set(outcome.nears) for outcome in own))
+        split = [outcome.slabs for outcome in own if not outcome.one_pair]
         facts.append(
             BufferFacts(
                 buffer=buffer,
                 cases=len(own),
-                one_pair=sum(answer.one_pair for answer in own),
+                one_pair=sum(outcome.one_pair for outcome in own),
                 picture_alone=sum(good for case, good in pictures.items() if case.buffer == buffer),
                 always=unbroken(common, measured),
                 least_near=least_near(buffer),
@@ -135,7 +135,7 @@ def by_the_rule(case: Case, facts: Sequence[BufferFacts]) -> bool:
 
 def _picture_will_do(row: StudyRow) -> bool:
     """Return whether a cell is neither bent nor wrong by depth, whatever becomes of the sheets."""
-    return verdict(replace(row, misordered=0.0)) is Verdict.ENOUGH
+    return suitability(replace(row, misordered=0.0)) is Suitability.ENOUGH
 
 
 def _grouped(rows: Iterable[StudyRow]) -> dict[Case, list[StudyRow]]:
@@ -152,10 +152,10 @@ class Agreement:
     Attributes
     ----------
     cells, same, in_gaps
-        Settings; in how many of them the closed forms give the measured verdict; and how many of the
-        others have one of the nears and depth buffers of `gaps`.
+        Number of settings; number of those in which the closed forms say what was measured; and number of
+        the others that have one of the nears and depth buffers of `gaps`.
     cases, same_by_rule
-        Cases, and in how many of them the rule of thumb gives the measured answer.
+        Number of cases, and number of those in which the rule of thumb says what was measured.
     lowest, highest
         Measured over predicted 99th percentile of displacement, where a tenth to ten times the
         tolerance is predicted and depth does no harm.
@@ -172,7 +172,7 @@ class Agreement:
 
 def agreement(rows: Rows, facts: Sequence[BufferFacts]) -> Agreement:
     """Compare the closed forms with all rows of one pair of frusta."""
-    single, found = whole(rows), answers(rows)
+    single, found = whole(rows), outcomes(rows)
     gap_nears, gap_buffers = gaps(rows)
     ratios = [
         row.displacement_p99 / row.predicted_p99
@@ -185,12 +185,14 @@ def agreement(rows: Rows, facts: Sequence[BufferFacts]) -> Agreement:
     return Agreement(
         cells=len(single),
         in_gaps=sum(
-            verdict(row) is not predicted_verdict(row) and row.near in gap_nears and row.buffer in gap_buffers
+            suitability(row) is not predicted_suitability(row)
+            and row.near in gap_nears
+            and row.buffer in gap_buffers
             for row in single
         ),
-        same=sum(verdict(row) is predicted_verdict(row) for row in single),
+        same=sum(suitability(row) is predicted_suitability(row) for row in single),
         cases=len(found),
-        same_by_rule=sum(answer.one_pair == by_the_rule(case, facts) for case, answer in found.items()),
+        same_by_rule=sum(outcome.one_pair == by_the_rule(case, facts) for case, outcome in found.items()),
         lowest=min(ratios, default=math.nan),
         highest=max(ratios, default=math.nan),
     )
@@ -200,15 +202,15 @@ def rule_exceptions(rows: Rows, facts: Sequence[BufferFacts], *, one_pair: bool)
     """Return how often the rule of thumb is wrong, by depth buffer, where one pair is enough or is not."""
     wrong = [
         case.buffer
-        for case, answer in answers(rows).items()
-        if answer.one_pair is one_pair and by_the_rule(case, facts) is not one_pair
+        for case, outcome in outcomes(rows).items()
+        if outcome.one_pair is one_pair and by_the_rule(case, facts) is not one_pair
     ]
     return {f.name: wrong.count(f.buffer) for f in facts if f.buffer in wrong}
 
 
 def side_differences(rows: Rows) -> list[Case]:
     """Return the cases of C that C* answers differently."""
-    found = answers(rows)
+    found = outcomes(rows)
     one, other = SIDES
     pairs = [(a, found.get(replace(case, side=other))) for case, a in found.items() if case.side is one]
     return [a.case for a, b in pairs if b is not None and (a.nears, a.slabs) != (b.nears, b.slabs)]
@@ -218,9 +220,9 @@ def gaps(rows: Rows) -> tuple[list[float], list[DepthBuffer]]:
     """Return nears that are not enough between two that are, for the same side and picture; and buffers."""
     nears, buffers = set(), []
     measured = {row.near for row in whole(rows)}
-    for case, answer in answers(rows).items():
-        if answer.one_pair:
-            inside = {n for n in measured if answer.nears[-1] < n < answer.nears[0]} - set(answer.nears)
+    for case, outcome in outcomes(rows).items():
+        if outcome.one_pair:
+            inside = {n for n in measured if outcome.nears[-1] < n < outcome.nears[0]} - set(outcome.nears)
             nears |= inside
             buffers += [case.buffer] if inside else []
     return sorted(nears, reverse=True), list(dict.fromkeys(buffers))

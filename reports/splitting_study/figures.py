@@ -14,23 +14,23 @@ from xfrustum.reports.common.templates_environment import svg_picture
 from xfrustum.reports.splitting_study.grid import SIDES, DepthBuffer
 from xfrustum.reports.splitting_study.measure import SEPARATIONS
 from xfrustum.reports.splitting_study.rows import StudyRow
-from xfrustum.reports.splitting_study.verdict import Verdict, verdict
+from xfrustum.reports.splitting_study.suitability import Suitability, suitability
 from xfrustum.scenes.plate.double_frustum import Camera
 
 SIDE_WORDS = {Camera.C: "C, behind the plate", Camera.C_STAR: "C*, before the plate"}
 
 # Okabe and Ito's palette: told apart by color-blind readers.
-_VERDICT_COLORS = {
-    Verdict.ENOUGH: "#009E73",
-    Verdict.BENT: "#E69F00",
-    Verdict.STARVED: "#56B4E9",
-    Verdict.BOTH: "#5b5b5b",
+_SUITABILITY_COLORS = {
+    Suitability.ENOUGH: "#009E73",
+    Suitability.BENT: "#E69F00",
+    Suitability.STARVED: "#56B4E9",
+    Suitability.BOTH: "#5b5b5b",
 }
-_VERDICT_WORDS = {
-    Verdict.ENOUGH: "one pair is enough",
-    Verdict.BENT: "bent by the near plane",
-    Verdict.STARVED: "starved of depth",
-    Verdict.BOTH: "both",
+_SUITABILITY_WORDS = {
+    Suitability.ENOUGH: "one pair is enough",
+    Suitability.BENT: "bent by the near plane",
+    Suitability.STARVED: "starved of depth",
+    Suitability.BOTH: "both",
 }
 
 # From light to dark, in steps that print in gray too.
@@ -56,13 +56,13 @@ class Map:
     Attributes
     ----------
     title
-        Of the whole figure.
+        Title of the whole figure.
     panels
         Row by row.
     names
-        Of the lines in each panel.
+        Names of the lines in each panel.
     nears
-        Of the squares in each line, shares of the reach.
+        Nears of the squares in each line, shares of the reach.
     legend
         Color and meaning.
     """
@@ -99,7 +99,7 @@ def _verdicts(rows: Rows, side: Camera) -> Map:
     ratios, resolutions = _ratios(rows), sorted({row.resolution for row in rows})
 
     def color(row: StudyRow) -> str:
-        return _VERDICT_COLORS[verdict(row)]
+        return _SUITABILITY_COLORS[suitability(row)]
 
     def panel(ratio: float, resolution: int) -> Panel:
         chosen = [row for row in rows if row.ratio == ratio and row.resolution == resolution]
@@ -112,7 +112,7 @@ def _verdicts(rows: Rows, side: Camera) -> Map:
         panels=tuple(tuple(panel(ratio, size) for size in resolutions) for ratio in ratios),
         names=_buffer_names(rows),
         nears=_nears(rows),
-        legend=tuple((_VERDICT_COLORS[kind], _VERDICT_WORDS[kind]) for kind in Verdict),
+        legend=tuple((_SUITABILITY_COLORS[kind], _SUITABILITY_WORDS[kind]) for kind in Suitability),
     )
 
 

@@ -25,8 +25,8 @@ def _nears(step: int = 1) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell:
-    """One picture of the study; lengths are shares of the reach.
+class Setting:
+    """What is varied from picture to picture; lengths are shares of the reach.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Cell:
     near, slabs, depth, mapping
         As in `DoubleFrustum`.
     refined
-        How often every triangle was split in four.
+        Number of times that every triangle was split in four.
     """
 
     side: Camera
@@ -52,14 +52,19 @@ class Cell:
     refined: int = 0
 
     @property
-    def settings(self) -> DoubleFrustum:
-        """What is asked of the rasterizer, in scene units."""
-        return _settings(self)
-
-    @property
     def buffer(self) -> DepthBuffer:
         """Format and mapping."""
         return self.depth, self.mapping
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell(Setting):
+    """One picture of the study."""
+
+    @property
+    def settings(self) -> DoubleFrustum:
+        """Settings of the rasterizer, in scene units."""
+        return _settings(self)
 
     @property
     def key(self) -> str:
@@ -79,7 +84,7 @@ class SheetCell:
 
     @property
     def settings(self) -> DoubleFrustum:
-        """What is asked of the rasterizer, in scene units."""
+        """Settings of the rasterizer, in scene units."""
         return _settings(self)
 
     @property

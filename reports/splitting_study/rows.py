@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import TypeAdapter
 
-from xfrustum.compare.prediction.depth import MISORDERED
-from xfrustum.reports.common.json_ready import json_ready
-from xfrustum.reports.splitting_study.grid import Cell, DepthBuffer
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.reports.common.records import named_columns, table_of
+from xfrustum.reports.splitting_study.grid import Cell, Setting
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, SheetResult
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping
 
 ASKED_SEPARATION = 1e-3
-"""Of two surfaces at the far end that a depth buffer must order, as a share of the reach."""
-
-_ENUMERATIONS = {"side": Camera, "depth": DepthFormat, "mapping": DepthMapping}
+"""Distance of two surfaces at the far end that a depth buffer must order, as a share of the reach."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyRow(CellResult):
+class StudyRow(Setting, CellResult):
     """A cell, its picture judged, and the sheets at the far end of its side.
 
     Attributes
     ----------
-    side, ratio, resolution, near, depth, mapping, slabs, refined
-        As in `Cell`; lengths are shares of the reach.
     misordered
         Share of pixels that do not show the right one of two sheets `ASKED_SEPARATION` apart.
     ordered_separation
@@ -39,22 +32,9 @@ class StudyRow(CellResult):
         The smallest that is, by the closed form.
     """
 
-    side: Camera
-    ratio: float
-    resolution: int
-    near: float
-    depth: DepthFormat
-    mapping: DepthMapping
-    slabs: tuple[float, ...]
-    refined: int
     misordered: float
     ordered_separation: float | None
     predicted_separation: float
-
-    @property
-    def buffer(self) -> DepthBuffer:
-        """Format and mapping."""
-        return self.depth, self.mapping
 
     @property
     def depth_fraction(self) -> float:
@@ -66,20 +46,16 @@ def joined(cell: Cell, picture: CellResult, sheets: SheetResult) -> StudyRow:
     """Return a cell with what was measured for it."""
     ordered = None
     for separation, share in zip(SEPARATIONS, sheets.misordered, strict=True):
-        if share > MISORDERED:
+        if share > MAX_MISORDERED_FRACTION:
             break
         ordered = separation
     return StudyRow(
-        **_shallow(cell),
-        **_shallow(picture),
+        **vars(cell),
+        **vars(picture),
         misordered=sheets.misordered[SEPARATIONS.index(ASKED_SEPARATION)],
         ordered_separation=ordered,
         predicted_separation=sheets.predicted_separation,
     )
-
-
-def _shallow(value: Cell | CellResult) -> dict[str, Any]:
-    return {field.name: getattr(value, field.name) for field in fields(value)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,31 +66,34 @@ class Origin:
     devices: Mapping[str, str]
 
 
+@dataclass(frozen=True, kw_only=True)
+class FiledRow(StudyRow):
+    """A row as it is filed, with what measured it; the columns of the table are its fields.
+
+    Attributes
+    ----------
+    versions, devices
+        Versions of the libraries and the device, by name.
+    """
+
+    versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
+    devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
+
+
 def write_parquet(rows: Sequence[StudyRow], origin: Origin, path: Path) -> None:
     """Write one row per cell; versions and device are columns of their own, the same in every row."""
-    common = {f"version_{_column(name)}": text for name, text in origin.versions.items()}
-    common |= {f"device_{_column(name)}": text for name, text in origin.devices.items()}
-    flat = [json_ready(asdict(row)) | common for row in rows]
-    pq.write_table(pa.Table.from_pylist(flat), path, compression="zstd")
+    filed = [FiledRow(**vars(row), versions=origin.versions, devices=origin.devices) for row in rows]
+    pq.write_table(table_of(FiledRow, filed), path, compression="zstd")
 
 
 def read_parquet(path: Path) -> tuple[tuple[StudyRow, ...], Origin]:
     """Return the rows of a file of `write_parquet`, and where they came from."""
     found = pq.read_table(path).to_pylist()
-    names = {field.name for field in fields(StudyRow)}
-    rows = tuple(_row({name: row[name] for name in names}) for row in found)
+    names = {one.name for one in fields(StudyRow)}
+    reader = TypeAdapter(StudyRow)
+    rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
     common = {name: str(value) for name, value in found[0].items() if name not in names}
     return rows, Origin(
         versions={n.removeprefix("version_"): v for n, v in common.items() if n.startswith("version_")},
         devices={n.removeprefix("device_"): v for n, v in common.items() if n.startswith("device_")},
     )
-
-
-def _row(values: dict[str, Any]) -> StudyRow:
-    for name, enumeration in _ENUMERATIONS.items():
-        values[name] = enumeration(values[name])
-    return StudyRow(**values | {"slabs": tuple(values["slabs"])})
-
-
-def _column(name: str) -> str:
-    return re.sub(r"\W+", "_", name.lower())

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from itertools import groupby
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -22,7 +23,7 @@ from xfrustum.reports.splitting_study.measure import (
 )
 from xfrustum.reports.splitting_study.rows import Origin, StudyRow, joined
 from xfrustum.reports.splitting_study.store import Store
-from xfrustum.reports.splitting_study.verdict import Verdict, answers, case_of, verdict
+from xfrustum.reports.splitting_study.suitability import Suitability, case_of, outcomes, suitability
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, cars
 from xfrustum.scenes.plate.double_frustum import Camera
 
@@ -31,11 +32,11 @@ C = TypeVar("C", Cell, SheetCell)
 PICTURES, SHEETS = "picture", "sheets"
 """Kinds of results."""
 
-MOST_SLABS = 6
+MAX_SLABS = 6
 """Slabs on one side that are tried before a case is given up."""
 
-BELOW_NEAREST = 0.99
-"""The first cut, of the nearest surface's |z|: close under it, so that the first slab is empty."""
+FIRST_CUT_PER_NEAREST = 0.99
+"""The first cut as a share of the nearest surface's |z|: close under it, so that the first slab is empty."""
 
 
 def measured_by() -> Origin:
@@ -111,44 +112,41 @@ def _missing(cells: Iterable[C], store: Store, kind: str) -> list[C]:
 
 def _rows(cells: Sequence[Cell], store: Store) -> tuple[StudyRow, ...]:
     pictures, sheets = store.get(PICTURES), store.get(SHEETS)
+    picture, pair = TypeAdapter(CellResult), TypeAdapter(SheetResult)
     return tuple(
         joined(
             cell,
-            CellResult(**pictures[cell.key]),
-            SheetResult(**_with_tuple(sheets[sheets_of(cell).key])),
+            picture.validate_python(pictures[cell.key]),
+            pair.validate_python(sheets[sheets_of(cell).key]),
         )
         for cell in cells
     )
-
-
-def _with_tuple(sheets: dict[str, Any]) -> dict[str, Any]:
-    return sheets | {"misordered": tuple(sheets["misordered"])}
 
 
 def _split(rows: Sequence[StudyRow], store: Store, progress: bool) -> tuple[StudyRow, ...]:
     """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
     found: list[StudyRow] = []
     one_per_case = {case_of(row): row for row in rows}
-    open_cases = [one_per_case[case] for case, answer in answers(rows).items() if not answer.one_pair]
-    for count in range(1, MOST_SLABS + 1):
+    open_cases = [one_per_case[case] for case, outcome in outcomes(rows).items() if not outcome.one_pair]
+    for count in range(1, MAX_SLABS + 1):
         cells = [_cut(row, count) for row in open_cases]
         _measure_sheets(dict.fromkeys(map(sheets_of, cells)), store, progress)
         _measure_pictures(cells, store, progress)
         tried = _rows(cells, store)
         found += tried
-        open_cases = [row for row in tried if verdict(row) is not Verdict.ENOUGH]
+        open_cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
     return tuple(found)
 
 
 def _cut(row: StudyRow, count: int) -> Cell:
     """Return a case with so many slabs from just under its nearest surface outward, in equal ratios."""
-    first = BELOW_NEAREST * FARTHEST / REACH / row.ratio
+    first = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
     cuts = np.geomspace(first, 1.0, count + 1)[:-1]
     return Cell(
         side=row.side,
         ratio=row.ratio,
         resolution=row.resolution,
-        # Of no consequence: the slab that it belongs to is empty.
+        # The near offset changes nothing: the slab that it belongs to is empty.
         near=first,
         depth=row.depth,
         mapping=row.mapping,

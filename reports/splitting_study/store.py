@@ -19,10 +19,10 @@ MEASURING = ("scenes", "reference", "raster", "compare")
 """Packages whose sources decide what is measured."""
 
 MEASURING_MODULES = ("splitting_study/measure.py",)
-"""Those of `reports`."""
+"""Modules of `reports` whose sources decide what is measured."""
 
 _WAIT_S = 30.0
-"""For another process that is writing to the same file."""
+"""Longest wait for another process that is writing to the same file."""
 
 _SCHEMA = """
     CREATE TABLE IF NOT EXISTS results (

@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.splitting_study.document import content_object, document, sentence
+from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import FULL, Grid
 from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet, write_parquet
 from xfrustum.reports.splitting_study.run import measure, measured_by
 from xfrustum.reports.splitting_study.store import Store, origin_hash
+from xfrustum.reports.splitting_study.study_record import FilesRecord, StudyRecord, study_record
 
 DEFAULT_FOLDER = Path("study") / "splitting"
 DOCUMENT, DATA, RESULTS, IMAGES = "when-to-split.md", "when-to-split.parquet", "measurements.sqlite", "images"
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyFiles:
+class StudyFiles(Summarized[StudyRecord]):
     """What a study left behind.
 
     Attributes
@@ -31,18 +32,21 @@ class StudyFiles:
         SVG files.
     rows
         Everything measured.
-    sentence
-        The result in one sentence.
-    content
-        The same as the command's JSON object.
+    origin
+        What measured it.
     """
 
     document: Path
     data: Path
     figures: tuple[Path, ...]
     rows: tuple[StudyRow, ...]
-    sentence: str
-    content: dict[str, Any]
+    origin: Origin
+
+    @property
+    def record(self) -> StudyRecord:
+        """The study, as the command prints it."""
+        files = FilesRecord(document=self.document, data=self.data, figures=self.figures)
+        return study_record(self.rows, self.origin, files)
 
 
 def make_study(out: Path | None = None, grid: Grid = FULL, *, progress: bool = False) -> StudyFiles:
@@ -89,12 +93,6 @@ def write_study(rows: Sequence[StudyRow], origin: Origin, out: Path) -> StudyFil
         rows, origin = read_parquet(staging.folder / DATA)
         (staging.folder / DOCUMENT).write_text(document(rows, origin), encoding="utf-8")
         staging.commit()
-    files = {"document": out / DOCUMENT, "data": out / DATA, "figures": figures}
     return StudyFiles(
-        document=out / DOCUMENT,
-        data=out / DATA,
-        figures=figures,
-        rows=tuple(rows),
-        sentence=sentence(rows),
-        content={"files": files, **content_object(rows, origin)},
+        document=out / DOCUMENT, data=out / DATA, figures=figures, rows=tuple(rows), origin=origin
     )

@@ -79,7 +79,7 @@ function numbers(row) {
   const share = (part) => (part === null ? "–" : `${part.wrong.toLocaleString()} (${short(100 * part.fraction)} %)`);
   const spread = (label, s) => line([cell(label), ...["rms", "p50", "p95", "p99", "max"].map((key) => figure(short(s && s[key])))]);
   const wide = (label, text) => line([cell(label), cell(text, { span: 5 })]);
-  const parts = (stage) => Object.entries(row.parts_s[stage] || {}).map(([part, s]) => ` (of it ${part} ${short(1000 * s)})`).join("");
+  const parts = (stage) => Object.entries(row.parts_s[stage] || {}).map(([part, s]) => ` (of which ${part} ${short(1000 * s)})`).join("");
   const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms${parts(stage)}`).join(", ");
   fill(get("numbers"), ["rms", "median", "95 %", "99 %", "max"], [
     spread("displacement measured, px", d),
@@ -112,7 +112,7 @@ function predictions(row) {
     part("edges snapped to subpixels", p.snapped),
     part("depth out of order, or lost", p.depth),
     beside("smallest separation in order, farthest surface of C", apart(p.separation.c), "", ""),
-    beside("the same of C*", apart(p.separation.c_star), "", ""),
+    beside("smallest separation in order, farthest surface of C*", apart(p.separation.c_star), "", ""),
   ]);
 }
 

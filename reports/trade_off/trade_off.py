@@ -2,24 +2,45 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from xfrustum.reports.common.formatting import digits, percent
-from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Spread
+from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Timing
 from xfrustum.reports.common.turns import open_races
 from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, best_setting, pixels
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
-from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
-STRICTER = 0.2
-"""Of the tolerance: what is asked besides, a tenth of a pixel where half a pixel is asked for."""
+STRICTER_FRACTION = 0.2
+"""Share of the tolerance that is answered for too: a tenth of a pixel where half a pixel is asked for."""
+
+CERTIFIED_LABEL = "the certified truth"
+"""Words for the truth as an option."""
 
 MAX_NAMED_OPTIONS = 3
-"""Most options that a sentence names one by one; more are counted."""
+"""Largest number of options that a sentence names one by one; more are counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """Names and values by which JSON tells an option from others; each kind of option adds its own fields."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweptConfiguration(Configuration):
+    """A near plane with a depth buffer, in words."""
+
+    near: float
+    depth: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertifiedConfiguration(Configuration):
+    """The certified truth."""
+
+    certified: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,39 +53,37 @@ class Option:
         `raster`, `embree`, `mitsuba` or `certified`.
     label
         The configuration in words.
+    family
+        Group of options that it belongs to: a depth buffer, or whatever else was varied.
     configuration
-        The same as names and values.
+        The configuration as names and values.
     displacement_p99_px, surface_fraction
-        Its error.
+        99th percentile of displacement, and share of judged pixels with the wrong surface.
     time_s
         Seconds of a whole picture with read-back, over repetitions.
     gpu_s, read_s
-        Of that, what the device drew, and what read-back took; None for who does not draw.
+        Seconds of these in which the device drew, and read back; None for a tracer, which does neither.
     """
 
     renderer: str
     label: str
-    configuration: dict[str, Any]
+    family: str
+    configuration: Configuration
     displacement_p99_px: float
     surface_fraction: float
-    time_s: Spread
-    gpu_s: Spread | None = None
-    read_s: Spread | None = None
-
-    @property
-    def family(self) -> str:
-        """What it belongs to: a depth buffer, or whatever else was varied."""
-        return str(self.configuration.get("family", self.configuration.get("depth", self.label)))
+    time_s: Timing
+    gpu_s: Timing | None = None
+    read_s: Timing | None = None
 
     def within(self, tolerance_px: float) -> bool:
-        """Whether its error is below a tolerance."""
+        """Whether displacement is within a tolerance, and wrong surfaces are within `MAX_WRONG`."""
         return self.displacement_p99_px <= tolerance_px and self.surface_fraction <= MAX_WRONG
 
     def beats(self, other: Option) -> bool:
-        """Whether it is nowhere worse than another, and somewhere better.
+        """Whether this option is in nothing worse than another, and in something better.
 
         Its time is no worse where its median is not beyond the other's interval, and better where the two
-        are told apart.
+        times are told apart.
         """
         mine, others = self._errors(), other._errors()
         if self.time_s.median > other.time_s.interval[1] or any(
@@ -79,13 +98,13 @@ class Option:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranking:
-    """The options within a tolerance that nothing is told to be faster than.
+    """The options within a tolerance than which no other option is told to be faster.
 
     Attributes
     ----------
     fastest
-        Those whose timing intervals overlap with that of the least median, which comes first; all within
-        the tolerance where nothing was repeated often enough to rank it.
+        Options whose timing intervals overlap with that of the least median, which comes first; all options
+        within the tolerance where nothing was repeated often enough to rank it.
     ranked
         Whether there were enough repetitions.
     """
@@ -95,7 +114,7 @@ class Ranking:
 
     @property
     def least_error(self) -> Option:
-        """The one of them with the least displacement, then the fewest wrong surfaces."""
+        """The fastest option with the least displacement, then the fewest wrong surfaces."""
         return min(
             self.fastest,
             key=lambda one: (
@@ -107,19 +126,23 @@ class Ranking:
 
     @property
     def range_s(self) -> tuple[float, float]:
-        """The least and the largest of their medians."""
+        """The least and the largest median of the fastest options."""
         medians = [one.time_s.median for one in self.fastest]
         return min(medians), max(medians)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class FastestWithin:
     """The fastest options within a tolerance; None where nothing keeps it.
 
     Attributes
     ----------
-    tolerance_px, ranking, sentence
-        What was asked, which options they are, and the same in words.
+    tolerance_px
+        Tolerance that is asked for.
+    ranking
+        The fastest options.
+    sentence
+        The options and their times in words.
     """
 
     tolerance_px: float
@@ -128,7 +151,7 @@ class Answer:
 
     @property
     def option(self) -> Option | None:
-        """The one of them with the least error."""
+        """The fastest option with the least error."""
         return self.ranking.least_error if self.ranking else None
 
 
@@ -164,7 +187,7 @@ def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:
     See `turns.open_races`; options that do not keep the tolerance take no part.
     """
     racing = [False] * len(options)
-    for tolerance in (tolerance_px, STRICTER * tolerance_px):
+    for tolerance in (tolerance_px, STRICTER_FRACTION * tolerance_px):
         ranking = rank(options, tolerance)
         if ranking is None:
             continue
@@ -179,22 +202,22 @@ def unsettled(options: Sequence[Option], tolerance_px: float) -> list[bool]:
 
 def answers(
     options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
-) -> tuple[Answer, ...]:
+) -> tuple[FastestWithin, ...]:
     """Return what a tolerance costs, and what a fifth of it would cost, in words.
 
     Parameters
     ----------
     recommended
-        An option that was recommended before; without one, the least error among ties is named.
+        Option that was recommended before; without one, the least error among ties is named.
     """
-    tolerances = (tolerance_px, STRICTER * tolerance_px)
+    tolerances = (tolerance_px, STRICTER_FRACTION * tolerance_px)
     loose, strict = (rank(options, tolerance) for tolerance in tolerances)
     sentences = (
         _none(tolerance_px) if loose is None else _fastest(tolerance_px, loose, recommended),
         _none(tolerances[1]) if strict is None else _stricter(tolerances[1], loose, strict, recommended),
     )
     return tuple(
-        Answer(tolerance_px=tolerance, ranking=ranking, sentence=sentence)
+        FastestWithin(tolerance_px=tolerance, ranking=ranking, sentence=sentence)
         for tolerance, ranking, sentence in zip(tolerances, (loose, strict), sentences, strict=True)
     )
 
@@ -246,7 +269,7 @@ def _fewer(ranking: Ranking) -> str:
 
 
 def _least(ranking: Ranking, recommended: Option | None) -> str:
-    """Say which of several is to be taken."""
+    """Say which one of several options is to be taken."""
     if recommended is None:
         return f"The least error among them is that of {_described(ranking.least_error)}."
     if recommended in ranking.fastest:
@@ -282,7 +305,7 @@ def _described(option: Option) -> str:
     )
 
 
-def _taken(time_s: Spread) -> str:
+def _taken(time_s: Timing) -> str:
     """Write a time with the interval of its median."""
     low, high = time_s.interval
     spread = f" ({1000 * low:.3g} to {1000 * high:.3g})" if time_s.repetitions > 1 else ", taken once,"
@@ -307,14 +330,15 @@ def options_of(sweep: Sweep) -> list[Option]:
         Option(
             renderer="raster",
             label=label,
-            configuration={"near": rows[0].settings.near, "depth": rows[0].settings.depth_label},
+            family=rows[0].settings.depth_label,
+            configuration=SweptConfiguration(near=rows[0].settings.near, depth=rows[0].settings.depth_label),
             displacement_p99_px=max(row.displacement_p99_px for row in rows),
             surface_fraction=max(row.surface_fraction for row in rows),
-            time_s=sweep.frames_s.get(rows[0].settings, Spread.of([rows[0].times_s["raster"]])),
-            gpu_s=Spread.of([rows[0].parts_s["raster"]["gpu"]]),
+            time_s=sweep.frames_s.get(rows[0].settings, Timing.of([rows[0].times_s.raster])),
+            gpu_s=Timing.of([rows[0].parts_s.raster.gpu]),
         )
         for label, rows in grouped.items()
-    ] + [certified(Spread.of([first.times_s["trace"]]))]
+    ] + [certified(Timing.of([first.times_s.trace]))]
 
 
 def recommended_of(sweep: Sweep, options: Sequence[Option]) -> Option:
@@ -335,60 +359,14 @@ def near_label(near: float, units: str, reach: float, depth: str) -> str:
     return f"raster, near {digits(near)} {units} ({digits(near / reach)} of the reach) with {depth} depth"
 
 
-def certified(time_s: Spread) -> Option:
+def certified(time_s: Timing) -> Option:
     """Return the truth, which has no error."""
     return Option(
         renderer="certified",
-        label="the certified truth",
-        configuration={"certified": True},
+        label=CERTIFIED_LABEL,
+        family=CERTIFIED_LABEL,
+        configuration=CertifiedConfiguration(),
         displacement_p99_px=0.0,
         surface_fraction=0.0,
         time_s=time_s,
     )
-
-
-def summary(
-    options: Sequence[Option], tolerance_px: float = TOLERANCE_PX, recommended: Option | None = None
-) -> dict[str, Any]:
-    """Return options and answers as `cost --json` prints them."""
-    return {
-        "rows": [
-            {
-                "renderer": option.renderer,
-                "label": option.label,
-                **option.configuration,
-                "error": {
-                    "displacement_p99_px": option.displacement_p99_px,
-                    "surface_fraction": option.surface_fraction,
-                },
-                "time_s": _seconds(option.time_s),
-                "gpu_s": _seconds(option.gpu_s),
-                "read_back_s": _seconds(option.read_s),
-                "pareto": best,
-            }
-            for option, best in zip(options, pareto(options), strict=True)
-        ],
-        "answers": [
-            {
-                "tolerance_px": answer.tolerance_px,
-                "configuration": answer.option and answer.option.label,
-                "time_s": _seconds(answer.option.time_s) if answer.option else None,
-                "ranked": answer.ranking is not None and answer.ranking.ranked,
-                "fastest": [one.label for one in answer.ranking.fastest] if answer.ranking else [],
-                "sentence": answer.sentence,
-            }
-            for answer in answers(options, tolerance_px, recommended)
-        ],
-    }
-
-
-def _seconds(spread: Spread | None) -> dict[str, Any] | None:
-    if spread is None or not math.isfinite(spread.median):
-        return None
-    return {
-        "median": spread.median,
-        "low": spread.lowest,
-        "high": spread.highest,
-        "interval": list(spread.interval),
-        "repetitions": spread.repetitions,
-    }

@@ -11,17 +11,18 @@ import plotly.graph_objects as go
 from xfrustum.reports.common.figure_style import INK, error_bars, look, style
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.trade_off.trade_off import Option, pareto
-from xfrustum.scenes.tolerances import MAX_WRONG
+from xfrustum.tolerances import MAX_WRONG
 
-LEAST_PX = 1e-4
-"""Smaller displacements are drawn here: 32-bit positions cannot tell them, and a logarithm has no zero."""
+SMALLEST_DRAWN_PX = 1e-4
+"""Displacement at which all smaller ones are drawn: 32-bit positions cannot tell them apart, and a
+logarithmic axis has no zero."""
 
 
 def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figure:
-    """Draw the displacement of every option against its time; what is on the front is filled.
+    """Draw the displacement of every option against its time; options on the front are filled.
 
-    The front of all three, displacement, time and wrong surfaces, is of more options than the line goes
-    through: a picture with many wrong surfaces may be fast and in its place.
+    More options are on the front of displacement, time and wrong surfaces than the line goes through: a
+    picture with many wrong surfaces may be fast and displaced little.
     """
     front = pareto(options)
     figure = go.Figure()
@@ -30,7 +31,7 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
         color, symbol = look(place)
         figure.add_scatter(
             x=[1000 * one.time_s.median for one, _ in mine],
-            y=[max(one.displacement_p99_px, LEAST_PX) for one, _ in mine],
+            y=[max(one.displacement_p99_px, SMALLEST_DRAWN_PX) for one, _ in mine],
             error_x=error_bars([one.time_s for one, _ in mine], factor=1000),
             name=family,
             mode="markers",
@@ -45,13 +46,13 @@ def trade_off_figure(options: Sequence[Option], tolerance_px: float) -> go.Figur
     best_options = _planar_front(options)
     figure.add_scatter(
         x=[1000 * one.time_s.median for one in best_options],
-        y=[max(one.displacement_p99_px, LEAST_PX) for one in best_options],
+        y=[max(one.displacement_p99_px, SMALLEST_DRAWN_PX) for one in best_options],
         name=f"front, at most {percent(MAX_WRONG)} wrong surfaces",
         mode="lines",
         line={"color": INK, "width": 1.5, "shape": "hv"},
         hoverinfo="skip",
     )
-    # Two labels less than a decade apart: one above its line, one below.
+    # The two lines are less than a decade apart: one label stands above its line, one below.
     _add_limit(figure, tolerance_px, "bottom")
     _add_limit(figure, tolerance_px / 5, "top")
     _lay_out(figure)
@@ -95,11 +96,13 @@ def _lay_out(figure: go.Figure) -> None:
 def _planar_front(options: Sequence[Option]) -> list[Option]:
     """Return, fastest first, the options with few wrong surfaces that none beats in time and displacement.
 
-    Times beat each other as on the front of all three, and what the figure draws at one height is equal.
+    Times are compared as in `pareto`, and displacements that the figure draws at one height are equal.
     """
     fair = [one for one in options if one.surface_fraction <= MAX_WRONG]
     drawn = [
-        replace(one, displacement_p99_px=max(one.displacement_p99_px, LEAST_PX), surface_fraction=0.0)
+        replace(
+            one, displacement_p99_px=max(one.displacement_p99_px, SMALLEST_DRAWN_PX), surface_fraction=0.0
+        )
         for one in fair
     ]
     front = [one for one, best in zip(fair, pareto(drawn), strict=True) if best]

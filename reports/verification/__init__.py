@@ -1,6 +1,7 @@
 """The verification of foreign renderers: sources, verdict, files.
 
 commands      A foreign renderer as a program that is run once for each aperture
+figures       Figures of all hogels together, and figures of one hogel or of all in words
 files         What a verification leaves behind: a page, JSON, JUnit XML, and lines for the terminal
 sources       Where a foreign renderer's hogel images come from: files, or a function
 verdict       The answer to `xfrustum verify`: limits, every hogel's figures, and all of them together

@@ -17,11 +17,11 @@ from xfrustum.scenes.files.foreign_images import Encoding, read_foreign
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.plate import Aperture
 
-TOLD_LINES = 5
+MAX_TOLD_LINES = 5
 """Last lines of a failed command's standard error that are passed on."""
 
-TOLD_BYTES = 1 << 16
-"""Most of it that is looked at."""
+MAX_TOLD_BYTES = 1 << 16
+"""Last bytes of its standard error that are looked at."""
 
 
 @dataclass(kw_only=True)
@@ -34,9 +34,9 @@ class Command:
         Split as a shell would; {x} and {y} are the aperture's center in scene units, {i} and {j} its column
         and row, {out} the file to be written.
     reference, encoding
-        As for files.
+        The scene's truth, and what pictures mean; see `Files`.
     folder
-        Where {out} lies; emptied file by file.
+        Folder that {out} lies in; it is emptied file by file.
     timeout_s
         A run that takes longer is ended, with all processes that it started.
     """
@@ -127,6 +127,6 @@ def _end(started: list[subprocess.Popen[bytes]]) -> None:
 def _told(log: Path) -> str:
     """Return the last lines of a command's standard error, ready to be appended."""
     with log.open("rb") as file:
-        file.seek(max(0, log.stat().st_size - TOLD_BYTES))
-        lines = file.read().decode(errors="replace").strip().splitlines()[-TOLD_LINES:]
+        file.seek(max(0, log.stat().st_size - MAX_TOLD_BYTES))
+        lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_TOLD_LINES:]
     return ": " + " | ".join(line.strip() for line in lines) if lines else ""

@@ -5,19 +5,17 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
-from xfrustum.compare.judging.judged import SURFACES, WRONG_WORDS, MeasuredBy
-from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import Staging, write_output
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.verification.verdict import COLORS, DISPLACEMENT, Verification, percent, totals
+from xfrustum.reports.verification.figures import PlateNumbers, figures_words, percent, totals
+from xfrustum.reports.verification.verdict import Verification
 
 FILES = PAGE, DATA = "index.html", "verification.json"
 
-LISTED = 10
+MAX_LISTED = 10
 """Missing hogels that the terminal names one by one."""
 
 
@@ -31,26 +29,27 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
     """
     with Staging(out, FILES) as staging:
         (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
-        text = json.dumps(json_ready(found.summary()), allow_nan=False, indent=1)
+        text = json.dumps(found.summary(), allow_nan=False, indent=1)
         (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
         return staging.commit()
 
 
 def render_page(found: Verification) -> str:
     """Return one HTML document that needs nothing else, online or offline."""
+    record = found.record
     values = {
         "found": found,
-        "summary": found.summary(),
+        "summary": record,
         "sentence": sentence(found),
         "explained": explained(found),
-        "as_found": _worded(totals([hogel.as_found for hogel in found.hogels])),
-        "corrected": _worded(totals([hogel.corrected for hogel in found.hogels])),
+        "as_found": _worded(record.as_found),
+        "corrected": _worded(record.corrected),
         "versions": {**versions(), **machine()},
     }
     return html_page("verify.html.j2", {"percent": percent, "figures": figures_words}, values)
 
 
-def _worded(figures: dict[str, Any] | None) -> str | None:
+def _worded(figures: PlateNumbers | None) -> str | None:
     return None if figures is None else figures_words(figures)
 
 
@@ -127,9 +126,9 @@ def table(found: Verification) -> str:
         if figures is not None:
             lines.append(f"{name}: {figures_words(figures)}")
     problems = [hogel for hogel in found.hogels if hogel.problem]
-    lines += [f"hogel {h.aperture.column},{h.aperture.row}: {h.problem}" for h in problems[:LISTED]]
-    if len(problems) > LISTED:
-        lines.append(f"and {len(problems) - LISTED} more like these")
+    lines += [f"hogel {h.aperture.column},{h.aperture.row}: {h.problem}" for h in problems[:MAX_LISTED]]
+    if len(problems) > MAX_LISTED:
+        lines.append(f"and {len(problems) - MAX_LISTED} more like these")
     return "\n".join(lines)
 
 
@@ -141,29 +140,3 @@ def explained(found: Verification) -> list[str]:
 
 def _interval(low: float | None, high: float | None) -> str:
     return "" if low is None or high is None else f"  [{low:.6g}, {high:.6g}]"
-
-
-def figures_words(figures: dict[str, Any]) -> str:
-    """Return figures of one hogel, or of all, in words; each says which wrong it counts."""
-    parts = [f"{figures['shown']:,} pixels show something"]
-    if figures["surface"] is not None:
-        surface = figures["surface"]
-        parts.append(f"{SURFACES} {surface['wrong']:,} ({percent(surface['fraction'])})")
-    counted = " or ".join(WRONG_WORDS[name] for name in figures["by"].split(" or "))
-    parts.append(f"{counted} {figures['wrong']:,} ({percent(figures['fraction'])})")
-    if figures["invalid"]:
-        parts.append(f"{figures['invalid']:,} claim what does not exist")
-    if figures["radiance"] is not None:
-        parts.append(f"{COLORS} on right surfaces {figures['radiance']['wrong']:,}")
-    spread = figures["displacement_px"]
-    value = "unknown" if spread is None else f"{spread.get('worst_p99', spread.get('p99')):.3g} px"
-    means = [name for name in figures["displacement_by"].split(" or ") if name != MeasuredBy.NOTHING]
-    by = f" by {' or '.join(means)}" if spread is not None else ""
-    if spread is not None and str(MeasuredBy.NOTHING) in figures["displacement_by"].split(" or "):
-        by += ", unknown of other hogels"
-    parts.append(f"{DISPLACEMENT} (p99{' of the worst hogel' if 'hogels' in figures else ''}) {value}{by}")
-    text = ", ".join(parts)
-    if figures["causes"] is not None and figures["wrong"]:
-        causes = ", ".join(f"{name} {count:,}" for name, count in figures["causes"].items())
-        text += f"; causes of {counted}: {causes}"
-    return text

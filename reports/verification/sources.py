@@ -96,9 +96,9 @@ class Files:
     pattern
         {i} is the column, {j} the row.
     reference
-        For the cameras that images answer for.
+        Truth of the scene, which knows the cameras that images answer for.
     encoding
-        Of pictures; OpenEXR files say it themselves.
+        What pictures mean; OpenEXR files say it themselves.
     """
 
     pattern: str
@@ -156,7 +156,7 @@ class Function:
     function
         Takes the scene and an aperture, returns a hogel image.
     reference
-        Of the scene.
+        Truth of the scene.
     """
 
     function: Renderer
@@ -181,7 +181,7 @@ class Function:
         arrays = (image.triangle, image.object, image.position, image.color)
         if any(array is not None and array.shape[:2] != (height, width) for array in arrays):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
-        # It is taken at its word about what it was asked for.
+        # The function is taken at its word about which aperture its image answers for.
         return _answering(image, self.reference, aperture)
 
 

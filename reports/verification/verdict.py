@@ -3,41 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
-from xfrustum.compare.judging.judged import Figures, Judging
+from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
+from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.verification.figures import COLORS, DISPLACEMENT, PlateNumbers, percent, totals
 from xfrustum.reports.verification.worst_hogels import WorstHogels
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.scenes.tolerances import MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
-DISPLACEMENT, COLORS, INVALID = "displacement", "wrong colors", "claims of what does not exist"
-"""Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`
-names."""
+INVALID = "claims of what does not exist"
+"""Name of a figure that is compared with `MAX_INVALID_SHARE`."""
 
-MOST_INVALID = 0.5
+MAX_INVALID_SHARE = 0.5
 """Share of the pixels in which an image shows something that may claim what does not exist, whatever the
 limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One figure of a hogel and the limit that it is compared with.
+    """One figure of a hogel and the limit that it is compared with; its fields are those of the JSON object.
 
     Attributes
     ----------
     figure
         What is limited, in words.
     value
-        Its size: a share of pixels, or pixels of displacement; None where it cannot be known.
+        A share of pixels, or pixels of displacement; None where it cannot be known.
     limit
-        What it may be at most; None where nothing is limited.
+        Largest value that is still right; None where nothing is limited.
     unit
         `share` or `px`.
     held
@@ -57,31 +58,22 @@ class Check:
         value = "unknown" if self.value is None else _sized(self.value, self.unit)
         return f"{self.figure} {value} ({limit})"
 
-    def summary(self) -> dict[str, str | float | bool | None]:
-        """Return it as `verify --json` prints it."""
-        return asdict(self)
-
 
 def _sized(value: float, unit: str) -> str:
     return percent(value) if unit == "share" else f"{value:.3g} px"
 
 
-def percent(fraction: float) -> str:
-    """Return a share in percent, with three digits."""
-    return f"{100 * fraction:.3g} %"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What is still right.
+    """Limits within which a hogel is right.
 
     Attributes
     ----------
     wrong
-        Share of the pixels where image or answer shows a surface that may be wrong: of wrong surfaces, where
-        images tell surfaces; else of wrong colors or outlines, whichever are compared.
+        Largest share of wrong pixels, among those where image or answer shows a surface. Wrong are surfaces,
+        where images tell them; else colors or outlines, whichever are compared.
     displacement_px
-        By which 99 of 100 surface points or outlines may be off; None where that does not matter.
+        Largest distance by which 99 of 100 surface points or outlines may be off; None for no limit.
     judging
         What pictures are compared by, and by how much colors may differ.
     """
@@ -114,7 +106,7 @@ class Limits:
                 Check(
                     figure=INVALID,
                     value=figures.invalid / figures.claimed,
-                    limit=MOST_INVALID,
+                    limit=MAX_INVALID_SHARE,
                     unit="share",
                     held=not figures.mostly_invalid,
                 )
@@ -130,7 +122,7 @@ class Limits:
 
 
 def worst_checks(hogels: Sequence[tuple[Check, ...]]) -> tuple[Check, ...]:
-    """Return of each figure the hogel's that is worst: limits are for every hogel, not for their mean."""
+    """Return the worst hogel's check of each figure: limits are for every hogel, not for their mean."""
     worst: dict[str, Check] = {}
     for check in (check for checks in hogels for check in checks):
         known = worst.get(check.figure)
@@ -144,13 +136,25 @@ def _badness(check: Check) -> tuple[bool, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HogelRecord:
+    """JSON object of a `Hogel`."""
+
+    aperture: tuple[int, int]
+    verdict: str
+    problem: str | None
+    checks: tuple[Check, ...]
+    as_found: HogelNumbers | None
+    corrected: HogelNumbers | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Hogel:
     """What was found of one hogel: a problem, or figures as found and corrected, and the limits kept."""
 
     aperture: Aperture
     problem: str | None = None
-    as_found: dict[str, Any] | None = None
-    corrected: dict[str, Any] | None = None
+    as_found: HogelNumbers | None = None
+    corrected: HogelNumbers | None = None
     checks: tuple[Check, ...] = ()
 
     @property
@@ -163,16 +167,17 @@ class Hogel:
         """One word: pass, fail, or missing."""
         return "missing" if self.problem else "pass" if self.passed else "fail"
 
-    def summary(self) -> dict[str, Any]:
-        """Return it as `verify --json` prints it."""
-        return {
-            "aperture": list(self.aperture.index),
-            "verdict": self.verdict,
-            "problem": self.problem,
-            "checks": [check.summary() for check in self.checks],
-            "as_found": self.as_found,
-            "corrected": self.corrected,
-        }
+    @property
+    def record(self) -> HogelRecord:
+        """The hogel, as it is written."""
+        return HogelRecord(
+            aperture=self.aperture.index,
+            verdict=self.verdict,
+            problem=self.problem,
+            checks=self.checks,
+            as_found=self.as_found,
+            corrected=self.corrected,
+        )
 
 
 JUDGED_WORDS = {
@@ -181,20 +186,49 @@ JUDGED_WORDS = {
     "coverage": "surfaces, by where something is shown",
     "outlines": "geometry: where pictures show something, and where outlines run, in whatever shading",
 }
-"""What is judged of images that are compared by `Figures.by`; of plain pictures it is colors, unless geometry
-was asked for."""
+"""What is judged, in words, by `Figures.by`; plain pictures are judged by colors unless geometry was asked
+for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitsRecord:
+    """JSON object of `Limits`."""
+
+    wrong: float
+    displacement_px: float | None
+    color: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerificationRecord:
+    """JSON object of a `Verification`."""
+
+    verdict: str
+    scene: str
+    source: str
+    limits: LimitsRecord
+    compared: Compared
+    judged: str
+    checks: tuple[Check, ...]
+    diagnosis: tuple[Fault, ...]
+    does_not_explain: tuple[Fault, ...]
+    explained: bool | None
+    found_by: str
+    as_found: PlateNumbers | None
+    corrected: PlateNumbers | None
+    hogels: tuple[HogelRecord, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verification:
-    """The answer.
+class Verification(Summarized[VerificationRecord]):
+    """The answer to `xfrustum verify`.
 
     Attributes
     ----------
     scene, source
         What was asked, and the name of who answered.
     limits, diagnosis, hogels
-        What is still right, what was found, and every hogel.
+        Limits that hogels must keep to, what was found wrong, and every hogel.
     worst
         Pictures of the worst hogels.
     """
@@ -213,17 +247,17 @@ class Verification:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Of each figure that is compared with a limit, the worst hogel's."""
+        """The worst hogel's check of each figure that is compared with a limit."""
         return worst_checks([hogel.checks for hogel in self.hogels])
 
     @property
     def judged(self) -> str:
         """What was judged, in words."""
         judging = self.limits.judging
-        by = {one["by"] for one in (hogel.as_found for hogel in self.hogels) if one is not None}
+        known = [hogel.as_found for hogel in self.hogels if hogel.as_found is not None]
+        by = {one.by for one in known}
         words = [JUDGED_WORDS[name] for name in JUDGED_WORDS if name in by]
-        colored = any(h.as_found is not None and h.as_found["radiance"] is not None for h in self.hogels)
-        if colored or "color" in by:
+        if "color" in by or any(one.radiance is not None for one in known):
             words.append(f"colors to within {judging.color_tolerance:.3g} of linear radiance")
         return ", and ".join(words) or "nothing"
 
@@ -235,51 +269,26 @@ class Verification:
         wrong = not all(check.held for hogel in self.hogels for check in hogel.checks)
         return False if wrong or self.diagnosis.does_not_explain else None
 
-    def summary(self) -> dict[str, Any]:
-        """Return it as `verify --json` prints it."""
-        return {
-            "verdict": "pass" if self.passed else "fail",
-            "scene": self.scene.name,
-            "source": self.source,
-            "limits": {
-                "wrong": self.limits.wrong,
-                "displacement_px": self.limits.displacement_px,
-                "color": self.limits.judging.color_tolerance,
-            },
-            "compared": str(self.limits.judging.compared),
-            "judged": self.judged,
-            "checks": [check.summary() for check in self.checks],
-            "diagnosis": [fault.summary() for fault in self.diagnosis.faults],
-            "does_not_explain": [fault.summary() for fault in self.diagnosis.does_not_explain],
-            "explained": self.explained,
-            "found_by": self.diagnosis.means,
-            "as_found": totals([hogel.as_found for hogel in self.hogels]),
-            "corrected": totals([hogel.corrected for hogel in self.hogels]),
-            "hogels": [hogel.summary() for hogel in self.hogels],
-        }
-
-
-def totals(figures: Sequence[dict[str, Any] | None]) -> dict[str, Any] | None:
-    """Return the figures of all hogels together, None where there are none."""
-    known = [one for one in figures if one is not None]
-    if not known:
-        return None
-    shown, wrong = (sum(one[name] for one in known) for name in ("shown", "wrong"))
-    surfaces = [one["surface"]["wrong"] for one in known if one["surface"] is not None]
-    spreads = [one["displacement_px"]["p99"] for one in known if one["displacement_px"] is not None]
-    means = sorted({one["displacement_by"] for one in known})
-    colored = [one["radiance"]["wrong"] for one in known if one["radiance"] is not None]
-    reasons = [one["causes"] for one in known if one["causes"] is not None]
-    return {
-        "hogels": len(known),
-        "by": " or ".join(sorted({one["by"] for one in known})),
-        "shown": shown,
-        "wrong": wrong,
-        "fraction": wrong / shown if shown else 0.0,
-        "surface": {"wrong": sum(surfaces), "fraction": sum(surfaces) / max(shown, 1)} if surfaces else None,
-        "invalid": sum(one["invalid"] for one in known),
-        "displacement_px": {"worst_p99": max(spreads)} if spreads else None,
-        "displacement_by": " or ".join(means),
-        "radiance": {"wrong": sum(colored)} if colored else None,
-        "causes": {name: sum(one[name] for one in reasons) for name in reasons[0]} if reasons else None,
-    }
+    @property
+    def record(self) -> VerificationRecord:
+        """The answer, as it is written."""
+        return VerificationRecord(
+            verdict="pass" if self.passed else "fail",
+            scene=self.scene.name,
+            source=self.source,
+            limits=LimitsRecord(
+                wrong=self.limits.wrong,
+                displacement_px=self.limits.displacement_px,
+                color=self.limits.judging.color_tolerance,
+            ),
+            compared=self.limits.judging.compared,
+            judged=self.judged,
+            checks=self.checks,
+            diagnosis=tuple(self.diagnosis.faults),
+            does_not_explain=tuple(self.diagnosis.does_not_explain),
+            explained=self.explained,
+            found_by=self.diagnosis.means,
+            as_found=totals([hogel.as_found for hogel in self.hogels]),
+            corrected=totals([hogel.corrected for hogel in self.hogels]),
+            hogels=tuple(hogel.record for hogel in self.hogels),
+        )

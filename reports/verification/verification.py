@@ -37,8 +37,9 @@ Item = TypeVar("Item")
 SAMPLE_SIDE = 5
 """Columns and rows of hogels that are diagnosed: 25 tell apart all orders of apertures, many times over."""
 
-SAMPLE_PIXELS, FEWEST = 1 << 22, 4
-"""Of all of them together, which bounds the memory; and how many hogels there are at any size."""
+MAX_SAMPLE_PIXELS, MIN_SAMPLE_HOGELS = 1 << 22, 4
+"""Pixels of all diagnosed hogels together, which bounds the memory; and number of hogels that are diagnosed
+whatever their size."""
 
 
 def verify(  # noqa: PLR0913 - one keyword for each option of the command
@@ -82,7 +83,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     compare
         What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
     timeout_s, progress
-        For each run of the command; and whether to draw a bar.
+        Seconds that each run of the command may take; and whether to draw a bar.
 
     Raises
     ------
@@ -172,9 +173,9 @@ class _Question:
     Attributes
     ----------
     asked
-        How the renderer is supposed to draw.
+        Model of how the renderer is supposed to draw.
     found
-        How it draws, and how its images are to be read.
+        Model of how it draws, and how its images are to be read.
     read_as_found
         Whether that reading is accepted.
     """
@@ -249,8 +250,8 @@ class _Run:
         return Hogel(
             aperture=aperture,
             checks=self.limits.checks(as_found),
-            as_found=as_found.summary(),
-            corrected=corrected.summary(),
+            as_found=as_found.numbers,
+            corrected=corrected.numbers,
         )
 
     def _judged(
@@ -263,7 +264,7 @@ class _Run:
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:
     """Return the apertures to be diagnosed: spread over the plate, few enough for the memory."""
     width, height = scene.frustum.resolution
-    count = int(np.clip(SAMPLE_PIXELS // (width * height), FEWEST, SAMPLE_SIDE**2))
+    count = int(np.clip(MAX_SAMPLE_PIXELS // (width * height), MIN_SAMPLE_HOGELS, SAMPLE_SIDE**2))
     side = max(2, int(np.sqrt(count)))
     if isinstance(apertures, ApertureBlocks):
         columns, rows = (_spread(range(count), side) for count in scene.plate.hogels)

@@ -14,14 +14,15 @@ from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.plate.plate import Aperture
 
-SHOWN = 6
-"""Hogels on the page."""
+MAX_SHOWN_HOGELS = 6
+"""Hogels whose pictures are on the page."""
 
-LARGEST_PX = 512
+MAX_PICTURE_PX = 512
 """Longest side of a picture on the page; larger ones are reduced by leaving pixels out."""
 
-WRONG_RGB, BACKGROUND, DIMMED = (224, 49, 49), 250, 0.35
-"""Of wrong pixels, of nothing, and how strongly the truth shows beneath errors."""
+WRONG_RGB, BACKGROUND_GRAY, TRUTH_STRENGTH = (224, 49, 49), 250, 0.35
+"""Color of wrong pixels, gray level where nothing is shown, and share by which the truth shows beneath
+errors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +46,7 @@ class WorstHogels:
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
         """Keep a hogel if it is among the worst: as found, then corrected."""
         badness = (as_found.judged_fraction, corrected.judged_fraction)
-        if len(self.kept) == SHOWN and badness <= self.kept[-1].badness:
+        if len(self.kept) == MAX_SHOWN_HOGELS and badness <= self.kept[-1].badness:
             return
         pictured = Pictured(
             aperture=aperture,
@@ -60,7 +61,9 @@ class WorstHogels:
                 "rest": _encoded(_errors(corrected)),
             },
         )
-        self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[:SHOWN]
+        self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[
+            :MAX_SHOWN_HOGELS
+        ]
 
 
 def _shown(image: HogelImage) -> Bytes:
@@ -77,19 +80,19 @@ def _shown(image: HogelImage) -> Bytes:
     pixels = (
         named[..., None].astype(np.int64) * np.array([37, 101, 173]) + np.array([90, 60, 140])
     ) % 200 + 30
-    pixels[named == NOTHING] = BACKGROUND
+    pixels[named == NOTHING] = BACKGROUND_GRAY
     return np.asarray(pixels, dtype=np.uint8)
 
 
 def _errors(figures: Figures) -> Bytes:
-    beneath = BACKGROUND - DIMMED * (BACKGROUND - _shown(figures.answer).astype(np.float64))
-    beneath[~figures.answer.covered] = BACKGROUND
+    beneath = BACKGROUND_GRAY - TRUTH_STRENGTH * (BACKGROUND_GRAY - _shown(figures.answer).astype(np.float64))
+    beneath[~figures.answer.covered] = BACKGROUND_GRAY
     beneath[figures.error] = WRONG_RGB
     return np.asarray(beneath, dtype=np.uint8)
 
 
 def _encoded(pixels: Bytes) -> str:
-    step = -(-max(pixels.shape[:2]) // LARGEST_PX)
+    step = -(-max(pixels.shape[:2]) // MAX_PICTURE_PX)
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels[::step, ::step])).save(buffer, "PNG")
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -1,4 +1,4 @@
-"""What a scene looks like: its materials and lights, and the default where it names none."""
+"""The appearance of a scene: its materials and lights, and the default where it names none."""
 
 from __future__ import annotations
 
@@ -19,17 +19,16 @@ class Appearance:
     Attributes
     ----------
     materials
-        By the name that objects refer to.
+        Materials by the name that objects refer to.
     lights
         Directional lights.
     environment
-        Seen in reflections only; None if there is none.
+        Environment, which shows in reflections only; None if there is none.
 
     Raises
     ------
     InputError
-        Something that is no material, light or environment; or, when it is asked for, a material that
-        is not there.
+        An attribute is no material, light or environment; `material` is asked for one that is missing.
     """
 
     materials: Mapping[str, Material] = field(default_factory=lambda: MappingProxyType({}))

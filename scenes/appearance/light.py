@@ -2,7 +2,8 @@
 
 See docs/method.md, "Light"; paper, sections 3 and 6.
 
-Parameters only; the two answers shade with formulas of their own. CONVENTIONS.md, "Light", has the model.
+This module has parameters only; the two answers shade with formulas of their own, which CONVENTIONS.md states
+under "Light".
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from xfrustum.scenes.arguments import real, reals, settle
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
 
-BRIGHTEST = 1e30
-"""Radiance: sums and products with coefficients stay within float32's range in pictures, 3e38."""
+MAX_RADIANCE = 1e30
+"""Largest radiance of an environment: sums and products with coefficients stay within float32's range in
+pictures, 3e38."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,14 +30,14 @@ class DirectionalLight:
     Attributes
     ----------
     direction
-        Toward the light, scene axes; made a unit vector.
+        Vector toward the light, scene axes; it is made a unit vector.
     color
-        Linear RGB of its irradiance over pi: a white diffuse surface that faces it shows this.
+        Linear RGB of the light's irradiance over pi, which a white diffuse surface that faces it shows.
 
     Raises
     ------
     InputError
-        A direction without length, or a color that is negative or not finite.
+        The direction has no length, or the color is negative or not finite.
     """
 
     direction: tuple[float, float, float]
@@ -65,14 +67,14 @@ class Environment:
     radiance
         (H, W, 3) float32 linear RGB, row 0 at the top; finite and at least 0.
     strength
-        Factor, at least 0.
+        Factor of the radiance, at least 0.
     name
-        Where it came from.
+        Name of the file or of the maker, for messages.
 
     Raises
     ------
     InputError
-        Another shape, or radiance that is negative, not finite, or beyond `BRIGHTEST`.
+        The array has another shape, or the radiance is negative, not finite, or beyond `MAX_RADIANCE`.
     """
 
     radiance: Singles
@@ -91,14 +93,14 @@ class Environment:
             raise InputError(f"{self.name}: radiance must be finite and not negative; repair the map")
         if not (math.isfinite(strength) and strength >= 0):
             raise InputError(f"strength must be a number of at least 0, not {self.strength!r}")
-        if strength * float(radiance.max()) > BRIGHTEST:
+        if strength * float(radiance.max()) > MAX_RADIANCE:
             raise InputError(
                 f"{self.name}: strength {self.strength} makes the map brighter than 32-bit images can hold; "
-                f"at most {BRIGHTEST:.0e} in all"
+                f"at most {MAX_RADIANCE:.0e} in all"
             )
         radiance.flags.writeable = False
         settle(self, radiance=radiance, strength=strength)
 
 
 DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))
-"""From above, left, and the viewer's side: of scenes that name no light and no environment."""
+"""Light of scenes that name no light and no environment: from above, left, and the viewer's side."""

@@ -1,6 +1,7 @@
-"""Phong materials: what a surface does with light (paper, section 3, figure 3).
+"""Phong materials: how a surface reflects light (paper, section 3, figure 3).
 
-Parameters only; the two answers shade with formulas of their own. CONVENTIONS.md, "Light", has the model.
+This module has parameters only; the two answers shade with formulas of their own, which CONVENTIONS.md states
+under "Light".
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ Color = tuple[float, float, float]
 """Linear RGB."""
 
 LARGEST_COEFFICIENT = 1e15
-"""Most that a coefficient or a light may be: their product, 1e30, and sums of products stay within float32's
-range, 3e38."""
+"""Largest coefficient, and largest color of a light: their product, 1e30, and sums of products stay within
+float32's range, 3e38."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,14 +30,14 @@ class Material:
         Linear RGB coefficients, each at least 0. Ambient and diffuse are multiplied by the mesh's
         vertex color and texture, where it has them; specular is not.
     exponent
-        Of the specular term, above 0: the larger, the smaller the highlight.
+        Exponent of the specular term, above 0; the larger it is, the smaller is the highlight.
     reflectivity
         Share of the environment's radiance that is added, linear RGB, each 0 to 1.
 
     Raises
     ------
     InputError
-        A coefficient outside its range.
+        A coefficient lies outside its range.
     """
 
     ambient: Color = (0.1, 0.1, 0.1)
@@ -65,4 +66,4 @@ class Material:
 DEFAULT_MATERIAL = Material(
     ambient=(0.1, 0.1, 0.1), diffuse=(0.6, 0.6, 0.6), specular=(0.2, 0.2, 0.2), exponent=20.0
 )
-"""Gray, with a soft highlight: of every object that names no material."""
+"""Material of every object that names none: gray, with a soft highlight."""

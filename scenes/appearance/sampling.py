@@ -1,4 +1,4 @@
-"""How finely a picture is sampled over pixels and over the aperture; all of it off unless asked for."""
+"""Numbers of samples over pixels and over the aperture, and light transport; off by default."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 MAX_SAMPLES = 1 << 16
+"""Largest count of samples of any kind."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """Samples per pixel and per aperture. Only color is averaged: what a pixel *shows* is at its center.
+    """Samples per pixel and per aperture. Only color is averaged: the surface is that at the pixel's center.
 
     Attributes
     ----------
@@ -31,7 +32,7 @@ class Sampling:
     Raises
     ------
     InputError
-        A count below one or beyond `MAX_SAMPLES`.
+        A count is below one or beyond `MAX_SAMPLES`.
     """
 
     supersample: int = 1
@@ -85,7 +86,7 @@ class Transport:
 
     @property
     def simulated(self) -> bool:
-        """Whether there is anything to simulate."""
+        """Whether any light transport is simulated."""
         return self.shadows or self.interreflection
 
 

@@ -2,5 +2,5 @@
 
 durable      Files and folders that are whole or absent, whatever ends the process or fills the disk
 input_files  Files from outside: regular files only, and a bound on the memory that reading one may take
-quiet        Libraries that print on standard error what they also raise
+quiet        Silence for libraries that print on standard error the errors that they also raise
 """

@@ -1,8 +1,8 @@
 """Files and folders that are whole or absent, whatever ends the process or fills the disk.
 
-All of them are made aside: under a name of ours, in the folder where they belong. A lock says that the
-process that makes one is alive; the system lets go of it when the process ends, however that happens.
-What nobody has locked was left by a process that was killed, and the next one removes it.
+All of them are made aside: under a name of their own, in the folder where they belong. A lock shows that the
+process that makes one is alive; the system releases it when the process ends, however that happens. A file
+without a lock was left by a process that was killed, and the next process removes it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import secrets
 import shutil
 import stat
 import tempfile
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -28,10 +29,10 @@ _PREFIX = ".xfrustum-"
 _MADE_BY_US = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}")
 
 _DESCRIPTOR = re.compile(r"/(?:dev|proc/self|proc/thread-self)/fd/(\d+)")
-"""Names of the process's own open files: /dev/stdout and /dev/stderr are links to such."""
+"""Names of the process's own open files; /dev/stdout and /dev/stderr are links to such names."""
 
-_LINKS_FOLLOWED = 40
-"""As many as Linux follows before it calls them a loop."""
+_MAX_LINKS = 40
+"""Largest number of links that are followed; Linux calls more of them a loop."""
 
 _COPIED_BYTES = 1 << 20
 """Bytes copied at a time into what cannot be renamed."""
@@ -43,19 +44,19 @@ class Aside:
     Parameters
     ----------
     host
-        Folder in which it is made. What killed processes left there is removed first.
+        Folder in which it is made. Files that killed processes left there are removed first.
     folder
-        Whether it is a folder.
+        Whether to make a folder instead of a file.
 
     Attributes
     ----------
     path
-        Where it is. Rename it, or what is in it, to keep it.
+        Path of the file or folder. Rename it, or its content, to keep it.
 
     Raises
     ------
     OSError
-        Nothing can be made there.
+        Nothing can be made in the host.
     """
 
     def __init__(self, host: Path, *, folder: bool = False) -> None:
@@ -66,7 +67,7 @@ class Aside:
             self.path, self.descriptor = host / f"{_PREFIX}{secrets.token_hex(4)}", -1
             try:
                 self.descriptor = self._made()
-                # Between making and locking it, another process may have taken it for abandoned.
+                # Before it was locked, another process may have removed it as abandoned: then try again.
                 if _locked(self.descriptor) is not False and _is(self.path, self.descriptor):
                     return
             except FileExistsError:
@@ -86,7 +87,7 @@ class Aside:
             raise FileExistsError(self.path) from error
 
     def remove(self) -> None:
-        """Remove what is still under this name, and let go of the lock."""
+        """Remove what still has this name, and release the lock."""
         if self.descriptor < 0:
             return
         try:
@@ -104,36 +105,59 @@ class Aside:
         self.remove()
 
     def __del__(self) -> None:
-        # A signal may come between making it and entering the block that removes it.
+        # A signal may come after this was made and before the block that removes it is entered.
         self.remove()
 
 
-class NewFile:
+class AllOrNothing(ABC):
+    """Work that a `with` block does as a whole: committed at its end, discarded where it raises."""
+
+    @abstractmethod
+    def commit(self) -> None:
+        """Keep what was made."""
+
+    @abstractmethod
+    def discard(self) -> None:
+        """Leave no trace."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.commit()
+        else:
+            self.discard()
+
+
+class NewFile(AllOrNothing):
     """A file that is written aside and takes its name when it is whole.
 
     A context manager: leaving the block puts it in its place, an exception leaves no trace of it. Links
-    are followed: what they point to is replaced, and they stay. Devices and pipes are written into.
+    are followed: their target is replaced, and they stay. Devices and pipes are written into.
 
     Parameters
     ----------
     path
-        The file. One that exists is replaced at the end and keeps its permissions.
+        Path of the file. A file that exists is replaced at the end and keeps its permissions.
     host
-        Folder in which it is made, on the same file system; by default the one it belongs in.
+        Folder in which it is made, on the same file system; None for the folder that it belongs in.
 
     Attributes
     ----------
     aside
-        The file to be written, empty at first.
+        Path of the file to write to, which is empty at first.
     open_name
-        Another name of it, in ASCII whatever the folders are called; for libraries that read no other.
+        Another name of this file, in ASCII whatever the folders are called, for libraries that need it.
 
     Raises
     ------
     InputError
-        What has that name is a folder, or nothing that a file can be written into.
+        The path is a folder, or anything else that a file cannot be written into.
     OSError
-        Nothing can be made there; of `commit`, the disk is full, or has lost something.
+        Nothing can be made in the host; from `commit`, the disk is full or has lost data.
     """
 
     def __init__(self, path: Path, *, host: Path | None = None) -> None:
@@ -141,7 +165,7 @@ class NewFile:
         self._into = written_into(path)
         self._target = Path(os.path.realpath(path))
         if host is None:
-            # What is copied in the end can be made anywhere.
+            # A file that is copied in the end can be made anywhere.
             host = scratch_folder() if self._into else self._target.parent
         self._held = Aside(host)
         self.aside = self._held.path
@@ -166,17 +190,6 @@ class NewFile:
         """Leave no trace."""
         self._held.remove()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.commit()
-        else:
-            self.discard()
-
 
 def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = None) -> None:
     """Write a file, whole or not at all; see `NewFile`."""
@@ -188,16 +201,16 @@ def write_file(path: Path, content: bytes | memoryview, *, host: Path | None = N
 
 
 def written_into(path: Path) -> bool:
-    """Return whether what has this name is written into and not replaced: a character device or a pipe.
+    """Return whether a path is written into and not replaced, as character devices and pipes are.
 
-    The process's own open files are too, as `/dev/stdout`, whatever they are.
+    The process's own open files, such as `/dev/stdout`, are written into too, whatever they are.
 
     Raises
     ------
     InputError
-        It is a folder, a block device or a socket.
+        The path is a folder, a block device or a socket.
     OSError
-        It cannot be looked at.
+        The path cannot be examined.
     """
     if _descriptor(path) is not None:
         return True
@@ -224,7 +237,7 @@ def put(made: Path, path: Path) -> None:
         See `NewFile`.
     """
     if path.is_symlink() or written_into(path):
-        # What a link points to may be on another file system.
+        # The target of a link may be on another file system.
         with NewFile(path) as new, made.open("rb") as source, new.aside.open("wb") as copy:
             shutil.copyfileobj(source, copy)
         return
@@ -233,11 +246,12 @@ def put(made: Path, path: Path) -> None:
 
 
 def put_folder(made: Path, path: Path) -> bool:
-    """Give a folder that was made aside its name in one step, with all that is in it.
+    """Give a folder that was made aside its name in one step, with all its files.
 
     Returns
     -------
-    False, and nothing has been done, where something has that name; its files are for `put`.
+    done
+        False where the name is taken: nothing has been done, and `put` can place the files one by one.
 
     Raises
     ------
@@ -282,7 +296,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def remove_abandoned(host: Path) -> None:
-    """Remove what processes that are no more have left in a folder; what cannot be removed stays."""
+    """Remove files that processes which have ended left in a folder; those that cannot be removed stay."""
     try:
         with os.scandir(host) as entries:
             names = [entry.name for entry in entries if _MADE_BY_US.fullmatch(entry.name)]
@@ -303,7 +317,7 @@ def remove_abandoned(host: Path) -> None:
 
 
 def clear(path: Path) -> None:
-    """Remove whatever has a name: a folder with all that is in it, or anything else."""
+    """Remove a path: a folder with all its content, or anything else."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -311,12 +325,12 @@ def clear(path: Path) -> None:
 
 
 def scratch_folder() -> Path:
-    """Return the folder for what has no place of its own."""
+    """Return the folder for temporary files."""
     return Path(tempfile.gettempdir())
 
 
 def _locked(descriptor: int) -> bool | None:
-    """Lock a file or folder; False where another process has done so, None where nobody can."""
+    """Lock a file or folder; False where another process has locked it, None where locks do not work."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -336,9 +350,9 @@ def _is(path: Path, descriptor: int) -> bool:
 
 def _descriptor(path: Path) -> int | None:
     """Return the number of the open file that a name or a link stands for; None for any other."""
-    # Without following any link, which would lead past the name that is looked for.
+    # Links are followed one at a time: the last name on the way is the one that is looked for.
     name = os.path.abspath(path)  # noqa: PTH100
-    for _ in range(_LINKS_FOLLOWED):
+    for _ in range(_MAX_LINKS):
         found = _DESCRIPTOR.fullmatch(name)
         if found:
             return _own(int(found.group(1)))
@@ -350,9 +364,9 @@ def _descriptor(path: Path) -> int | None:
 
 
 def _own(number: int) -> int:
-    """Return the descriptor that users mean; the command line gives number 2 to what libraries say."""
+    """Return the descriptor that users mean by a number; the command line gives number 2 to libraries."""
     if number == STDERR:
-        with suppress(OSError, ValueError):  # a stream that is no file
+        with suppress(OSError, ValueError):  # the stream may be no file
             return messages().fileno()
     return number
 
@@ -360,7 +374,7 @@ def _own(number: int) -> int:
 def _copy(source: int, path: Path) -> None:
     """Write an open file into a device, a pipe or an open file of this process."""
     number = _descriptor(path)
-    # One's own open files go on where they are: what is printed comes before and after, not instead.
+    # The process's own open files are written where they stand, between what is printed before and after.
     into = os.open(path, os.O_WRONLY | os.O_NOCTTY | os.O_CLOEXEC) if number is None else os.dup(number)
     try:
         os.lseek(source, 0, os.SEEK_SET)

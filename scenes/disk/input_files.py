@@ -2,7 +2,7 @@
 
 A scene names meshes, textures and maps, and people name scenes and pictures. A name may lead to a pipe, on
 which reading waits for ever, to a device without end, or to a file of a few bytes that declares gigabytes.
-Everything that is read goes through `regular_size` first; what a library reads, within `bounded_memory`.
+Every file goes through `regular_size` before it is read; libraries read files within `bounded_memory`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import resource
 import stat
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 from PIL import Image
@@ -19,21 +19,21 @@ from PIL import Image
 from xfrustum.scenes.errors import InputError
 
 DEFAULT_MEMORY = 1 << 30
-"""Bytes that one input may take while it is read, whatever the size of its file."""
+"""Bytes of memory that one input may take while it is read, whatever the size of its file."""
 
 MEMORY_PER_BYTE = 64
-"""Bytes of memory that every byte of an input file may take besides.
+"""Bytes of memory that reading may take for each byte of the file, where that is more than `DEFAULT_MEMORY`.
 
-The readers of meshes need up to 30 times the file's size (a text such as OFF: lines, words and numbers as
-Python objects, then arrays); twice that lets every honest file through, however large it is. What takes more
-than this and `DEFAULT_MEMORY` is compressed, or declares what is not there.
+The readers of meshes need up to 30 times the file's size (for a text such as OFF: lines, words and numbers as
+Python objects, then arrays); twice that lets every honest file through, however large it is. A file that
+takes more is compressed, or declares more than it holds.
 """
 
 MAX_HOGELS = 20_000_000
-"""Hogels of the largest plate that is taken: 60 x 80 cm at 0.25 mm has 7.7 million."""
+"""Largest number of hogels of a plate: 60 x 80 cm at 0.25 mm have 7.7 million."""
 
 SCENE_FILE_SIZE = 1 << 24
-"""Bytes of the largest scene file: sixteen million, where people write some hundreds."""
+"""Largest size of a scene file, sixteen million bytes; people write some hundreds."""
 
 RAISING_OPTION, HOGELS_OPTION = "--max-input-memory", "--max-hogels"
 """Options of the command line that raise the bounds on memory and on hogels."""
@@ -47,19 +47,30 @@ _KINDS = (
 
 
 class _Bound:
-    """The bound of this process, which is what has the memory."""
+    """The bounds of this process: memory belongs to the process as a whole."""
 
     memory = DEFAULT_MEMORY
     hogels = MAX_HOGELS
 
 
 _BOUNDING = threading.RLock()
-"""Two threads that change the process's limit at once would put back what the other one set."""
+"""Lock for changing the process's limit: two threads at once would restore each other's value."""
+
+
+@contextmanager
+def _set_within_block(owner: object, name: str, value: object) -> Iterator[None]:
+    """Give an attribute another value within a block."""
+    before = getattr(owner, name)
+    setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        setattr(owner, name, before)
 
 
 @contextmanager
 def input_memory(size: int) -> Iterator[None]:
-    """Let one input take this many bytes of memory within a block.
+    """Let one input take up to this many bytes of memory within a block.
 
     Raises
     ------
@@ -68,30 +79,22 @@ def input_memory(size: int) -> Iterator[None]:
     """
     if size <= 0:
         raise InputError(f"{RAISING_OPTION} must be a positive size, not {size}")
-    before, _Bound.memory = _Bound.memory, size
-    try:
+    with _set_within_block(_Bound, "memory", size):
         yield
-    finally:
-        _Bound.memory = before
 
 
-@contextmanager
-def largest_plate(hogels: int) -> Iterator[None]:
-    """Take plates of up to this many hogels within a block."""
-    before, _Bound.hogels = _Bound.hogels, hogels
-    try:
-        yield
-    finally:
-        _Bound.hogels = before
+def largest_plate(hogels: int) -> AbstractContextManager[None]:
+    """Let plates have up to this many hogels within a block."""
+    return _set_within_block(_Bound, "hogels", hogels)
 
 
 def check_hogels(columns: int, rows: int) -> None:
-    """Refuse a plate whose hogels nobody could go through.
+    """Refuse a plate of more hogels than the bound.
 
     Raises
     ------
     InputError
-        It has more than the bound.
+        The plate has too many hogels.
     """
     if columns * rows > _Bound.hogels:
         raise InputError(
@@ -106,16 +109,16 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
     Parameters
     ----------
     path
-        Symbolic links are followed.
+        Path of the file; symbolic links are followed.
     what
-        What it should be, such as "mesh file".
+        Kind of file for the message, such as "mesh file".
     advice
-        What to do where there is no such file.
+        Advice for the message where there is no such file.
 
     Raises
     ------
     InputError
-        Missing, a folder, a pipe, a device or a socket, or not to be reached.
+        The file is missing, cannot be reached, or is a folder, a pipe, a device or a socket.
     """
     try:
         status = path.stat()
@@ -123,7 +126,7 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
         raise InputError(f"{path}: no such {what}{f'; {advice}' if advice else ''}") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:  # the name contains a NUL
         raise InputError(f"{path}: no file has such a name ({error})") from error
     if stat.S_ISREG(status.st_mode):
         return status.st_size
@@ -139,7 +142,7 @@ def read_small(path: Path, what: str, largest: int) -> bytes:
     Raises
     ------
     InputError
-        See `regular_size`; or the file is larger than `largest` bytes.
+        The file is none that `regular_size` takes, or is larger than `largest` bytes.
     """
     size = regular_size(path, what)
     if size > largest:
@@ -153,7 +156,7 @@ def read_small(path: Path, what: str, largest: int) -> bytes:
 
 
 def allowed_memory(size: int) -> int:
-    """Return how many bytes reading a file of some size may take."""
+    """Return the bytes of memory that reading a file of some size may take."""
     return max(_Bound.memory, MEMORY_PER_BYTE * size)
 
 
@@ -163,7 +166,7 @@ def check_declared(path: Path, declared: int, what: str) -> None:
     Raises
     ------
     InputError
-        See above; the option that raises the bound is named.
+        The file declares too much; the message names the option that raises the bound.
     """
     if declared > allowed_memory(regular_size(path, "file")):
         raise _too_much(path, f"{what}, {in_words(declared)} of memory")
@@ -171,9 +174,9 @@ def check_declared(path: Path, declared: int, what: str) -> None:
 
 @contextmanager
 def bounded_memory(path: Path) -> Iterator[None]:
-    """Let a library read a file within a bound of memory, on systems that know one.
+    """Let a library read a file within a bound of memory, on systems that can set one.
 
-    The bound is on the address space of the process, which other threads share.
+    The bound limits the address space of the process, which other threads share.
 
     Raises
     ------
@@ -188,14 +191,9 @@ def bounded_memory(path: Path) -> Iterator[None]:
             raise _too_much(path, f"more than {in_words(allowed)} of memory") from error
 
 
-@contextmanager
-def _pictures_of_any_size() -> Iterator[None]:
-    """Put the bound on memory in the place of Pillow's own bound on pixels, which no option raises."""
-    before, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
-    try:
-        yield
-    finally:
-        Image.MAX_IMAGE_PIXELS = before
+def _pictures_of_any_size() -> AbstractContextManager[None]:
+    """Lift Pillow's own bound on pixels, which no option raises, in favor of the bound on memory."""
+    return _set_within_block(Image, "MAX_IMAGE_PIXELS", None)
 
 
 def _too_much(path: Path, what: str) -> InputError:
@@ -208,7 +206,7 @@ def _too_much(path: Path, what: str) -> InputError:
 
 @contextmanager
 def _address_space(more: int) -> Iterator[None]:
-    """Let the process's address space grow by at most so many bytes within a block."""
+    """Let the process's address space grow by at most this many bytes within a block."""
     used = _address_space_used()
     if used is None:
         yield

@@ -1,4 +1,4 @@
-"""Libraries that print on standard error what they also raise."""
+"""Silence for libraries that print on standard error the errors that they also raise."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 STDERR = 2
-"""The file descriptor that libraries in C and C++ write to, whatever `sys.stderr` is."""
+"""File descriptor that libraries in C and C++ write to, whatever `sys.stderr` is."""
 
-_ALONE = threading.Lock()
-"""Two threads that swap the descriptor at once would put back what the other one put there."""
+_SWAPPING = threading.Lock()
+"""Lock for swapping the descriptor: two threads at once would restore each other's file."""
 
 
 @contextmanager
 def without_messages_of_failure() -> Iterator[None]:
-    """Drop what is written to standard error within a block that raises.
+    """Drop all text written to standard error within a block that raises.
 
-    If it does not raise, all of it is written after the block. The descriptor belongs to the whole
-    process: what other threads write meanwhile is held back too, and one thread at a time is in here.
+    If the block does not raise, the text is written after it. The descriptor belongs to the whole process:
+    text of other threads is held back too, and one thread at a time can enter such a block.
     """
     if sys.__stderr__ is None:  # closed from the start: its number may be that of any file
         yield
         return
     sys.stderr.flush()
-    with _ALONE, os.fdopen(os.dup(STDERR), "wb") as shown, tempfile.TemporaryFile() as held:
+    with _SWAPPING, os.fdopen(os.dup(STDERR), "wb") as shown, tempfile.TemporaryFile() as held:
         os.dup2(held.fileno(), STDERR)
         try:
             yield

@@ -6,7 +6,7 @@ environment_file  Environment maps from OpenEXR and Radiance HDR files, through 
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
 scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key,
                   turned into a scene
-scene_tables      The tables of a scene file: which keys there are, and what each may hold (see
+scene_tables      The tables of a scene file: their keys and the values that each may hold (see
                   CONVENTIONS.md)
-table_errors      What is wrong with a table, in one line: the key, and what is allowed there
+table_errors      Errors in tables, described in one line: the key, and the values allowed there
 """

@@ -23,9 +23,9 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
     Parameters
     ----------
     path
-        An OpenEXR or Radiance HDR file, its first row the top of the surroundings (`Environment`).
+        Path of an OpenEXR or Radiance HDR file, whose first row is the top of the surroundings.
     strength
-        Factor, at least 0.
+        Factor of the radiance, at least 0.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def _read_rgb(path: Path) -> Singles:
     """Return the (H, W, 3) pixels of a file."""
     picture = oiio.ImageInput.open(str(path))
     if picture is None or picture.format_name() not in _FORMATS:
-        oiio.geterror()  # else it is printed later, at the end of the process
+        oiio.geterror()  # otherwise the library prints it at the end of the process
         raise InputError(f"{path}: is not an OpenEXR or Radiance HDR picture; convert it to one")
     spec = picture.spec()
     missing = [name for name in "RGB" if name not in spec.channelnames]

@@ -17,15 +17,16 @@ from xfrustum.scenes.files.openexr.reader import read_image
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 
 LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
-"""Pillow's names of formats that change pixels; WebP and others may too, but need not."""
+"""Pillow's names of formats that change pixels; WebP and others may, but need not."""
 
 
 class Encoding(StrEnum):
-    """What the RGB values of a picture mean; an OpenEXR file says so itself."""
+    """The meaning of a picture's RGB values; an OpenEXR file names its own channels."""
 
     RGB = "rgb"
     """Linear radiance."""
     SRGB = "srgb"
+    """Radiance encoded as sRGB."""
     TRIANGLE_ID = "triangle-id"
     """Red * 65536 + green * 256 + blue is the triangle's number + 1, 0 for nothing."""
     OBJECT_ID = "object-id"
@@ -68,14 +69,14 @@ class Reading:
     Attributes
     ----------
     encoding
-        What they mean.
+        Meaning of the RGB values.
     channels
         The stored channel (0 red, 1 green, 2 blue) that holds the high, the middle and the low byte of a
         number.
     offset
-        What was added to numbers before they were stored.
+        Number that was added to triangle or object numbers before they were stored.
     background
-        What is stored for nothing.
+        Integer that is stored where there is no surface.
     """
 
     encoding: Encoding
@@ -85,7 +86,7 @@ class Reading:
 
     @property
     def first_is_lost(self) -> bool:
-        """Whether number 0 is stored as nothing is."""
+        """Whether number 0 and no surface are stored as the same integer."""
         return self.encoding in (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID) and self.offset == self.background
 
     def packed(self, rgb: Bytes) -> Numbers:
@@ -95,7 +96,7 @@ class Reading:
         )
 
     def numbers(self, packed: Numbers) -> Numbers:
-        """Return the numbers (H, W) that stored integers stand for, `NOTHING` for nothing."""
+        """Return the numbers (H, W) that stored integers stand for, `NOTHING` for no surface."""
         numbers = np.maximum(packed - self.offset, NOTHING)
         return np.where(packed == self.background, NOTHING, numbers).astype(np.int32)
 
@@ -110,16 +111,16 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
     Parameters
     ----------
     path
-        An OpenEXR file with any of the channels of the contract, or a picture.
+        Path of an OpenEXR file with any of the channels in CONVENTIONS.md, or of a picture.
     camera
-        What it answers for; what a file says of itself is not believed.
+        Camera of the image; a camera that the file names is not used.
     encoding
-        What the RGB values of a picture mean.
+        Meaning of a picture's RGB values.
 
     Raises
     ------
     InputError
-        Missing, unreadable, or of another size.
+        The file is missing, unreadable, or of another size.
     """
     regular_size(path, "file")
     try:
@@ -133,7 +134,7 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
 
 
 def _stored(path: Path, camera: HogelCamera) -> StoredPixels:
-    """Return what a picture stores."""
+    """Return the pixels that a picture file stores."""
     try:
         with bounded_memory(path), Image.open(path) as picture:
             _check_size(path, picture.size, camera)
@@ -156,7 +157,7 @@ def _check_size(path: Path, size: tuple[int, int], camera: HogelCamera) -> None:
 
 
 def _of_picture(stored: StoredPixels, camera: HogelCamera) -> ForeignImage:
-    """Return an image that says nothing yet but what its file stores."""
+    """Return an image with the stored pixels alone, before they are read as numbers or colors."""
     shape = stored.rgb.shape[:2]
     nothing = np.full(shape, NOTHING, dtype=np.int32)
     position = np.full((*shape, 3), np.nan, dtype=np.float32)
@@ -173,7 +174,7 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
     nothing = np.full_like(image.triangle, NOTHING)
     if reading.encoding in (Encoding.RGB, Encoding.SRGB):
         mine |= {"triangle": nothing, "object": nothing}
-        mine["color"] = _colors(stored_rgb(image), reading.encoding)
+        mine["color"] = radiance(stored_rgb(image), reading.encoding)
         return type(image)(**mine)
     numbers = reading.numbers(stored_integers(image, reading))
     if isinstance(image, ForeignImage):
@@ -184,7 +185,7 @@ def read_again(image: HogelImage, reading: Reading) -> HogelImage:
 
 
 def stored_integers(image: HogelImage, reading: Reading) -> Numbers:
-    """Return the integers (H, W) that an image stores; of one that is no picture, its numbers plus one."""
+    """Return the integers (H, W) that a picture stores; for other images, their numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return reading.packed(image.stored.rgb)
     told = image.triangle if (image.triangle != NOTHING).any() else image.object
@@ -192,15 +193,15 @@ def stored_integers(image: HogelImage, reading: Reading) -> Numbers:
 
 
 def stored_rgb(image: HogelImage) -> Bytes:
-    """Return the bytes (H, W, 3) that an image stores; if it is no picture, those of its numbers plus one."""
+    """Return the bytes (H, W, 3) that a picture stores; for other images, those of their numbers plus one."""
     if isinstance(image, ForeignImage) and image.stored is not None:
         return image.stored.rgb
     packed = stored_integers(image, Reading(encoding=Encoding.TRIANGLE_ID))
     return np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
 
 
-def _colors(rgb: Bytes, encoding: Encoding) -> Singles:
-    """Return the linear radiance (H, W, 3) of stored pixels."""
+def radiance(rgb: Bytes, encoding: Encoding) -> Singles:
+    """Return the linear radiance (.., 3) of stored pixels, `Encoding.RGB` or `Encoding.SRGB`."""
     color = (rgb / 255).astype(np.float32)
     if encoding is Encoding.SRGB:
         # IEC 61966-2-1, decoding.

@@ -21,7 +21,7 @@ from xfrustum.scenes.files.environment_file import read_environment
 from xfrustum.scenes.files.meshes.meshes import load_mesh
 from xfrustum.scenes.files.meshes.patches import load_patches
 from xfrustum.scenes.files.scene_tables import ObjectTable, SceneTables
-from xfrustum.scenes.files.table_errors import explain
+from xfrustum.scenes.files.table_errors import described
 from xfrustum.scenes.geometry.placement import magnification, place
 from xfrustum.scenes.geometry.shapes import build_shape
 from xfrustum.scenes.geometry.smoothing import smoothed
@@ -36,7 +36,7 @@ def read_scene(path: Path) -> Scene:
     Raises
     ------
     InputError
-        One line that names the file, the key, and what is allowed there.
+        The file is no valid scene; the message names the file, the key, and the values allowed there.
     """
     file = _parse(path)
     try:
@@ -51,7 +51,7 @@ def read_scene(path: Path) -> Scene:
         plate=plate,
         frustum=frustum,
         objects=tuple(_build_object(path, file, index) for index in range(len(file.objects))),
-        # Absolute, so that an image can be compared from another folder than it was made in.
+        # An absolute path, so that an image can be compared from another folder.
         source=str(path.absolute()),
         appearance=_appearance(path, file),
         sampling=Sampling(**file.sampling.model_dump()),
@@ -98,19 +98,19 @@ def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: Floats) -> SceneO
     file = path.parent / entry.mesh
     if not entry.is_patches:
         return load_mesh(file, material=entry.material)
-    # The tolerance is one of the scene: no direction of the mesh is stretched by more.
+    # The tolerance is a length of the scene: the mesh's own is smaller by the largest stretching.
     tolerance = entry.chord_tolerance
     own = None if tolerance is None else tolerance / magnification(scene_from_mesh)
     return load_patches(file, chord_tolerance=own, material=entry.material)
 
 
 def _no_placement(matrix: Floats) -> str | None:
-    """Say why a matrix places nothing; None where it does."""
+    """Return the reason why a matrix cannot place a mesh; None where it can."""
     if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         return f"its last row is {matrix[3].tolist()}"
     linear = matrix[:3, :3]
     largest = np.abs(linear).max()
-    # Scaled to size one first, so that the rank of a tiny or huge matrix neither under- nor overflows.
+    # Scale the matrix to size one first, so that the rank of a tiny or huge one neither under- nor overflows.
     regular = largest > 0 and np.linalg.matrix_rank(linear / largest) == 3
     return None if regular else "its upper left 3 x 3 numbers are singular"
 
@@ -145,11 +145,11 @@ def _parse(path: Path) -> SceneTables:
     """Return the file's checked tables."""
     try:
         tables = tomllib.loads(read_small(path, "scene file", SCENE_FILE_SIZE).decode("utf-8"))
-    except ValueError as error:  # neither UTF-8 nor TOML
+    except ValueError as error:  # the file is no UTF-8 or no TOML
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
         raise InputError(f"{path}: not valid TOML: arrays or tables are nested too deeply") from error
     try:
         return SceneTables.model_validate(tables)
     except ValidationError as error:
-        raise InputError(f"{path}: {explain(error)}") from error
+        raise InputError(f"{path}: {described(error)}") from error

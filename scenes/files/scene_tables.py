@@ -1,4 +1,4 @@
-"""The tables of a scene file: which keys there are, and what each may hold (see CONVENTIONS.md)."""
+"""The tables of a scene file: their keys and the values that each may hold (see CONVENTIONS.md)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from xfrustum.scenes.geometry.placement import placement
 from xfrustum.scenes.geometry.shapes import SHAPES
 
 ONE_OF = "one_of"
-"""Type of an error that is about a table as a whole and says itself what is wrong."""
+"""Type of an error that concerns a table as a whole, and whose message is complete."""
 
 
 def _color(value: Any) -> tuple[float, float, float]:
-    """Return a number as gray, and three as they are."""
+    """Return a color: one number stands for gray, three for red, green and blue."""
     parts = value if isinstance(value, list) else [value] * 3
     if len(parts) != 3 or not all(_is_coefficient(part) for part in parts):
         raise PydanticCustomError("color", "not a color")
@@ -59,20 +59,20 @@ _SAMPLES = f"a count between 1 and {MAX_SAMPLES}"
 
 
 class Table(BaseModel):
-    """A table whose keys are all known."""
+    """A table of a scene file, which refuses unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class PlateTable(Table):
-    """`[plate]`."""
+    """The table `[plate]`."""
 
     size: Pair = Field(description="two positive lengths [width, height]")
     hogels: tuple[Count, Count] = Field(description="two counts [columns, rows], integers of at least 1")
 
 
 class ScreenTable(Table):
-    """`frustum.screen`."""
+    """The table `frustum.screen`."""
 
     height: Number = Field(description="a height above the plate, finite and not zero")
     center: Pair = Field(description="a point [x, y]")
@@ -80,7 +80,7 @@ class ScreenTable(Table):
 
 
 class FrustumTable(Table):
-    """`[frustum]`."""
+    """The table `[frustum]`."""
 
     resolution: tuple[Count, Count] = Field(
         description="two pixel counts [width, height], integers of at least 1"
@@ -93,7 +93,7 @@ class FrustumTable(Table):
 
 
 class ObjectTable(Table):
-    """One `[[object]]`."""
+    """One table `[[object]]`."""
 
     mesh: Text | None = Field(None, description="the path of a mesh file, relative to the scene file")
     shape: Text | None = Field(None, description=f"one of {', '.join(SHAPES)}")
@@ -144,7 +144,7 @@ class ObjectTable(Table):
 
 
 class MaterialTable(Table):
-    """One `[material.NAME]`; what it leaves out is as in `Material`."""
+    """One table `[material.NAME]`; its defaults are those of `Material`."""
 
     ambient: Color = Field(Material.ambient, description=_COLOR)
     diffuse: Color = Field(Material.diffuse, description=_COLOR)
@@ -154,14 +154,14 @@ class MaterialTable(Table):
 
 
 class LightTable(Table):
-    """One `[[light]]`."""
+    """One table `[[light]]`."""
 
     direction: Triple = Field(description="a vector [x, y, z] toward the light, not zero")
     color: Color = Field(DirectionalLight.color, description=_COLOR)
 
 
 class EnvironmentTable(Table):
-    """`[environment]`."""
+    """The table `[environment]`."""
 
     map: Text = Field(
         description="the path of a latitude-longitude map (EXR or HDR), relative to the scene file"
@@ -170,7 +170,7 @@ class EnvironmentTable(Table):
 
 
 class SamplingTable(Table):
-    """`[sampling]`."""
+    """The table `[sampling]`."""
 
     supersample: Samples = Field(default=Sampling.supersample, description=_SAMPLES)
     multisample: Samples = Field(default=Sampling.multisample, description=_SAMPLES)
@@ -178,7 +178,7 @@ class SamplingTable(Table):
 
 
 class TransportTable(Table):
-    """`[transport]`."""
+    """The table `[transport]`."""
 
     shadows: Switch = Field(default=Transport.shadows, description="true or false")
     interreflection: Switch = Field(default=Transport.interreflection, description="true or false")
@@ -188,7 +188,7 @@ class TransportTable(Table):
 
 
 class SceneTables(Table):
-    """The whole file."""
+    """All tables of a scene file."""
 
     name: Text | None = Field(None, description="a text that is not empty")
     units: Text = Field("units", description="the name of the length unit, a text that is not empty")

@@ -1,4 +1,4 @@
-"""What is wrong with a table, in one line: the key, and what is allowed there."""
+"""Errors in tables, described in one line: the key, and the values allowed there."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from xfrustum.scenes.files.scene_tables import ONE_OF, SceneTables
 Location = tuple[int | str, ...]
 
 
-def explain(error: ValidationError) -> str:
-    """Say which key of a scene file is wrong and what is allowed there."""
-    # An unknown key first: it is often the misspelling of one that is reported missing.
+def described(error: ValidationError) -> str:
+    """Return the wrong key of a scene file and the values allowed there, in one line."""
+    # An unknown key comes first: it is often the misspelling of a key that is reported missing.
     problems = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
-    return _explain(problems[0])
+    return _described(problems[0])
 
 
-def _explain(problem: ErrorDetails) -> str:
+def _described(problem: ErrorDetails) -> str:
     location = problem["loc"]
     key = _dotted(location)
     if problem["type"] == "extra_forbidden":
@@ -47,7 +47,7 @@ def _explain(problem: ErrorDetails) -> str:
 
 
 def _dotted(location: Location) -> str:
-    """Write a location as people write it, such as `object[0].rotate_deg`."""
+    """Return a location as people write it, such as `object[0].rotate_deg`."""
     text = ""
     for part in location:
         if isinstance(part, int):
@@ -73,7 +73,7 @@ def _fields_along(location: Location) -> Iterator[FieldInfo]:
     for part in location:
         if isinstance(part, int) or table is None:
             continue
-        if named:  # the name of one table out of many, such as `paint` in `material.paint`
+        if named:  # this part is the name of one table out of many, such as `paint` in `material.paint`
             named = False
             continue
         field = next(f for name, f in table.model_fields.items() if (f.alias or name) == part)

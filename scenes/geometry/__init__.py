@@ -4,7 +4,7 @@ bezier        Bezier patches: points, normals and second derivatives of tensor-p
               degrees
 placement     Placing a mesh in the scene, in double precision
 refine        The same surfaces in more triangles: for results that must not depend on the tessellation
-shapes        Built-in shapes of size one about the origin: what `shape = "..."` in a scene file names
+shapes        Built-in shapes of size one about the origin, which `shape = "..."` in a scene file names
 smoothing     Vertex normals for meshes that have none: the mean of the faces around each point
 tessellation  Sets of Bezier patches as triangles: within a chord tolerance of the surface, and without
               cracks

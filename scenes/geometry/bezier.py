@@ -13,9 +13,10 @@ import numpy as np
 from xfrustum.scenes.arrays import Floats
 
 EPSILON = float(np.finfo(np.float64).eps)
+"""Distance from 1 to the next larger double, 2^-52: twice the largest relative error of one rounding."""
 
 MAX_STEPS = 1e18
-"""Steps along a patch that are counted at most: a quotient may be infinite, which is no number of steps."""
+"""Largest number of steps that is counted along a patch: the quotient that gives it may be infinite."""
 
 
 def evenly(count: int) -> Floats:
@@ -26,8 +27,8 @@ def evenly(count: int) -> Floats:
 def casteljau(controls: Floats, at: Floats) -> Floats:
     """Return the points (T, ..., 3) of a Bezier curve, or curves, at parameters (T,).
 
-    By de Casteljau's repeated interpolation, element by element: the same doubles on every machine, the
-    first and last control point at 0 and 1 exactly.
+    De Casteljau's repeated interpolation, element by element, gives the same doubles on every machine, and
+    exactly the first and the last control point at 0 and 1.
     """
     at = at.reshape(-1, *(1 for _ in controls.shape))
     points = np.broadcast_to(controls, (len(at), *controls.shape))
@@ -63,29 +64,33 @@ def second_derivative_bounds(net: Floats) -> tuple[float, float, float]:
 def normals(net: Floats, u: Floats, v: Floats) -> Floats:
     """Return the unit normals (U, V, 3) along f_u x f_v; NaN where there is none.
 
-    Where f_u x f_v is zero on a border, as all along one that is collapsed to a point, the normal is
-    the limit from inside along the other parameter: there f_u x f_v grows by its derivative.
+    Where f_u x f_v is zero on a border, as all along a border that is collapsed to a point, the normal is
+    the limit from inside along the other parameter, in which f_u x f_v grows by its derivative.
     """
+    # Step 1: f_u x f_v everywhere, and where it is zero within rounding.
     net_u, net_v = derivative(net, 0), derivative(net, 1)
     f_u, f_v = surface(net_u, u, v), surface(net_v, u, v)
     cross = np.cross(f_u, f_v)
     zero = np.linalg.norm(cross, axis=-1) <= _cross_rounding(net, f_u, f_v)
     if zero.any():
+        # Step 2: the derivatives of f_u x f_v along v and along u, by the product rule.
         f_uu, f_uv, f_vv = (
             surface(part, u, v) for part in (derivative(net_u, 0), derivative(net_u, 1), derivative(net_v, 1))
         )
-        # Toward the inside a parameter grows from 0 and falls from 1.
+        # Toward the inside, a parameter grows from 0 and falls from 1.
         from_v = np.sign(0.5 - v)[:, None] * (np.cross(f_uv, f_v) + np.cross(f_u, f_vv))
         from_u = np.sign(0.5 - u)[:, None, None] * (np.cross(f_uu, f_v) + np.cross(f_u, f_uv))
+        # Step 3: on a border the derivative toward the inside is the direction of the limit; along v first.
         at_v, at_u = np.isin(v, (0, 1))[None, :, None], np.isin(u, (0, 1))[:, None, None]
         limit = np.where(at_v & from_v.any(axis=-1, keepdims=True), from_v, np.where(at_u, from_u, 0.0))
         cross = np.where(zero[..., None], limit, cross)
+    # Step 4: unit length, and NaN where even the limit is zero.
     length = np.linalg.norm(cross, axis=-1, keepdims=True)
     return np.asarray(np.divide(cross, length, out=np.full(cross.shape, np.nan), where=length > 0))
 
 
 def _cross_rounding(net: Floats, f_u: Floats, f_v: Floats) -> Floats:
-    """Return how long f_u x f_v may come out where it is zero.
+    """Return the largest length that f_u x f_v can have by rounding where it is zero.
 
     De Casteljau's interpolation of degree n rounds by at most 2 n epsilon of the largest control point,
     a difference of control points by epsilon of itself, and a cross product by 4 epsilon of the product
@@ -98,7 +103,7 @@ def _cross_rounding(net: Floats, f_u: Floats, f_v: Floats) -> Floats:
 
 
 def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
-    """Return into how many steps along u and v a patch must be cut to keep a chord tolerance.
+    """Return the numbers of steps along u and v into which a patch must be cut to keep a chord tolerance.
 
     Flat right triangles with legs 1/a and 1/b in the parameters lie within
     (M_uu/a^2 + 2 M_uv/(a b) + M_vv/b^2) / 8 of the surface, point by point, M being the largest second
@@ -106,9 +111,12 @@ def steps_for(net: Floats, chord_tolerance: float) -> tuple[int, int]:
     1986). With 2/(a b) <= 1/a^2 + 1/b^2 this is at most ((M_uu + M_uv)/a^2 + (M_uv + M_vv)/b^2) / 8;
     the fewest triangles give each half of the tolerance.
     """
+    # M_uu + M_uv and M_uv + M_vv.
     f_uu, f_uv, f_vv = second_derivative_bounds(net)
     along_u, along_v = f_uu + f_uv, f_uv + f_vv
+    # Each direction gets half of the tolerance, or all of it where the other one needs none.
     halves = 2 if along_u > 0 and along_v > 0 else 1
+    # bound / (8 a^2) = tolerance / halves, solved for a.
     needed = (math.sqrt(halves * (bound / chord_tolerance) / 8) for bound in (along_u, along_v))
     steps_u, steps_v = (max(1, math.ceil(min(steps, MAX_STEPS))) for steps in needed)
     return steps_u, steps_v

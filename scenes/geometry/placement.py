@@ -28,7 +28,7 @@ def placement(
     translate
         Offset in scene units.
     """
-    # Row by row, not as matrix products: see `place`.
+    # Computed row by row and not as matrix products, for the reason in `place`.
     matrix = np.diag([scale, scale, scale, 1.0])
     for axis, angle in enumerate(rotate_deg):
         cosine, sine = math.cos(math.radians(angle)), math.sin(math.radians(angle))
@@ -52,8 +52,8 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
     faces then is the other one, and vertex normals change over with it.
     """
     x, y, z = part.vertices.T
-    # Written out, not a matrix product: BLAS sums differently from machine to machine, and the
-    # scene's content hash must not.
+    # Written out instead of a matrix product, because BLAS sums in other orders on other machines, and
+    # the scene's content hash must be the same everywhere.
     with np.errstate(over="ignore", invalid="ignore"):
         moved = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in scene_from_mesh[:3]]
     normals = part.vertex_normals
@@ -63,11 +63,11 @@ def place(part: SceneObject, scene_from_mesh: Floats) -> SceneObject:
 
 
 def _cofactors(linear: Floats) -> Floats:
-    """Return the (3, 3) matrix that takes normals along, up to one positive factor.
+    """Return the (3, 3) matrix that moves normals, up to one positive factor.
 
-    It takes the cross product of two edges to that of the moved edges: the inverse transpose times the
+    It takes the cross product of two edges to that of the moved edges: it is the inverse transpose times the
     determinant, whose sign turns normals over where the matrix mirrors. Normals are not made unit
-    vectors: one matrix for all leaves their interpolation over a triangle as it was.
+    vectors, so that their interpolation over a triangle stays linear in the original ones.
     """
     a, b, c = (linear / np.abs(linear).max()).T
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)

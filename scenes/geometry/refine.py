@@ -15,13 +15,15 @@ def refine(scene: Scene, levels: int) -> Scene:
 
     Each triangle is split at the middles of its edges, in its own plane, so the surface is the
     same up to the rounding of the middles. Triangle t becomes 4 t to 4 t + 3. A middle has the mean of
-    its ends' normals, colors and texture coordinates, and the normal is not made a unit vector: what is
-    interpolated linearly over a triangle is the same over its parts.
+    its ends' normals, colors and texture coordinates, and the normal is not made a unit vector: linear
+    interpolation over a triangle is then the same over its parts.
 
     Parameters
     ----------
+    scene
+        Scene whose triangles are split.
     levels
-        How often; 0 returns the same surfaces in the same triangles.
+        Number of times; 0 returns the same triangles.
     """
     objects = scene.objects
     for _ in range(levels):

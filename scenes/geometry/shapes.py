@@ -1,4 +1,4 @@
-"""Built-in shapes of size one about the origin: what `shape = "..."` in a scene file names."""
+"""Built-in shapes of size one about the origin, which `shape = "..."` in a scene file names."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def lathe(radii: Floats, heights: Floats, *, sectors: int) -> Mesh:
     Parameters
     ----------
     radii, heights
-        (N,) the profile, from the bottom up along the outside; facets face outward.
+        (N,) points of the profile, from the bottom up along the outside; facets face outward.
     sectors
         Number of facets around.
     """

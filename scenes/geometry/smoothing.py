@@ -43,7 +43,7 @@ def _mean_normals(vertices: Floats, faces: Indices) -> Floats:
 
 def _angle_weighted(triangles: Floats) -> Floats:
     """Return (F, 3, 3) normals of triangles, once for each corner, as long as the angle there."""
-    # Sides of size one: products of those of tiny or huge triangles leave the doubles.
+    # Scale sides to size one: products of the sides of tiny or huge triangles would under- or overflow.
     sides = np.roll(triangles, -1, axis=1) - triangles
     scale = np.abs(sides).max(axis=(1, 2), keepdims=True)
     sides = sides / np.where(scale > 0, scale, 1.0)

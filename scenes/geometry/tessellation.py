@@ -15,28 +15,29 @@ from xfrustum.scenes.geometry.shapes import drop_flat, triangulate
 from xfrustum.scenes.model.scene import SceneObject
 
 Steps = Sequence[tuple[int, int]]
-"""Into how many steps each patch is cut along u and v."""
+"""Numbers of steps along u and v into which each patch is cut."""
 
 MAX_TRIANGLES = 20_000_000
-"""A tolerance that asks for more is a mistake in its unit."""
+"""Largest number of triangles: a tolerance that asks for more is a mistake in its unit."""
 
 
 def tessellate(
     nets: Sequence[Floats], chord_tolerance: float, *, name: str, material: str | None = None
 ) -> SceneObject:
-    """Return patches as triangles, no point of which is farther from the surface than a tolerance.
+    """Return patches as triangles that lie within a tolerance of the surface.
 
-    Nor is any point of the surface farther from the triangles. Where patches share an edge, by the
-    same control points, both cut it in the same points, to the last bit.
+    No point of the triangles is farther from the surface than the tolerance, and no point of the surface
+    farther from the triangles. Where patches share an edge, by the same control points, both cut it in the
+    same points, to the last bit.
 
     Parameters
     ----------
     nets
         Control nets (n + 1, m + 1, 3).
     chord_tolerance
-        In the unit of the control points.
+        Largest distance, in the unit of the control points.
     name, material
-        Of the object.
+        Name of the object and of its material.
 
     Raises
     ------
@@ -45,7 +46,7 @@ def tessellate(
     """
     least = [steps_for(net, chord_tolerance) for net in nets]
     triangles = _triangles(least)
-    # Matching only adds steps, and counts them in 64 bits, which an absurd tolerance would overflow.
+    # Matching only adds steps. It counts them in 64 bits, which a senseless tolerance would overflow.
     if triangles <= MAX_TRIANGLES:
         least = matched_steps(nets, least)
         triangles = _triangles(least)
@@ -96,7 +97,8 @@ def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]
 
     Opposite edges of a patch have the same steps, so agreement spreads over strips of patches.
     """
-    # Node 2 p is patch p along u, node 2 p + 1 along v.
+    # A graph links the directions of patches that share an edge: node 2 p is patch p along u, node 2 p + 1
+    # along v. The first patch with an edge owns it.
     owners: dict[bytes, int] = {}
     links = []
     for patch, net in enumerate(nets):
@@ -105,6 +107,7 @@ def matched_steps(nets: Sequence[Floats], least: Steps) -> list[tuple[int, int]]
                 continue
             node = 2 * patch + axis
             links.append((node, owners.setdefault(_oriented(side)[0].tobytes(), node)))
+    # All directions of a strip, a connected part of the graph, take the largest number of steps among them.
     wanted = np.array(least, dtype=np.int64).reshape(-1)
     pairs = np.array(links, dtype=np.int64).reshape(-1, 2)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(wanted), len(wanted)))
@@ -132,8 +135,8 @@ def _edge(controls: Floats, steps: int) -> Floats:
 
 
 def _oriented(controls: Floats) -> tuple[Floats, bool]:
-    """Return control points in the one of both orders that comes first, and whether it is the other one."""
-    controls = controls + 0.0  # no negative zero: equal points must have equal bytes
+    """Return control points in the lesser of their two orders, and whether that is the reverse of theirs."""
+    controls = controls + 0.0  # turns negative zeros positive, so that equal points have equal bytes
     turned = controls[::-1].tolist() < controls.tolist()
     return np.ascontiguousarray(controls[::-1] if turned else controls), turned
 

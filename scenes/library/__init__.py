@@ -7,8 +7,7 @@ car              A car: a smooth lofted body with cabin, windows, wheel arches a
 car_tessellated  The car in as many triangles as one likes, a share of them reflective: the paper's table
                  1 needs two
 depth_family     Scenes whose depth alone changes: the same picture on the film, from shallow to deep
-globes           Globes about a plate, in any number of triangles: the same picture, so that only the
-                 number changes
+globes           Globes about a plate, which show the same picture in any number of triangles
 optics           Objects whose shading is known in closed form: mirror spheres, and gratings near the
                  aperture's limit
 studio           A car in a studio: paint, glass, tires and metal, lights, and an environment that is

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import radians
 from types import MappingProxyType
@@ -19,6 +19,18 @@ from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
+_PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
+_REACH = (150.0, 150.0)
+_CENTERED = Frustum(resolution=(512, 512), reach=_REACH, fov=(radians(60), radians(60)))
+_SMALL = replace(_CENTERED, resolution=(256, 256))
+# This screen is wider than high and off center on both axes: every swap of axes and every wrong sign shows.
+_RECENTERED = Frustum(
+    resolution=(512, 384), reach=_REACH, screen=Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0))
+)
+# A screen behind the plate, around the car, and a plate so small that its corners see the car too.
+_CAR_PLATE = Plate(size=(40.0, 30.0), hogels=(81, 61))
+_CAR_RECENTERED = replace(_RECENTERED, screen=Screen(height=-60.0, center=(4.0, -8.0), size=(100.0, 80.0)))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Builtin:
@@ -27,26 +39,26 @@ class Builtin:
     Attributes
     ----------
     purpose
-        What the scene is for, in one line.
+        Purpose of the scene, in one line.
     objects
-        Makes the meshes in scene coordinates.
+        Function that makes the meshes, in scene coordinates.
     plate, frustum, sampling
-        As in a scene file.
+        Plate, frustum and sampling, as in a scene file.
     appearance
-        Makes materials, lights and environment.
+        Function that makes materials, lights and environment.
     """
 
     purpose: str
     objects: Callable[[], tuple[SceneObject, ...]]
-    plate: Plate
-    frustum: Frustum
+    plate: Plate = _PLATE
+    frustum: Frustum = _CENTERED
     appearance: Callable[[], Appearance] = Appearance
     sampling: Sampling = field(default_factory=Sampling)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Listing:
-    """What `xfrustum scenes` says about one scene."""
+    """One line of `xfrustum scenes`: a scene's name, its purpose, and its number of triangles."""
 
     name: str
     purpose: str
@@ -57,27 +69,11 @@ def _nothing() -> tuple[SceneObject, ...]:
     return ()
 
 
-_PLATE = Plate(size=(80.0, 60.0), hogels=(81, 61))
-_REACH = (150.0, 150.0)
-_CENTERED = Frustum(resolution=(512, 512), reach=_REACH, fov=(radians(60), radians(60)))
-_SMALL = Frustum(resolution=(256, 256), reach=_REACH, fov=(radians(60), radians(60)))
-# Wider than high and off center on both axes: no swap of axes and no sign survives it.
-_RECENTERED = Frustum(
-    resolution=(512, 384), reach=_REACH, screen=Screen(height=120.0, center=(9.0, -6.0), size=(160.0, 120.0))
-)
-# Behind the plate, around the car, with a plate so small that its corners see the car too.
-_CAR_PLATE = Plate(size=(40.0, 30.0), hogels=(81, 61))
-_CAR_RECENTERED = Frustum(
-    resolution=(512, 384), reach=_REACH, screen=Screen(height=-60.0, center=(4.0, -8.0), size=(100.0, 80.0))
-)
-
 SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
     {
         "car": Builtin(
             purpose="a car body of about 42,000 triangles across the plate, as in the paper: the main job",
             objects=car,
-            plate=_PLATE,
-            frustum=_CENTERED,
         ),
         "car-recentered": Builtin(
             purpose="the car on a fixed projection screen: every aperture shears its frustum",
@@ -88,51 +84,37 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
         "asymmetric": Builtin(
             purpose="different parts on both sides of the plate: no flip or swap of axes goes unseen",
             objects=asymmetric,
-            plate=_PLATE,
-            frustum=_CENTERED,
         ),
         "asymmetric-recentered": Builtin(
             purpose="the same parts on an off-center screen: no sign of the shear goes unseen",
             objects=asymmetric,
-            plate=_PLATE,
             frustum=_RECENTERED,
         ),
         "sheets": Builtin(
             purpose="parallel sheets 1e-1 to 1e-6 of the reach apart, at graded heights: depth order",
             objects=lambda: sheets(reach=_REACH[0]),
-            plate=_PLATE,
-            frustum=_CENTERED,
         ),
         "crossing": Builtin(
             purpose="a wavy surface through the middle aperture itself: what happens where the plate is cut",
             objects=crossing,
-            plate=_PLATE,
-            frustum=_CENTERED,
         ),
         "large-triangles": Builtin(
             purpose="triangles far larger than the plate that cross it beside the aperture: clipping",
             objects=large_triangles,
-            plate=_PLATE,
-            frustum=_CENTERED,
         ),
         "car-studio": Builtin(
             purpose="the car in paint, glass, rubber and metal, lit and reflecting: shading and reflection",
             objects=studio_car,
-            plate=_PLATE,
-            frustum=_CENTERED,
             appearance=studio,
         ),
         "mirror-sphere": Builtin(
             purpose="pure mirrors on both sides of the plate, in asymmetric surroundings: reflection",
             objects=mirror_spheres,
-            plate=_PLATE,
-            frustum=_CENTERED,
             appearance=mirror,
         ),
         "grating": Builtin(
             purpose="bars finer and coarser than one aperture can show, over 16 sub-apertures: band limiting",
             objects=lambda: gratings((_PLATE.size[0] / _PLATE.hogels[0], _PLATE.size[1] / _PLATE.hogels[1])),
-            plate=_PLATE,
             frustum=_SMALL,
             appearance=plain,
             sampling=Sampling(aperture=16),
@@ -140,8 +122,6 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
         "empty": Builtin(
             purpose="nothing at all: the true image of nothing is nothing",
             objects=_nothing,
-            plate=_PLATE,
-            frustum=_CENTERED,
         ),
     }
 )

@@ -24,8 +24,9 @@ _AXLES = (-29.5, 31.0)
 _TRACK = 17.6
 _WHEEL_SECTORS = 60
 _END = 45.0
-"""From here to the tip the body is a rounded cap, `_CAP` long."""
+"""|z| at which the body turns into a rounded cap at either end."""
 _CAP = 5.0
+"""Length of each cap."""
 _SECTION = 3.4
 """Exponent of the lower body's cross section."""
 

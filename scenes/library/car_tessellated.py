@@ -41,14 +41,15 @@ def tessellated_car(polygons: int, reflective_share: float) -> TessellatedCar:
     Parameters
     ----------
     polygons
-        At least as many as the built-in car has. Where that needs half an edge, one fewer come out.
+        Number of triangles, at least that of the built-in car. Splitting an edge may add two: then the car
+        can have one triangle fewer.
     reflective_share
-        Of all triangles, 0 to 1; rounded to a whole number of them.
+        Share of the triangles that reflect, 0 to 1; their number is rounded.
 
     Raises
     ------
     InputError
-        Too few polygons, or no share.
+        There are too few polygons, or the share is none.
     """
     scene = builtin.build("car")
     if polygons < len(scene.faces) or not 0 <= reflective_share <= 1:
@@ -82,9 +83,9 @@ def mirrored(car: TessellatedCar) -> Scene:
 
 
 def _with_edges_split(scene: Scene, more: int) -> Scene | None:
-    """Return the scene with up to so many more triangles; None where no split fits any more.
+    """Return the scene with up to this many more triangles; None where no split fits any more.
 
-    No triangle is split twice. Objects are split in proportion, the largest last for what remains.
+    No triangle is split twice. Objects are split in proportion; the largest comes last and gets the rest.
     """
     order = sorted(range(len(scene.objects)), key=lambda number: len(scene.objects[number].faces))
     objects, left, faces = list(scene.objects), more, len(scene.faces)
@@ -97,14 +98,14 @@ def _with_edges_split(scene: Scene, more: int) -> Scene | None:
 
 
 def _split_longest(part: SceneObject, more: int) -> SceneObject:
-    """Split the longest edges at their middles, for at most so many more triangles."""
+    """Split the longest edges at their middles, for at most this many more triangles."""
     sides = np.stack([part.faces, np.roll(part.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     edges, edge_of_side, uses = np.unique(
         np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
     )
     length = np.linalg.norm(part.vertices[edges[:, 0]] - part.vertices[edges[:, 1]], axis=1)
     sides_of_edge = np.split(np.argsort(edge_of_side, kind="stable"), np.cumsum(uses)[:-1])
-    # Of each triangle, the corner that the edge to be split starts from.
+    # For each triangle, the corner at which the edge that is split begins; -1 where none is.
     corner_of_face = np.full(len(part.faces), -1)
     for edge in np.argsort(-length, kind="stable"):
         faces, corners = np.divmod(sides_of_edge[edge], 3)

@@ -1,7 +1,7 @@
 """Scenes whose depth alone changes: the same picture on the film, from shallow to deep.
 
-All lie on one side of the plate. For C* they are reflected through the middle aperture, which moves no
-point on the film and only changes who sees it: C keeps the nearest surface of a line, C* the farthest.
+All objects lie on one side of the plate. For C* they are reflected through the middle aperture, which moves
+no point on the film and only changes the camera: C keeps the nearest surface of a line, C* the farthest.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Plate
 
 REACH = 1000.0
-"""On both sides, scene units."""
+"""Reach on both sides, scene units."""
 
 FARTHEST = 0.999 * REACH
-"""Of any surface: nothing is cut by the reach."""
+"""Largest |z| of any surface, so that the reach cuts nothing."""
 
 CAR_RATIO = 1.5
-"""Farthest to nearest |z| of one car; no scene of cars is shallower."""
+"""Ratio of the farthest to the nearest |z| of one car; no scene of cars is shallower."""
 
 CARS = 4
-"""One in each quarter of the film, so that none hides another at any depth."""
+"""Number of cars, one in each quarter of the film, so that none hides another at any depth."""
 
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
@@ -45,7 +45,8 @@ def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
     Parameters
     ----------
     ratio
-        Farthest to nearest |z| of all surfaces, at least `CAR_RATIO`. The farthest lies at `FARTHEST`.
+        Ratio of the farthest to the nearest |z| of all surfaces, at least `CAR_RATIO`. The farthest surface
+        lies at `FARTHEST`.
     camera
         `C` for cars behind the plate, `C_STAR` for cars before it.
     resolution
@@ -82,7 +83,7 @@ def _car_behind_plate() -> list[SceneObject]:
     turned = [place(part, placement(rotate_deg=(25.0, 20.0, 0.0))) for part in car()]
     corners = np.concatenate([part.vertices for part in turned])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    # From |z| = x to CAR_RATIO x over the car's own extent along z, and then to full size.
+    # The nearest point is put at |z| = x such that the farthest lies at CAR_RATIO x; then all is scaled.
     nearest = (high[2] - low[2]) / (CAR_RATIO - 1)
     size = FARTHEST / (CAR_RATIO * nearest)
     middle = (low + high) / 2
@@ -98,7 +99,7 @@ def _into_quarters(parts: list[SceneObject]) -> list[Floats]:
     for turn in np.array([(-1, 1), (1, 1), (-1, -1), (1, -1)]):
         middle = turn * math.tan(_FOV / 2) / 2
         shift = np.zeros(2)
-        # Depths differ by half, so that each step leaves less than half of what was missing.
+        # Depths differ by half at most, so that each step leaves less than half of the distance.
         for _ in range(60):
             seen = (corners[:, :2] + shift) / depth
             shift += (middle - (seen.min(axis=0) + seen.max(axis=0)) / 2) * depth.min()
@@ -110,5 +111,5 @@ def _on_side_of(camera: Camera, part: SceneObject) -> SceneObject:
     """Return a part as it is for C, reflected through the aperture for C*."""
     if camera is Camera.C:
         return part
-    # A point reflection turns insides out; the other winding turns them back.
+    # A point reflection reverses the winding as it is seen; reversing the corners restores it.
     return replace(part, vertices=-part.vertices, faces=part.faces[:, ::-1])

@@ -1,4 +1,4 @@
-"""Globes about a plate, in any number of triangles: the same picture, so that only the number changes."""
+"""Globes about a plate, which show the same picture in any number of triangles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Plate
 
 REACH = 100.0
-"""On both sides, scene units; every globe lies within it."""
+"""Reach on both sides, scene units; every globe lies within it."""
 
 GLOBES = (
     ((-14.0, 8.0, 45.0), (10.0, 10.0, 10.0)),
@@ -23,10 +23,10 @@ GLOBES = (
     ((-16.0, -8.0, -50.0), (13.0, 13.0, 13.0)),
     ((18.0, 14.0, -70.0), (15.0, 15.0, 15.0)),
 )
-"""Center and semi-axes: two before the plate, one across it beside the aperture, two behind."""
+"""Center and semi-axes of each globe: two before the plate, one across it beside the aperture, two behind."""
 
-MOST_UNEVEN = 2.5
-"""Sectors to bands at most: beyond that a number has no factors of about the same size."""
+MAX_FACTOR_RATIO = 2.5
+"""Largest ratio of sectors to rings: a number whose factors differ more is refused."""
 
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
 _FOV = math.radians(60)
@@ -41,7 +41,7 @@ def globes(triangles: int, resolution: tuple[int, int]) -> Scene:
     Parameters
     ----------
     triangles
-        Of all globes together, exactly: each has 2 sectors (bands - 1).
+        Number of triangles of all globes together, exactly: each globe has 2 sectors (bands - 1).
     resolution
         W, H of the film.
 
@@ -63,7 +63,7 @@ def _factors(triangles: int) -> tuple[int, int]:
     product, rest = divmod(triangles, 2 * len(GLOBES))
     if not rest:
         rings = max((n for n in range(2, math.isqrt(max(product, 0)) + 1) if product % n == 0), default=0)
-        if rings and product <= MOST_UNEVEN * rings**2:
+        if rings and product <= MAX_FACTOR_RATIO * rings**2:
             return product // rings, rings
     raise InputError(
         f"{triangles} triangles cannot be shared among {len(GLOBES)} even globes; take such as 10000, "

@@ -19,7 +19,7 @@ from xfrustum.scenes.model.scene import SceneObject
 Vector = tuple[float, float, float]
 
 MIRROR_SPHERES: tuple[tuple[Vector, float], ...] = (((-11.0, 7.0, -72.0), 24.0), ((-20.0, 17.0, 60.0), 10.0))
-"""Center and radius of the spheres: one behind the plate, one before it, neither hiding the other."""
+"""Center and radius of each sphere: one behind the plate, one before it, neither hiding the other."""
 
 _BLACK = (0.0, 0.0, 0.0)
 
@@ -57,8 +57,9 @@ GRATING_LEAN = 0.07
 GRATING_HEIGHT = 30.0
 BACKDROP_HEIGHT = -60.0
 FINE, COARSE = 0.5, 4.0
-"""Periods in hogel pitches. A centered frustum averages over one pitch at every height: that leaves
-nothing of a period that divides it, and 0.9 of one four times as long (the sinc function of 1/4)."""
+"""Periods of the two gratings in hogel pitches. A centered frustum averages over one pitch at every height.
+The mean of a grating whose period divides the pitch is constant; one with four times the pitch keeps 0.9 of
+its contrast (the sinc function of 1/4)."""
 
 
 def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
@@ -70,7 +71,7 @@ def gratings(pitch: tuple[float, float]) -> tuple[SceneObject, ...]:
     Parameters
     ----------
     pitch
-        Of the hogels, along x and y, in millimeters.
+        Distances of neighboring hogels along x and y, in millimeters.
     """
     return (
         _bars("upright bars", -_periods(pitch[0], 21.0)[::-1], GRATING_HEIGHT, (-12.0, 7.0), upright=True),

@@ -1,7 +1,7 @@
 """A car in a studio: paint, glass, tires and metal, lights, and an environment that is reflected.
 
-What a designer looks at (paper, section 6): reflections of sky, ground and area lights run over the
-body. Nothing in the surroundings is symmetric, so that no flip of the eye vector or the map goes unseen.
+Designers look at reflections of sky, ground and area lights that run over the body (paper, section 6).
+Nothing in the surroundings is symmetric, so that every flip of the eye vector or the map shows.
 """
 
 from __future__ import annotations
@@ -76,15 +76,15 @@ def studio() -> Appearance:
 def surroundings(height: int = 256) -> Environment:
     """Return sky, ground and three softboxes as a latitude-longitude map of 2 height x height pixels.
 
-    Edges of softboxes and the horizon are soft, several pixels wide: a reflection's place is then seen
-    in its brightness, and not at its border only.
+    Edges of softboxes and the horizon are soft, several pixels wide, so that a misplaced reflection changes
+    brightness and not only the place of a border.
     """
     rows = (np.arange(height) + 0.5) / height
     columns = (np.arange(2 * height) + 0.5) / (2 * height)
     latitude, longitude = 90 - 180 * rows[:, None], 360 * columns[None, :] - 180
     rise = np.clip(latitude / 90, 0, 1)[..., None]
     sky = (1 - rise) * [0.62, 0.66, 0.7] + rise * [0.12, 0.2, 0.42]
-    # Brighter toward the right; the same from all sides at the pole, where all longitudes meet.
+    # The ground is brighter toward the right, but has one brightness at the pole, where longitudes meet.
     aside = np.sin(np.radians(longitude)) * np.cos(np.radians(latitude))
     ground = (0.16 + 0.05 * aside)[..., None] * [1.0, 0.85, 0.7]
     horizon = _smooth_step(latitude, 0.0, width=6.0)[..., None]

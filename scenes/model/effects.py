@@ -1,7 +1,7 @@
-"""What a scene calls for, and why: decided before anything runs, from the scene alone.
+"""The effects that a scene calls for, and why: decided from the scene alone.
 
-These are the local effects, whose omission does not change the picture where nothing calls for them.
-Light transport and band limiting change it: they are settings of the scene (`Sampling`, `Transport`).
+These are local effects: a scene that does not call for one has the same picture without it. Light transport
+and band limiting change every picture: they are settings of the scene (`Sampling`, `Transport`).
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
-from xfrustum.scenes.model.slabs import slab
+from xfrustum.scenes.model.slabs import slab_content
 from xfrustum.scenes.plate.double_frustum import Camera
 
 
 class Effect(StrEnum):
-    """What can be simulated or left out."""
+    """A part of the simulation that can be left out."""
 
     C = "c"
     C_STAR = "c-star"
@@ -47,12 +47,14 @@ class Decision:
 
 
 def decide(scene: Scene, camera: Camera = Camera.BOTH) -> tuple[Decision, ...]:
-    """Return what a scene calls for, effect by effect.
+    """Return the decision about every effect.
 
     Parameters
     ----------
+    scene
+        Scene that is asked about.
     camera
-        Which of the two cameras is asked for.
+        Cameras that draw.
     """
     facts = (
         _camera(scene, Effect.C, camera),
@@ -72,12 +74,12 @@ def needed(scene: Scene, camera: Camera = Camera.BOTH) -> frozenset[Effect]:
 
 
 def chosen(scene: Scene, names: str, camera: Camera = Camera.BOTH) -> frozenset[Effect]:
-    """Return the effects that people ask for: `auto`, `all`, or names between commas.
+    """Return the effects that a text names: `auto`, `all`, or names between commas.
 
     Raises
     ------
     InputError
-        No such effect.
+        There is no such effect.
     """
     if names == "auto":
         return needed(scene, camera)
@@ -90,12 +92,12 @@ def chosen(scene: Scene, names: str, camera: Camera = Camera.BOTH) -> frozenset[
 
 
 def checked(effects: object) -> frozenset[Effect]:
-    """Return effects that a caller asks for, members or names, as members.
+    """Return effects that are given as members or names as members.
 
     Raises
     ------
     InputError
-        They are no collection, or one of them is no effect.
+        The effects are no collection, or one of them is no effect.
     """
     if isinstance(effects, str) or not isinstance(effects, Iterable):
         raise InputError(f"effects must be a collection such as {{'c', 'diffuse'}}, not {effects!r}")
@@ -112,13 +114,13 @@ def _named(name: str) -> Effect:
 
 
 def _camera(scene: Scene, effect: Effect, camera: Camera) -> Decision:
-    """C draws what is behind the plate, C* what is before it."""
+    """Decide on a camera: C draws surfaces behind the plate, C* those before it."""
     if camera is not Camera.BOTH and camera.value != effect.value:
         return Decision(effect=effect, used=False, reason=f"camera {camera} alone is asked for")
     reach_viewer, reach_back = scene.frustum.reach
     behind = effect is Effect.C
     side = Camera.C if behind else Camera.C_STAR
-    count = slab(scene, side, (0.0, reach_back if behind else reach_viewer)).triangles
+    count = slab_content(scene, side, (0.0, reach_back if behind else reach_viewer)).triangles
     subject = {0: "nothing lies", 1: "one triangle lies"}.get(count, f"{count:,} triangles lie")
     where = f"{'behind' if behind else 'before'} the plate within the reach"
     return Decision(effect=effect, used=count > 0, reason=f"{subject} {where}")
@@ -129,7 +131,7 @@ MAX_LISTED_OBJECTS = 4
 
 
 def _smooth_normals(scene: Scene) -> Decision:
-    """Say which objects have normals at the corners of a triangle, and who made them."""
+    """Decide on smooth normals: the reason names the objects that have them, and their origin."""
     smooth = [(number, part) for number, part in enumerate(scene.objects) if _has_smooth_triangle(part)]
     numbers_of = {
         made: [number for number, part in smooth if part.normals_made is made] for made in NormalsMade
@@ -150,7 +152,7 @@ _NORMALS = {
 
 
 def _numbered(numbers: list[int]) -> str:
-    """Say which objects have something, as the start of a sentence."""
+    """Return the beginning of a sentence about some objects, up to its verb."""
     if len(numbers) == 1:
         return f"object {numbers[0]} has"
     if len(numbers) > MAX_LISTED_OBJECTS:
@@ -175,7 +177,7 @@ def _attribute(effect: Effect, present: bool, what: str) -> Decision:
 
 
 def _term(scene: Scene, term: Effect) -> Decision:
-    """Decide on one term of the Phong model: it needs a coefficient, and but for ambient a light."""
+    """Decide on one term of the Phong model: it needs a coefficient and, unless it is ambient, a light."""
     owners = _owners(scene, lambda material: max(getattr(material, term.value)) > 0)
     if not owners:
         return Decision(effect=term, used=False, reason=f"no object's material has {_A[term]} coefficient")
@@ -200,6 +202,6 @@ def _reflection(scene: Scene) -> Decision:
 
 
 def _owners(scene: Scene, shows: Callable[[Material], bool]) -> str:
-    """Say how many objects' materials show something, as the start of a sentence; nothing if none does."""
+    """Return the beginning of a sentence about the number of objects with such a material; empty if none."""
     count = sum(1 for material in scene.materials if shows(material))
     return {0: "", 1: "one object's material has"}.get(count, f"{count} objects' materials have")

@@ -21,15 +21,16 @@ NOTHING = -1
 
 
 class Certainty(IntEnum):
-    """How the truth of a pixel was decided."""
+    """The way in which the truth of a pixel was decided."""
 
     PROVEN = 0
-    """In floating point, with an error bound that separates it from every other outcome."""
+    """Decided in floating point, with an error bound that separates it from every other outcome."""
     EXACT = 1
-    """In rational arithmetic."""
+    """Decided in rational arithmetic."""
     TIE = 2
     """Equal in exact arithmetic: coincident surfaces, or a line exactly through a shared edge."""
     UNEXAMINED = 3
+    """Not decided: a tracer's proposal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,15 +46,15 @@ class HogelCamera:
     shear, half_extent
         k and t, slopes per unit of depth.
     reach
-        Toward the viewer and behind the plate, scene units.
+        Reach toward the viewer and behind the plate, scene units.
     scene, scene_hash
-        Where the scene can be had again, and the hash that proves it the same.
+        Name or path by which the scene can be opened again, and the hash that proves it the same.
     renderer
-        Who made the image, with versions or devices, for people.
+        Name of the renderer, with versions or devices, for people.
     settings
-        Of the double frustum, where one drew the image.
+        Settings of the double frustum that drew the image; None for other renderers.
     light_paths
-        Samples per pixel that the color is a mean of, where light paths were sampled.
+        Light paths per pixel over which color was averaged; None where none were traced.
     """
 
     aperture: Aperture
@@ -70,32 +71,34 @@ class HogelCamera:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HogelImage:
-    """What one aperture shows. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
+    """The image of one aperture. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
 
     Attributes
     ----------
     camera
-        The frustum it answers for.
+        The crossed frustum that the image answers for.
     triangle, object
         int32 numbers, `NOTHING` where there is no surface.
     position
         Visible surface point in scene units, NaN where there is none: float64 from a
         reference, float32 from a rasterizer.
     normal
-        Unit normal as stored in the mesh winding, NaN where there is no surface.
+        Unit normal of the triangle by the mesh's winding, NaN where there is no surface.
     color
         Linear RGB, float32.
     variance
-        (H, W, 3) float32 variance of the color, where that is the mean of sampled light paths; None where
-        it has no noise.
+        (H, W, 3) float32 variance of the color where it is a mean over light paths; None where it has no
+        noise.
     certainty
-        uint8 `Certainty` per pixel; None where nobody claims the truth.
+        uint8 `Certainty` per pixel; None in images that are not certified.
     companions
-        (N, 3) row, column and triangle number of every surface that shares a tie; None likewise.
+        (N, 3) row, column and triangle number of every surface that shares a tie; None in images that are
+        not certified.
     overruled
-        Pixels where the float32 tracer alone would have shown another triangle; None likewise.
+        Pixels where the float32 tracer alone would have shown another triangle; None in images that are
+        not certified.
     rendering
-        What made the color; None where nobody says, or where there is none.
+        Effects and samples of the color; None where they are unknown or there is no color.
     """
 
     camera: HogelCamera
@@ -112,15 +115,15 @@ class HogelImage:
 
     @cached_property
     def covered(self) -> Mask:
-        """Pixels that show a surface, by number or, where a foreign image has none, by position."""
+        """Pixels that show a surface, by number or, in foreign images without numbers, by position."""
         covered: Mask = (self.triangle != NOTHING) | np.isfinite(self.height)
         covered.flags.writeable = False
         return covered
 
     @cached_property
     def off_plate(self) -> Mask:
-        """Pixels that show a surface off the plate, and say where it is."""
-        # Coordinate by coordinate: numpy reduces over so short an axis ten times slower.
+        """Pixels that show a surface off the plate at a known position."""
+        # Coordinate by coordinate, because numpy reduces over so short an axis ten times slower.
         x, y, z = (self.position[..., axis] for axis in range(3))
         found: Mask = self.covered & np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0)
         found.flags.writeable = False
@@ -132,14 +135,14 @@ class HogelImage:
         return self.position[..., 2]
 
     def rows(self, some: slice) -> HogelImage:
-        """Return a band of rows, without what is known of ties and of tracers."""
+        """Return a band of rows, without `companions` and `overruled`."""
         mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}
         arrays = {name: value[some] for name, value in mine.items() if isinstance(value, np.ndarray)}
         return HogelImage(**mine | arrays | {"companions": None, "overruled": None})
 
 
 def stacked(bands: Sequence[HogelImage]) -> HogelImage:
-    """Join bands of rows of one image, from the top. What one of them lacks, the image lacks."""
+    """Join bands of rows of one image, from the top. The image has the arrays that all bands have."""
 
     def joined(name: str) -> Any:
         parts = [getattr(band, name) for band in bands]

@@ -13,10 +13,10 @@ from xfrustum.scenes.model.scene import Scene
 
 
 def look_hash(scene: Scene) -> str:
-    """Return the SHA-256 of all that color depends on beside `Scene.content_hash`.
+    """Return the SHA-256 of everything that color depends on beside `Scene.content_hash`.
 
-    These are the material of each object, normals, colors and textures of its surface, lights, and the
-    environment. Names are left out: they decide no pixel.
+    It covers the material of each object, normals, colors and textures of its surface, lights, and the
+    environment. Names are left out, for no pixel depends on them.
     """
     appearance, surface = scene.appearance, scene.surface
     environment = appearance.environment
@@ -36,7 +36,7 @@ def look_hash(scene: Scene) -> str:
         *surface.textures,
     ]
     for array in arrays:
-        # Shapes first: no two lists of arrays are the same bytes.
+        # The shape goes before the content, so that different lists of arrays never give the same bytes.
         digest.update(json.dumps(None if array is None else array.shape).encode())
         digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

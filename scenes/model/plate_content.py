@@ -1,4 +1,4 @@
-"""A plate as a stream of hogels: what of each is wanted, and what each brings."""
+"""A plate as a stream of hogels: the arrays that are wanted, and those of each hogel."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from xfrustum.scenes.plate.plate import Aperture
 
 
 class ColorType(StrEnum):
-    """How linear RGB is kept.
+    """The type in which linear RGB is stored.
 
-    `UINT8` is 255 times the radiance, rounded; what lies outside 0 to 1 is cut off.
+    `UINT8` is 255 times the radiance, rounded; radiance outside 0 to 1 is clipped.
     """
 
     UINT8 = "uint8"
@@ -27,7 +27,7 @@ class ColorType(StrEnum):
 
     @property
     def dtype(self) -> np.dtype[np.generic]:
-        """NumPy's name of it."""
+        """NumPy's name of the type."""
         wanted: DTypeLike = self.value
         return np.dtype(wanted)
 
@@ -41,14 +41,15 @@ class PlateContent:
     color
         Type of linear RGB.
     ids
-        Whether triangle numbers come along.
+        Whether the stream has triangle numbers.
     effects
-        What is simulated; None for what the scene calls for. The pictures are the same with more.
+        Effects that are simulated; None for those that the scene calls for. More effects do not change the
+        pictures.
 
     Raises
     ------
     InputError
-        A type, a switch or an effect that is not one.
+        The type, the switch or an effect is none.
     """
 
     color: ColorType = ColorType.FLOAT16
@@ -66,12 +67,12 @@ class PlateContent:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateHogel:
-    """What one aperture shows, row 0 at the top.
+    """The image of one aperture in a stream, row 0 at the top.
 
     Attributes
     ----------
     aperture
-        Whose image it is.
+        Aperture of the image.
     color
         (H, W, 3) linear RGB in the type that was asked for.
     triangle

@@ -1,4 +1,4 @@
-"""What made the color of an image: which effects, how many samples, which light transport."""
+"""The effects, samples and light transport that made the color of an image."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from xfrustum.scenes.model.effects import Effect
 
 @dataclass(frozen=True, kw_only=True)
 class Rendering:
-    """What was simulated of an image, as it was asked for.
+    """The simulation that made the color of an image, as it was asked for.
 
     Attributes
     ----------
     effects
-        In the order of `Effect`, so that the same ones are written alike.
+        Effects in the order of `Effect`, so that equal sets are written alike.
     sampling
-        What each color is the mean of.
+        Points over which each color is averaged.
     transport
-        What light paths simulated, and how many there were; None where none were traced.
+        Light transport that light paths simulated, and their number; None where none were traced.
     """
 
     effects: tuple[Effect, ...]
@@ -31,7 +31,7 @@ class Rendering:
     def of(
         cls, effects: Iterable[Effect], sampling: Sampling, transport: Transport | None = None
     ) -> Rendering:
-        """Put the effects in order."""
+        """Return the rendering with its effects in order."""
         asked = frozenset(effects)
         return cls(
             effects=tuple(effect for effect in Effect if effect in asked),

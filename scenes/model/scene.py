@@ -1,4 +1,4 @@
-"""A scene: what is asked of every renderer. Immutable, validated, in scene coordinates."""
+"""A scene, the question to every renderer: immutable, validated, in scene coordinates."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
 SHORTEST, LONGEST = 1e-30, 1e30
-"""Lengths of plate, reach and screen, and largest coordinate: products of two stay within float32's
-range in pictures, and products of three far within that of doubles, where bounds on rounding hold."""
+"""Bounds of the lengths of plate, reach and screen, and of the largest coordinate: products of two stay
+within float32's range in pictures, and products of three far within that of doubles, where bounds on rounding
+hold."""
 
 SMALLEST_COORDINATE = 1e-75
 """Smallest coordinate of a vertex other than zero. Differences of two such numbers are zero or at least
@@ -36,7 +37,8 @@ STEEPEST = 1e12
 """Largest slope of a line: beyond it float64 no longer tells neighboring pixels' lines apart."""
 
 TRIANGLES_AT_ONCE = 1 << 19
-"""Bounds the memory of intermediate results, 300 bytes a triangle, in scenes of many millions."""
+"""Triangles that are processed at once. This bounds the memory of intermediate results, 300 bytes a triangle,
+in scenes of many millions."""
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -48,7 +50,7 @@ def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
 
 
 class NormalsMade(StrEnum):
-    """How many of an object's vertex normals were made from its faces; the others are the mesh's own."""
+    """The share of an object's vertex normals that was made from its faces; the others are the mesh's own."""
 
     NONE = "none"
     SOME = "some"
@@ -67,7 +69,7 @@ def _points(name: str, vertices: object) -> Floats:
 
 
 def _indices(name: str, faces: object) -> Indices:
-    """Return faces as (F, 3) int64, none of them cut down to a whole number."""
+    """Return faces as (F, 3) int64; fractions are refused, not rounded."""
     given = np.asarray(faces)
     if given.dtype.kind not in "iu" and given.size:
         raise InputError(f"{name}: faces must be whole numbers, (F, 3), not of type {given.dtype}")
@@ -81,34 +83,34 @@ class SceneObject:
     Attributes
     ----------
     name
-        The mesh file or the built-in shape it came from.
+        Mesh file or built-in shape that the object came from.
     vertices
-        (V, 3) float64, scene units, finite.
+        (V, 3) float64 vertices, scene units, finite.
     faces
         (F, 3) int64 indices into `vertices`, at least one.
     material
-        Name of the material table it refers to, if any.
+        Name of the object's material table; None for the default material.
     uv
-        (V, 2) float64 texture coordinates, v up, if the mesh has them; NaN at vertices without.
+        (V, 2) float64 texture coordinates, v up; NaN at vertices without, None if the mesh has none.
     textures
         (H, W, 4) uint8 sRGB base colors with alpha, row 0 at the top; empty if the mesh has none.
     texture_of_triangle
         (F,) int32 index into `textures`, -1 where a triangle has none; None if the mesh has none.
     vertex_normals
-        (V, 3) float64 normals to shade with, on the side that the winding faces. Not all of one length:
-        what is interpolated linearly over a triangle, and then made a unit vector, is these. NaN at
-        vertices without, whose triangles are flat; None if the mesh has none.
+        (V, 3) float64 normals for shading, on the side that the winding faces. They are interpolated
+        linearly over a triangle as they are, of any length, and the result is made a unit vector. NaN at
+        vertices without, where triangles are flat; None if the mesh has none.
     vertex_colors
         (V, 3) float64 linear RGB; None if the mesh has none.
     normals_made
         Whether vertex normals were made from the faces, as `smooth = true` asks.
     warnings
-        What was found wrong on reading and does not hinder drawing, one line each.
+        Faults that were found on reading and that do not hinder drawing, one line each.
 
     Raises
     ------
     InputError
-        No faces, vertices that are not finite, or faces that point past the vertices.
+        There are no faces, vertices are not finite, or faces point past the vertices.
     """
 
     name: str
@@ -161,17 +163,19 @@ class Scene:
     Attributes
     ----------
     name, units
-        For people; `units` names the scene's own length unit.
+        Name of the scene and of its own length unit, for people.
+    plate, frustum
+        The plate, and the crossed frustum of its apertures.
     objects
-        May be empty: the true image of nothing is nothing. Coordinates are zero, or between
-        `SMALLEST_COORDINATE` and `LONGEST`.
+        Meshes in scene coordinates, each zero or between `SMALLEST_COORDINATE` and `LONGEST`. There may
+        be no objects: the true image of nothing is nothing.
     source
-        What the command line calls this scene: the path of a file, or a built-in name. Images
-        carry it, so that a comparison can trace the scene again.
+        Path or built-in name by which the command line opens this scene. Images have it too, so that a
+        comparison can trace the scene again.
     appearance
         Materials and lights; by default gray, under one directional light.
     sampling, transport
-        How finely it is sampled, and which light transport is simulated; by default neither.
+        Sampling of color, and light transport; by default one sample, and none.
     """
 
     name: str
@@ -191,7 +195,7 @@ class Scene:
         screen = self.frustum.screen
         if screen is not None:
             lengths += [abs(screen.height), *screen.size, *(abs(c) for c in screen.center if c)]
-            # How far the lines of some aperture run aside on their way to the screen.
+            # The farthest that a line runs aside on its way from an aperture to the screen.
             extents = zip(screen.center, screen.size, self.plate.size, strict=True)
             aside = max(abs(center) + size + plate for center, size, plate in extents)
             if aside > STEEPEST * abs(screen.height):
@@ -211,7 +215,7 @@ class Scene:
         Raises
         ------
         InputError
-            One is not zero and smaller than `SMALLEST_COORDINATE`.
+            A coordinate is smaller than `SMALLEST_COORDINATE`, but not zero.
         """
         coordinates = np.abs(part.vertices)
         smallest = float(coordinates.min(where=coordinates > 0, initial=np.inf))
@@ -224,7 +228,7 @@ class Scene:
         return float(coordinates.max())
 
     def _check_kinds(self) -> None:
-        """Raise InputError where something is not of the class that it must be of."""
+        """Raise InputError where an attribute has the wrong class."""
         one_of(self.name, str, "a scene's name")
         one_of(self.units, str, "a scene's units")
         one_of(self.plate, Plate, "a scene's plate")
@@ -239,7 +243,7 @@ class Scene:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was found wrong on reading its meshes and does not hinder drawing, each line once."""
+        """Faults found on reading the meshes that do not hinder drawing, each line once."""
         return tuple(dict.fromkeys(line for part in self.objects for line in part.warnings))
 
     @cached_property
@@ -281,7 +285,7 @@ class Scene:
 
     @cached_property
     def largest_coordinates(self) -> Floats:
-        """(F,) largest absolute coordinate of each triangle: what roundings of it are relative to."""
+        """(F,) largest absolute coordinate of each triangle, to which its roundings are relative."""
         of_vertex = np.abs(self.vertices).max(axis=1, initial=0.0)
         return read_only(of_vertex[self.faces].max(axis=1, initial=0.0))
 
@@ -305,7 +309,7 @@ class Scene:
 
     @cached_property
     def content_hash(self) -> str:
-        """SHA-256 of what the geometry of an image depends on: plate, frustum, triangles."""
+        """SHA-256 of plate, frustum and triangles, on which the geometry of images depends."""
         digest = hashlib.sha256()
         parameters: dict[str, Any] = {"plate": asdict(self.plate), "frustum": asdict(self.frustum)}
         digest.update(json.dumps(parameters, sort_keys=True).encode())

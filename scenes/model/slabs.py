@@ -1,4 +1,4 @@
-"""Which slabs of both frusta the scene has something in: what is drawn, and what is skipped."""
+"""The slabs of both frusta, and the number of the scene's triangles in each."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 
 
 @dataclass(frozen=True, kw_only=True)
-class Slab:
-    """One section of one camera's frustum.
+class SlabContent:
+    """The content of one slab of one camera; a slab without triangles is not drawn.
 
     Attributes
     ----------
     camera
         C or C*.
     heights
-        |z| from which to which it extends.
+        Heights |z| between which the slab lies.
     triangles
-        How many reach into it.
+        Number of triangles that reach into the slab.
     """
 
     camera: Camera
@@ -29,20 +29,20 @@ class Slab:
     triangles: int
 
 
-def slabs(scene: Scene, settings: DoubleFrustum) -> tuple[Slab, ...]:
-    """Return the slabs of the cameras that are asked for, from the back: C's inward, C*'s outward."""
+def slab_contents(scene: Scene, settings: DoubleFrustum) -> tuple[SlabContent, ...]:
+    """Return the content of every slab that is asked for, from the back: C's inward, C*'s outward."""
     reach_viewer, reach_back = scene.frustum.reach
-    behind = [slab(scene, Camera.C, heights) for heights in reversed(settings.sections(reach_back))]
-    before = [slab(scene, Camera.C_STAR, heights) for heights in settings.sections(reach_viewer)]
+    behind = [slab_content(scene, Camera.C, heights) for heights in reversed(settings.sections(reach_back))]
+    before = [slab_content(scene, Camera.C_STAR, heights) for heights in settings.sections(reach_viewer)]
     chosen = {Camera.BOTH: [*behind, *before], Camera.C: behind, Camera.C_STAR: before}
     return tuple(chosen[settings.camera])
 
 
-def slab(scene: Scene, camera: Camera, heights: tuple[float, float]) -> Slab:
-    """Return what lies in one section of C, behind the plate, or of C*, before it."""
+def slab_content(scene: Scene, camera: Camera, heights: tuple[float, float]) -> SlabContent:
+    """Return the content of one slab of C, behind the plate, or of C*, before it."""
     near, far = heights
     low, high = (-far, -near) if camera is Camera.C else (near, far)
     lowest, highest = scene.height_ranges
-    return Slab(
+    return SlabContent(
         camera=camera, heights=heights, triangles=int(np.count_nonzero((highest >= low) & (lowest <= high)))
     )

@@ -1,4 +1,4 @@
-"""What shading needs of the surfaces, of all objects together, numbered as the scene's triangles are."""
+"""Normals, colors and textures of all objects together, numbered as the scene's triangles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import SceneObject
 
 UNTEXTURED = -1
-"""In place of a texture's number."""
+"""Number in `texture_of_triangle` of a triangle without a texture."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +24,7 @@ class SurfaceAttributes:
     Attributes
     ----------
     vertex_normals
-        (V, 3) normals, not all of one length, NaN where a vertex has none.
+        (V, 3) normals of any length, NaN where a vertex has none.
     vertex_colors
         (V, 3) linear RGB, one where an object has none.
     uv
@@ -43,7 +43,7 @@ class SurfaceAttributes:
 
     @classmethod
     def of(cls, objects: Sequence[SceneObject]) -> SurfaceAttributes:
-        """Join what the objects have."""
+        """Return the attributes of all objects, joined."""
         textures: list[Bytes] = []
         numbers = []
         for part in objects:

@@ -1,4 +1,4 @@
-"""Scenes by what people type.
+"""Scenes by name or path.
 
-catalogue  Scenes by what people type: the path of a scene file, or the name of a built-in scene
+catalogue  Scenes by name or path: the path of a scene file, or the name of a built-in scene
 """

@@ -1,4 +1,4 @@
-"""Scenes by what people type: the path of a scene file, or the name of a built-in scene."""
+"""Scenes by name or path: the path of a scene file, or the name of a built-in scene."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
     Parameters
     ----------
     text
-        The path of a TOML file, or a name out of `builtin.names()` or `hard_cases.names()`. A path
-        that ends in .toml is a file even if it is missing, and so is a `Path`; a built-in name comes
+        Path of a TOML file, or a name out of `builtin.names()` or `hard_cases.names()`. A text
+        that ends in .toml is a path even if the file is missing, and so is a `Path`; a built-in name comes
         before a file of the same name.
 
     Raises
     ------
     InputError
-        Neither, or the file is not a valid scene.
+        The text is neither, or the file is not a valid scene.
     """
     if isinstance(text, os.PathLike):
         return read_scene(Path(text))

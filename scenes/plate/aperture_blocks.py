@@ -11,19 +11,19 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.plate import Aperture, Plate
 
 Block = tuple[range, range]
-"""Columns and rows."""
+"""Columns and rows of a block."""
 
 
 @dataclass(frozen=True, eq=False)
 class ApertureBlocks(Sequence["Aperture"]):
-    """Blocks of apertures, each row by row from the top left; what lies in several blocks comes once.
+    """Blocks of apertures, each row by row from the top left; an aperture in several blocks comes once.
 
     Attributes
     ----------
     plate
         The plate that the apertures are cells of.
     blocks
-        Columns and rows of each.
+        Columns and rows of each block.
     """
 
     plate: Plate
@@ -39,8 +39,8 @@ class ApertureBlocks(Sequence["Aperture"]):
                         yield self.plate.aperture(column, row)
 
     def __len__(self) -> int:
-        """Return how many different apertures there are."""
-        # Between two neighboring ends of blocks all rows are alike.
+        """Return the number of different apertures."""
+        # Rows between two neighboring ends of blocks lie in the same blocks, and have the same columns.
         ends = sorted({end for _, rows in self.blocks for end in (rows.start, rows.stop)})
         return sum(
             (stop - start) * _covered([columns for columns, rows in self.blocks if start in rows])
@@ -52,7 +52,7 @@ class ApertureBlocks(Sequence["Aperture"]):
     @overload
     def __getitem__(self, index: slice) -> list[Aperture]: ...
     def __getitem__(self, index: int | slice) -> Aperture | list[Aperture]:
-        """Return an aperture by its place; of a single block without going through the others."""
+        """Return an aperture by its place; a single block computes it, several are gone through."""
         if isinstance(index, slice):
             return [self[place] for place in range(*index.indices(len(self)))]
         place = index + len(self) if index < 0 else index
@@ -65,7 +65,7 @@ class ApertureBlocks(Sequence["Aperture"]):
         return next(aperture for number, aperture in enumerate(self) if number == place)
 
     def __contains__(self, aperture: object) -> bool:
-        """Return whether an aperture is one of them."""
+        """Return whether an aperture lies in one of the blocks."""
         index = getattr(aperture, "index", None)
         return index is not None and any(
             index[0] in columns and index[1] in rows for columns, rows in self.blocks

@@ -1,4 +1,4 @@
-"""The settings of the paper's double frustum: what is asked of a rasterizer (paper, section 4).
+"""The settings of the paper's double frustum, with which a rasterizer draws (paper, section 4).
 
 Both answers need them: the rasterizer draws with them, and the reference traces the same offset
 cameras as an exact model of what the rasterizer should have drawn.
@@ -16,7 +16,8 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.frustum import Frustum
 
 SMALLEST_NEAR = 2.0**-126
-"""Scene units: the smallest normal float32. What a device makes of a smaller one is up to it."""
+"""Smallest near distance, in scene units: the smallest normal float32. Devices may round a smaller one to
+zero."""
 
 
 class DepthFormat(StrEnum):
@@ -28,10 +29,10 @@ class DepthFormat(StrEnum):
 
 
 class DepthMapping(StrEnum):
-    """How distance w from the camera, near n to far f, becomes the stored value.
+    """The function by which distance w from the camera, near n to far f, becomes the stored depth.
 
-    `STANDARD` is hyperbolic, 0 at near to 1 at far, with clip depth 0..1; `GL` the same with
-    OpenGL's own clip depth -1..1; `REVERSED` 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and
+    `STANDARD` is hyperbolic, 0 at near to 1 at far, with clip depth 0..1; `GL` is the same with
+    OpenGL's own clip depth -1..1; `REVERSED` goes from 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and
     `LINEAR` (w - n)/(f - n), both written by the fragment.
     """
 
@@ -43,7 +44,7 @@ class DepthMapping(StrEnum):
 
 
 class Pivot(StrEnum):
-    """Where the shear of a recentered frustum is centered.
+    """The point about which a recentered frustum is sheared.
 
     `APERTURE` moves the two cameras apart so that their frusta cross in the aperture plane (paper,
     section 5); `CAMERA` is the ordinary off-axis projection about each camera's own center.
@@ -54,21 +55,21 @@ class Pivot(StrEnum):
 
 
 class Offset(StrEnum):
-    """Whether the cameras step back so that near planes meet at the plate (paper), or stay and clip."""
+    """The choice of cameras that step back, so that near planes meet at the plate (paper), or stay."""
 
     PLATE = "plate"
     NONE = "none"
 
 
 class Fit(StrEnum):
-    """Which angles the offset cameras keep: the frustum's own, or those that draw the screen exactly."""
+    """The angles of the offset cameras: the frustum's own, or those that draw the screen exactly."""
 
     ANGLE = "angle"
     SCREEN = "screen"
 
 
 class Camera(StrEnum):
-    """Which of the two cameras draws (paper, figure 7)."""
+    """The cameras that draw: both, or one alone (paper, figure 7)."""
 
     BOTH = "both"
     C = "c"
@@ -84,17 +85,17 @@ class DoubleFrustum:
     near
         Offset of both cameras from the plate, n > 0, in scene units.
     depth, mapping
-        Depth buffer format, and what it stores.
+        Format of the depth buffer, and the function of distance that it stores.
     camera
         Both cameras, or one alone.
     pivot, offset
-        Of the cameras.
+        Point of the shear, and whether the cameras step back.
     fit
-        A `Fit`, or the height |z| whose two planes are drawn exactly; None for the usual: the first
-        slab's far end where there are slabs, else the angle.
+        A `Fit`, or the height |z| whose two planes are drawn exactly; None for the far end of the first
+        slab where there are slabs, else for the angle.
     slabs
         Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
-        plane of its own and cameras exactly at the aperture; `fit` and `offset` are about the first.
+        plane of its own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
 
     Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`.
 
@@ -139,9 +140,8 @@ class DoubleFrustum:
     def check_against(self, frustum: Frustum) -> None:
         """Raise InputError where these settings make no sense for a frustum.
 
-        That is unless 0 < near < reach (the larger of the two sides), where slabs lie beyond
-        the reach, where a fit to the screen has no screen, and where without an offset the near
-        plane would swallow the first slab.
+        They do if 0 < near < reach (the larger of the two sides), all slabs lie within the reach, a fit
+        to the screen has a screen, and, without an offset, the near plane lies within the first slab.
         """
         if not self.near < frustum.longest_reach:
             raise InputError(
@@ -169,7 +169,7 @@ class DoubleFrustum:
         return None if self.fit is None or isinstance(self.fit, Fit) else self.fit
 
     def sections(self, reach: float) -> tuple[tuple[float, float], ...]:
-        """Return the heights |z| from which to which each slab of one side extends, innermost first."""
+        """Return the two heights |z| between which each slab of one side lies, innermost first."""
         cuts = (0.0, *(height for height in self.slabs if height < reach), reach)
         return tuple(itertools.pairwise(cuts))
 
@@ -180,7 +180,7 @@ class DoubleFrustum:
 
 
 def _fit(given: Fit | float | None) -> Fit | float | None:
-    """Return a fit as a name or a positive height; None for the usual."""
+    """Return a fit as a name or a positive height; None where it is None."""
     if given is None or (isinstance(given, str) and given in list(Fit)):
         return None if given is None else Fit(given)
     height = real(given)

@@ -1,7 +1,7 @@
 """The crossed frustum's parameters: its film, its angles or its projection screen, its reach.
 
-Parameters only. What a line or a matrix is made from them is said twice, once in
-`xfrustum.reference.lines.lines` and once in `xfrustum.raster.cameras.cameras`, and never here: a formula
+This module has parameters only. The formulas that make lines and matrices of them are written twice, in
+`xfrustum.reference.lines.lines` and in `xfrustum.raster.cameras.cameras`, and never here: a formula
 shared by both answers would hide its own mistake.
 """
 
@@ -16,8 +16,8 @@ from xfrustum.scenes.errors import InputError
 SMALLEST_SLOPE = 1e-12
 """Smallest half-extent of a film, as a slope.
 
-Neighbouring lines of an image 1e4 pixels wide differ by 2e-4 of it. At 1e-12 that is the rounding of a shear
-of order one in double precision: below, they would be the same line.
+Neighboring lines of an image 1e4 pixels wide differ by 2e-4 of it. At 1e-12 that is the rounding of a shear
+of order one in double precision: with a smaller half-extent, they would be the same line.
 """
 
 
@@ -66,7 +66,7 @@ class Frustum:
     resolution
         Width and height of the hogel image in pixels.
     reach
-        How far surfaces are imaged, toward the viewer and behind the plate, in scene units.
+        Distances up to which surfaces are imaged, toward the viewer and behind the plate, in scene units.
     fov
         Full angles in x and y in radians, of a centered frustum; None where there is a screen.
     screen
@@ -110,5 +110,5 @@ class Frustum:
 
     @property
     def longest_reach(self) -> float:
-        """The reach without a side: the larger one; `near` is given as its fraction."""
+        """The larger reach of both sides, which is the reach where no side is named."""
         return max(self.reach)

@@ -24,7 +24,7 @@ class Aperture:
     Raises
     ------
     InputError
-        An index is no count, or a coordinate is not finite.
+        The column or row is no count, or a coordinate is not finite.
     """
 
     column: int

@@ -26,8 +26,8 @@ from __future__ import annotations
 
 from importlib import import_module
 
-# By its name type checkers know it; `typing` takes longer to import than everything else here, and until
-# `__main__` is reached a signal finds nobody who expects it.
+# Type checkers know this name. Importing `typing` would take longer than all the rest of this module, and
+# before `__main__` is reached no handler answers a signal.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ __all__ = [
     "write_plate",
 ]
 
-_MODULES = {  # module, and after a colon what the name is called there
+_MODULES = {  # module and, after a colon, the name in that module where it is another
     "Comparison": "compare",
     "compare_images": "compare",
     "BudgetReport": "reports.commands.budgeting",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import _signal  # type: ignore[import-not-found]  # nobody has described it to mypy
 import sys
 
-# Signals wait until somebody can answer them. `_signal` is the part of `signal` that Python is born with.
+# Signals wait until there are handlers. `_signal` is the part of `signal` that is built into Python.
 ENDING_SIGNALS = (_signal.SIGINT, _signal.SIGTERM)
 _signal.pthread_sigmask(_signal.SIG_BLOCK, ENDING_SIGNALS)
 
@@ -17,7 +17,7 @@ from xfrustum.cli import termination as cli_termination  # noqa: E402
 TRACEBACK_OPTION = "--traceback"
 
 UNWRITABLE_OUTPUT = 2
-"""Exit status where standard output cannot be written: that of bad input, which the user can mend."""
+"""Exit status where standard output cannot be written: that of bad input, for the user can mend it."""
 
 
 def run() -> int:
@@ -42,7 +42,7 @@ def run() -> int:
             f"error: standard output: cannot be written ({failure}); send it to a place that has room"
         )
         status = UNWRITABLE_OUTPUT
-    # The work is done. What Python and libraries do on their way out must not be turned into an exception.
+    # The work is done. A signal must not raise an exception while Python and libraries shut down.
     termination.ignore()
     if termination.received is not None:
         _leave(status)

@@ -1,4 +1,4 @@
-"""What people read in a terminal: which stream that is, and text from outside made fit for it."""
+"""The stream of the program's messages, and text from outside made fit for a terminal."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from typing import IO
 _UNPRINTABLE = re.compile(
     "["
     r"\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, but for tab and line feed
-    # Characters that are not seen, or that turn the direction of writing:
+    # Characters that are invisible, or that change the direction of writing:
     r"\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\U000e0000-\U000e0fff"
     r"\ud800-\udfff"  # halves of characters, among them bytes of names that are no UTF-8
     "]"
 )
 
 _ESCAPED_BYTES = range(0xDC80, 0xDD00)
-"""Code points by which Python stands for the bytes 0x80 to 0xff of a file name that is no UTF-8."""
+"""Code points that Python puts for the bytes 0x80 to 0xff of a file name that is no UTF-8."""
 
 
 _messages: IO[str] | None = None
 
 
 def messages() -> IO[str]:
-    """Return the stream that our messages and progress bars go to.
+    """Return the stream that the program's messages and progress bars go to.
 
-    It is `sys.stderr`, unless the command line has given that one to the libraries, for what they say.
+    It is `sys.stderr`, unless the command line has given that stream to the libraries.
     """
     return sys.stderr if _messages is None else _messages
 
 
 def send_messages_to(stream: IO[str]) -> None:
-    """Let our messages and progress bars go to another stream than `sys.stderr`."""
+    """Send the program's messages and progress bars to another stream than `sys.stderr`."""
     global _messages
     _messages = stream
 
@@ -39,8 +39,8 @@ def send_messages_to(stream: IO[str]) -> None:
 def printable(text: str) -> str:
     r"""Return text whose control characters are escaped, such as `\x1b`; tabs and line feeds stay.
 
-    Characters that are not seen or that turn the direction of writing are escaped as well, and bytes of file
-    names that are no UTF-8, as `\xff`.
+    Characters that are invisible or that change the direction of writing are escaped as well, and bytes of
+    file names that are no UTF-8, as `\xff`.
     """
     return _UNPRINTABLE.sub(_escaped, text)
 

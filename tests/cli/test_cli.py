@@ -18,30 +18,18 @@ import OpenEXR
 import pytest
 
 import xfrustum
+from tests.support.processes import signals_by_default
+from tests.support.scene_file import film, named, part
 from xfrustum.cli import failure as cli_failure
 from xfrustum.cli.main import main
 from xfrustum.scenes.library import builtin
 
-SCENE = """
-name = "two boxes"
-units = "mm"
-[plate]
-size = [40.0, 30.0]
-hogels = [5, 3]
-[frustum]
-resolution = [48, 32]
-fov_deg = [60.0, 40.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "box"
-scale = 12.0
-rotate_deg = [20.0, 30.0, 0.0]
-translate = [3.0, 1.0, 25.0]
-[[object]]
-shape = "box"
-scale = 30.0
-translate = [-4.0, 2.0, -35.0]
-"""
+SCENE = (
+    named("two boxes", "mm")
+    + film((40.0, 30.0), hogels=(5, 3), resolution=(48, 32), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    + part("box", 12.0, (3.0, 1.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
+    + part("box", 30.0, (-4.0, 2.0, -35.0))
+)
 
 
 @pytest.fixture
@@ -147,7 +135,7 @@ def test_compare_finds_a_scene_that_was_moved_with_its_images(
 def test_images_of_different_size_are_both_named_with_their_sizes(
     silent: str | None, images: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whichever of them, if any, says nothing of its camera."""
+    """One of the two images, if any, has no camera."""
     Path("boxes.toml").write_text(SCENE.replace("[48, 32]", "[40, 36]"))
     assert main(["raster", "boxes.toml", "--near", "0.5", "--out", "raster.exr"]) == 0
     if silent is not None:
@@ -163,7 +151,7 @@ def test_images_of_different_size_are_both_named_with_their_sizes(
 def test_of_a_scene_moved_and_broken_compare_tells_what_is_wrong_with_it(
     images: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Not that the place that the image names has no such file."""
+    """The message is about the image, and not about a missing file at the place that it names."""
     (tmp_path / "moved").mkdir()
     Path("boxes.toml").unlink()
     (tmp_path / "moved/boxes.toml").write_text("plate = 1\n")
@@ -237,7 +225,7 @@ def test_report_says_the_best_setting_and_where_the_page_is(
 
 
 LONG = 300 * "n"
-"""A name that no file system holds: 255 bytes are the most."""
+"""Name of a file that is longer than the 255 bytes that file systems allow."""
 
 BAD = [
     ("report missing.toml", "missing.toml"),
@@ -401,12 +389,6 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
     assert done.stderr.startswith("xfrustum: error: ")
 
 
-def signals_as_at_login() -> None:
-    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
 @pytest.mark.parametrize(
     ("stop", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
@@ -418,12 +400,12 @@ def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
         command,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=signals_as_at_login,  # noqa: PLW1509 - no threads here
+        preexec_fn=signals_by_default,  # noqa: PLW1509 - no threads here
     ) as process:
         while process.poll() is None and not any(tmp_path.iterdir()):
             time.sleep(0.01)
         assert any(tmp_path.iterdir()), "the report has begun"
-        # As `timeout` does; the second must not stop the cleaning up.
+        # `timeout` sends two signals; the second must not stop the cleaning up.
         for _ in range(2 if stop is signal.SIGTERM else 1):
             os.kill(process.pid, stop)
         _, said = process.communicate()

@@ -15,29 +15,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.processes import signals_by_default
+from tests.support.scene_file import film, part
 from xfrustum.cli import termination as cli_termination
 
-SCENE = """
-[plate]
-size = [40.0, 30.0]
-hogels = [5, 3]
-[frustum]
-resolution = [12, 8]
-fov_deg = [60.0, 40.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "box"
-scale = 12.0
-translate = [3.0, 1.0, 25.0]
-"""
+FILM = film((40.0, 30.0), hogels=(5, 3), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+SCENE = FILM + part("box", 12.0, (3.0, 1.0, 25.0))
 
 ENDED = {signal.SIGINT: (130, "xfrustum: interrupted\n"), signal.SIGTERM: (143, "xfrustum: terminated\n")}
-
-
-def signals_by_default() -> None:
-    """Undo what a shell does to its jobs in the background: they have Ctrl-C ignored."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def start(arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:
@@ -239,7 +224,7 @@ def test_a_pipe_that_nobody_reads_can_be_waited_for_and_given_up(tmp_path: Path)
 
 
 def test_what_runs_to_its_end_is_there_under_the_name_that_is_listed() -> None:
-    """A module or a function that moves elsewhere would be interrupted again."""
+    """Every listed name exists: a module or a function that moved would be interrupted again."""
     for name in cli_termination.UNINTERRUPTED_MODULES:
         import_module(name)
     listed = cli_termination.UNINTERRUPTED_FUNCTIONS | cli_termination.WAITING_FUNCTIONS
@@ -303,7 +288,7 @@ def traces_stopped_at_random_moments(count: int, seed: int, folder: Path) -> Non
             assert (said, left) == ("", ["x.exr"])
         else:
             assert (process.returncode, said) == ENDED[stop]
-            # What comes after the file has taken its place is no reason to take it away.
+            # A signal that comes after the file has taken its place does not remove the file.
             assert left in ([], ["x.exr"])
         assert list((folder / "temporary").iterdir()) == []
 

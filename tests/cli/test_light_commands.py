@@ -1,4 +1,4 @@
-"""Light on the command line: which effects, how many samples, which transport; and the paper's figure 7."""
+"""Light on the command line: effects, numbers of samples, transport; and the paper's figure 7."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.attribution.radiance_budget import LOCAL_LINKS
 from xfrustum.compare.metrics.display import encoded
@@ -19,32 +20,21 @@ from xfrustum.scenes.files.openexr.images import read_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.rendering import Rendering
 
-SCENE = """
-name = "two boxes"
-[plate]
-size = [8.0, 6.0]
-hogels = [5, 3]
-[frustum]
-resolution = [40, 30]
-fov_deg = [50.0, 40.0]
-reach = [50.0, 50.0]
+MATERIAL = """
 [material.shiny]
 diffuse = [0.4, 0.3, 0.2]
 specular = [0.5, 0.5, 0.5]
 exponent = 30.0
 [[light]]
 direction = [-1.0, 2.0, 3.0]
-[[object]]
-shape = "box"
-scale = 9.0
-rotate_deg = [20.0, 30.0, 0.0]
-translate = [2.0, 0.0, -24.0]
-material = "shiny"
-[[object]]
-shape = "sphere"
-scale = 4.0
-translate = [-3.0, 1.0, -14.0]
 """
+SCENE = (
+    named("two boxes")
+    + film((8.0, 6.0), hogels=(5, 3), resolution=(40, 30), fov_deg=(50.0, 40.0), reach=(50.0, 50.0))
+    + MATERIAL
+    + part("box", 9.0, (2.0, 0.0, -24.0), rotate_deg=(20.0, 30.0, 0.0), material="shiny")
+    + part("sphere", 4.0, (-3.0, 1.0, -14.0))
+)
 
 
 @pytest.fixture(autouse=True)
@@ -120,7 +110,7 @@ def test_the_header_says_what_made_the_picture() -> None:
 
 @pytest.mark.parametrize("asked_by", ["option", "scene"])
 def test_light_transport_chooses_the_tracer_that_can_do_it(asked_by: str, folder: Path) -> None:
-    """As in `report` and `budget`, which never ask who traces."""
+    """The paper's light has no transport, as in `report` and `budget`."""
     options = ["--interreflection", "--samples", "2"]
     if asked_by == "scene":
         (folder / "boxes.toml").write_text(SCENE + "[transport]\ninterreflection = true\nsamples = 2\n")

@@ -1,4 +1,4 @@
-"""What a command says: one line of ours, escaped, whatever the standard streams are connected to."""
+"""A command's message is one line of ours, escaped, whatever the standard streams are connected to."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
 from xfrustum.terminal import one_line, printable
 
@@ -21,7 +22,7 @@ HOSTILE = "\x1b]0;owned\x07\x1b[31m\u202e\x9b\x7f"
 
 
 def run(line: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run a line of shell, in which X is xfrustum."""
+    """Run a line of shell in which X stands for xfrustum."""
     return subprocess.run(
         ["bash", "-c", f'X() {{ "$PYTHON" -m xfrustum "$@"; }}; {line}'],
         cwd=folder,
@@ -173,9 +174,6 @@ def test_a_mesh_with_a_comment_that_is_no_utf_8_and_a_3mf_mesh_are_read(
 @pytest.fixture
 def verify_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
-    Path("boxes.toml").write_text(
-        "[plate]\nsize = [40.0, 30.0]\nhogels = [2, 1]\n"
-        "[frustum]\nresolution = [12, 8]\nfov_deg = [60.0, 40.0]\nreach = [50.0, 60.0]\n"
-        '[[object]]\nshape = "box"\nscale = 12.0\ntranslate = [3.0, 1.0, 25.0]\n'
-    )
+    size = film((40.0, 30.0), hogels=(2, 1), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    Path("boxes.toml").write_text(size + part("box", 12.0, (3.0, 1.0, 25.0)))
     return "boxes.toml"

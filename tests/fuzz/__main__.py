@@ -27,7 +27,7 @@ from tests.fuzz.inputs import KINDS, Seed
 from tests.fuzz.mutations import mutated, mutated_arguments
 
 BATCH = 50
-"""Inputs that a worker takes at once."""
+"""Number of inputs in one task of a worker."""
 
 PREPARED = (
     *("tests.fuzz.entries", "charset_normalizer", "drjit", "lxml.etree", "networkx", "skimage.measure"),
@@ -43,7 +43,7 @@ PREPARED = (
         "xfrustum.reports.verification.verification",
     ),
 )
-"""Modules that children use, those of other libraries that are imported late among them."""
+"""Modules that children use, among them those that other libraries import late."""
 
 
 def attacked(seed: Seed, number: int) -> tuple[tuple[str, ...], dict[str, bytes], bytes]:
@@ -135,7 +135,7 @@ def import_everything() -> None:
     with _silent():
         for name in PREPARED:
             importlib.import_module(name)
-    # Else every child looks for them anew.
+    # Without this, every child would look for the entry points again.
     Image.init()
 
 

@@ -17,33 +17,33 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HANG_S = 20.0
-"""Seconds after which a command that reads one small input hangs."""
+"""Seconds after which a command that reads one small input counts as hanging."""
 
 WRITTEN_BYTES = 1 << 26
 """Bytes of the largest file that an input may make a command write."""
 
 FORKED, CRASHED = 99, 98
-"""Exit statuses of a child that no command has: what was to run could not be run, or raised."""
+"""Exit statuses that no command has: the child could not run its command, or the command raised."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of one command.
+    """The outcome of one command.
 
     Attributes
     ----------
     status
         Exit status; minus the signal's number where one ended it.
     errors, output
-        What it wrote to standard error and standard output.
+        Bytes that the command wrote to standard error and standard output.
     peak_bytes
-        Memory at its largest.
+        Largest memory of the process, bytes.
     wall_s
-        Seconds.
+        Time that the command took, seconds.
     hung
-        Whether it was ended after `HANG_S`.
+        Whether the command was ended after `HANG_S`.
     left
-        Files and folders in its folder afterwards that were not there before, at the top.
+        Names of files and folders that the command added to its folder, at the top.
     """
 
     status: int
@@ -93,7 +93,7 @@ def _become(command: tuple[str, ...], folder: Path, told: Path) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         sys.argv = ["xfrustum", *command]
-        # Not before the fork: importing it holds signals back until it runs.
+        # Imported after the fork, because importing it holds signals back until it runs.
         from tests.fuzz.entries import ENTRIES
         from xfrustum.__main__ import run
         from xfrustum.cli.main import cli

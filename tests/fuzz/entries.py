@@ -1,4 +1,4 @@
-"""Commands that only the fuzzer has: a reader of a command, without the seconds that its verdict takes.
+"""Commands that only the fuzzer has: each reads what a command reads, without the slow verdict.
 
 They run inside the program like every other command, so that standard streams, messages and exit statuses are
 those of `xfrustum`. The child adds them to the command line.

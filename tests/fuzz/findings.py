@@ -1,4 +1,4 @@
-"""What no outcome may be, whatever the input."""
+"""The findings: outcomes that no input may have."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MEMORY_BYTES = 2 << 30
 """Memory that no small input may take."""
 
 PREFIX = b"xfrustum: "
-"""What every line that a command writes to standard error begins with."""
+"""Beginning of every line that a command writes to standard error."""
 
 
 BAR = re.compile(rb"[a-z0-9 ]+: +\d+%\|.*")
@@ -27,9 +27,9 @@ def findings(outcome: Outcome, outputs: frozenset[str], *, named: bool) -> Itera
     Parameters
     ----------
     outcome
-        What came of an input.
+        Outcome of an input.
     outputs
-        What its command may leave where it ends with 0 or 1.
+        Names of files that the command may leave if it ends with 0 or 1.
     named
         Whether the command line is the seed's own, so that outputs have the names that they should have.
     """

@@ -1,4 +1,4 @@
-"""What is mutated: files that are valid, of every kind that is read, and the commands that read them.
+"""The seeds of mutation: valid files of every kind that is read, and the commands that read them.
 
 Most inputs are only read, because a verdict takes a hundred times as long as reading what it is about; one in
 so many goes all the way:
@@ -93,9 +93,9 @@ class Seed:
     Attributes
     ----------
     name
-        Unique among all seeds; names of findings begin with it.
+        Name, unique among all seeds; names of findings begin with it.
     files
-        Content by name, relative to the folder that the command runs in.
+        Content of each file by its name, relative to the folder that the command runs in.
     mutated
         Name of the file that is mutated; empty where the command line itself is.
     command
@@ -103,7 +103,7 @@ class Seed:
     outputs
         Files and folders that the command may leave when it ends with 0 or 1.
     share
-        Number of inputs that it gets where a seed of share 1 gets one.
+        Number of inputs of this seed for each input of a seed of share 1.
     """
 
     name: str

@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _tried(victim: Victim, count: int, jobs: int, pool: ThreadPoolExecutor) -> Iterator[str]:
     """Kill one victim with every signal; print a line for each, and yield what was found."""
-    # As many at once as will be killed at once, and at least two, which tell what is always the same.
+    # As many run at once as will be killed at once; at least two, to find which output is always the same.
     whole = undisturbed(list(pool.map(lambda _: victim.run(), range(max(2, jobs)))))
     silent = f"{whole.silent_s:.2f} s before its first line"
     print(f"{victim.name}: undisturbed {whole.length_s:.1f} s, of which {silent}", flush=True)
@@ -50,7 +50,7 @@ def _tried(victim: Victim, count: int, jobs: int, pool: ThreadPoolExecutor) -> I
 
 
 def _row(number: signal.Signals, endings: list[Ending], wrong: list[str]) -> str:
-    """Return what came of one signal, in one line."""
+    """Return the outcome of one signal, in one line."""
     early = [ending for ending in endings if ending.early]
     statuses = Counter(ending.status for ending in endings if not ending.early)
     told = [f"{status}: {n}" for status, n in sorted(statuses.items())]

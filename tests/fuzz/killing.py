@@ -1,4 +1,4 @@
-"""One victim is killed: the moment, the signal, what it leaves, and what a second run makes of that."""
+"""The killing of one victim: the moment, the signal, the files that it leaves, and a second run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from tests.fuzz.victims import (
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
-"""Exit status by signal; a command that was done before ends as if there had been none."""
+"""Exit status by signal; a command that is done before the signal ends as if there had been none."""
 
 WORDS = {signal.SIGINT: b"xfrustum: interrupted\n", signal.SIGTERM: b"xfrustum: terminated\n"}
 
@@ -40,31 +40,31 @@ PATIENCE_S = 60.0
 """Seconds that a command may take to end after a signal."""
 
 RENDERER_S = 10.0
-"""Seconds within which a renderer ends by itself that nobody was left to end."""
+"""Seconds within which a renderer ends by itself if the program that should end it was killed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """How one victim ended.
+    """The end of one victim.
 
     Attributes
     ----------
     moment_s
-        When the signal was sent, after the start of the process.
+        Time from the start of the process to the signal, seconds.
     sent, early
-        Whether it was still running then; and whether Python itself had not reached the program yet.
+        Whether the victim was still running then; and whether Python had not reached the program yet.
     status, told, lasted_s
-        Exit status, standard error, and how long it took to end after the signal.
+        Exit status, standard error, and seconds from the signal to the end.
     children
-        How many processes of its own it had when the signal came.
+        Number of the victim's child processes when the signal came.
     orphans
-        Command lines of those that live on.
+        Command lines of child processes that live on.
     left
-        What nobody should find, by name.
+        Names of files in sight that are neither whole nor absent.
     hidden
-        What is left under names that the next run removes.
+        Names of files that the next run removes.
     again
-        What is wrong with a second run, nothing where it is complete; None where there was none.
+        Words for what is wrong with a second run, empty if it is complete; None without a second run.
     """
 
     moment_s: float
@@ -81,7 +81,7 @@ class Ending:
 
 
 def killed(victim: Victim, number: signal.Signals, seed: int, whole: Undisturbed) -> Ending:
-    """Kill a victim at a moment that the seed decides, and look at what is left."""
+    """Kill a victim at a moment that the seed decides, and examine the files that are left."""
     wanted_s = random.Random(f"{victim.name} {number} {seed}").uniform(0.0, whole.length_s)
     with workplace() as folder:
         begun = time.monotonic()
@@ -100,7 +100,7 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Undisturbed
         orphans = tuple(_orphans(folder, RENDERER_S if number is signal.SIGKILL else 0.0))
         left = tuple(_left(victim, folder, whole))
         hidden = tuple(_hidden(folder))
-        # Nothing is what a first run finds, too.
+        # A folder without any files is what a first run finds, too.
         untouched = not left and not hidden and not left_files(folder)
         return Ending(
             moment_s=moment - begun,
@@ -120,7 +120,7 @@ def killed(victim: Victim, number: signal.Signals, seed: int, whole: Undisturbed
 def problems(victim: Victim, number: signal.Signals, ending: Ending, whole: Undisturbed) -> Iterator[str]:
     """Yield what is wrong with an ending."""
     if ending.early:
-        # Python's own ways to end: by the signal, with a traceback of its own after Ctrl-C.
+        # Python itself ends by the signal, or with its own traceback after Ctrl-C.
         if ending.status not in {-number, ENDS[number], victim.status}:
             yield f"status {ending.status} before the first line"
     elif ending.status == ENDS[number]:
@@ -141,7 +141,7 @@ def problems(victim: Victim, number: signal.Signals, ending: Ending, whole: Undi
 
 
 def _left(victim: Victim, folder: Path, whole: Undisturbed) -> Iterator[str]:
-    """Yield what is neither whole nor absent, of what a killed command may leave in sight."""
+    """Yield the names of files in sight that a killed command left neither whole nor absent."""
     expected = {
         OUT,
         JUNIT,
@@ -181,14 +181,14 @@ def _is_whole(path: Path) -> bool:
 
 
 def _hidden(folder: Path) -> Iterator[str]:
-    """Yield what is aside: what a command is making, and what SQLite goes on with."""
+    """Yield the names of unfinished files, which begin with a dot, and of SQLite's journals."""
     for path in sorted(folder.rglob("*")):
         if path.name[0] == "." or path.name.endswith(("-journal", "-wal", "-shm")):
             yield path.relative_to(folder).as_posix()
 
 
 def _again(victim: Victim, folder: Path, whole: Undisturbed) -> str:
-    """Run a victim again, to its end, and return what is wrong with that."""
+    """Run a victim again, to its end, and return words for what is wrong with the result."""
     found_before, measured = _finished(folder), _measured(folder)
     process = victim.start(folder)
     printed, told = process.communicate()
@@ -218,12 +218,12 @@ def _finished(folder: Path) -> int:
 
 
 def _measured(folder: Path) -> dict[tuple[str, str], str]:
-    """Return what a study has kept so far."""
+    """Return the keys of the measurements that a study has kept so far."""
     name = "measurements.sqlite"
     if not (folder / OUT / name).exists():
         return {}
     with tempfile.TemporaryDirectory(prefix="kill-") as copy:
-        # Whoever opens it mends what a killed process left unfinished. The second run is to do that.
+        # Opening the file repairs what a killed process left unfinished; the second run is to do that.
         for path in (folder / OUT).glob(f"{name}*"):
             shutil.copy(path, copy)
         with closing(sqlite3.connect(Path(copy) / name)) as connection:
@@ -235,7 +235,7 @@ def _measured(folder: Path) -> dict[tuple[str, str], str]:
 
 
 def _measured_twice(folder: Path, before: dict[tuple[str, str], str]) -> str:
-    """Return what a study has measured again, though it was kept, or has lost."""
+    """Return words for measurements that a study has made again although they were kept, or has lost."""
     after = _measured(folder)
     if any(after.get(key) != result for key, result in before.items()):
         return "measurements are lost"
@@ -267,5 +267,5 @@ def _living(folder: Path) -> Iterator[str]:
             try:
                 if (process / "cwd").readlink() == folder:
                     yield (process / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-            except OSError:  # of somebody else, or gone
+            except OSError:  # the process belongs to another user, or is gone
                 continue

@@ -1,4 +1,4 @@
-"""Seeded damage: some of it blind, some of it with an idea of what texts and binary files are made of."""
+"""Seeded damage: some of it blind, some of it aware of the parts of texts and binary files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NUMBERS = (
     *("0x10", "1_000", "2147483647", "2147483648", "-2147483649", "4294967296", "9223372036854775808"),
     *("1" + "0" * 30, "9" * 400, "9" * 5000, "0." + "0" * 400 + "1", "1e99999", "true", '"text"', "[]", "{}"),
 )
-"""Numbers, and what is none, that have broken readers of numbers."""
+"""Numbers, and texts in place of numbers, that have broken readers of numbers."""
 
 WORDS = (
     "",
@@ -69,7 +69,7 @@ def mutated_arguments(arguments: tuple[str, ...], chance: random.Random) -> tupl
     """Return a command line of which one to three arguments are damaged."""
     damaged = list(arguments)
     for _ in range(chance.choice((1, 1, 2, 3))):
-        if not damaged:  # nothing is left to be damaged: the program without arguments is an input as well
+        if not damaged:  # no argument is left: the program without arguments is an input as well
             break
         at = chance.randrange(1, len(damaged)) if len(damaged) > 1 else 0
         action = chance.randrange(5)
@@ -178,4 +178,4 @@ MUTATIONS: tuple[Mutation, ...] = (
     *(_flip, _random_byte, _truncate, _remove, _repeat, _exchange, _whole_number, _whole_number),
     *(_number, _number, _number, _word, _word, _line, _nest),
 )
-"""Every kind of damage; those that find most are in here more than once."""
+"""All kinds of damage; the ones that find most are listed more than once."""

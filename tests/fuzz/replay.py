@@ -19,7 +19,7 @@ def entries() -> list[Path]:
 
 
 def found_of(seed: Seed, payload: bytes) -> list[str]:
-    """Return what one input finds."""
+    """Return the findings of one input."""
     command, files = seed.command, dict(seed.files)
     if seed.mutated:
         files[seed.mutated] = payload
@@ -29,7 +29,7 @@ def found_of(seed: Seed, payload: bytes) -> list[str]:
 
 
 def main() -> None:
-    """Replay all."""
+    """Replay every input of the corpus."""
     kinds = {path.name.split("-")[0] for path in entries()}
     seeds = {seed.name: seed for kind in sorted(kinds) for seed in KINDS[kind]()}
     import_everything()

@@ -12,13 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-# As in the program itself: signals are taken over before anything else is imported.
+# Signals are taken over before anything else is imported, as in the program itself.
 from xfrustum import __main__ as program
 from xfrustum.cli import termination as cli_termination
 
 
 def _noted(notes: Path) -> None:
-    """Let the store note what it has kept."""
+    """Let the store note every measurement that it has kept."""
     from xfrustum.reports.splitting_study.store import Store
 
     put = Store.put

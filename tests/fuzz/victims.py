@@ -20,24 +20,24 @@ from PIL import Image
 from tests.fuzz.inputs import SCENE, SHAPE
 
 TEMPORARY = "temporary"
-"""Folder for temporary files, which are to be removed as well."""
+"""Name of the folder for temporary files, which commands must empty as well."""
 
 OUT, JUNIT, NOTES = "out", "out.xml", "measured.txt"
-"""What commands write: folder, JUnit, and which measurements a study has made."""
+"""Names of what commands write: a folder, a JUnit file, and notes of a study's measurements."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What a victim did that nobody disturbed.
+    """The outcome of a victim that was not killed.
 
     Attributes
     ----------
     length_s, silent_s
-        How long it took, and how long of that until the program's first line was run.
+        Seconds that it took, and seconds of these until the program's first line was run.
     told
-        What it said on standard error.
+        Text that it wrote to standard error.
     files
-        Hash of every file that it left, by name.
+        Hash of every file that it left, by the file's name.
     """
 
     length_s: float
@@ -48,16 +48,16 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Undisturbed:
-    """What all runs have in common that nobody disturbed.
+    """The common outcome of all runs of a victim that were not killed.
 
     Attributes
     ----------
     length_s, silent_s
-        The longest.
+        Seconds of the longest run.
     told
-        What they said on standard error.
+        Text that the runs wrote to standard error.
     files
-        Hash of every file by name; empty where it differs between runs, because they measure times.
+        Hash of every file by its name; empty for a file that differs between runs, because it has times.
     """
 
     length_s: float
@@ -73,11 +73,11 @@ class Victim:
     Attributes
     ----------
     name
-        What it is called here.
+        Name of the victim.
     arguments
-        Of Python, in a folder with the scene.
+        Arguments of Python, run in a folder with the scene.
     status
-        With which it ends when nobody disturbs it.
+        Exit status of a run that is not killed.
     resumes
         Whether what a killed run leaves in its folder is kept, and a second run goes on with it; else
         the folder is whole or absent.
@@ -89,7 +89,7 @@ class Victim:
     resumes: bool = False
 
     def start(self, folder: Path) -> subprocess.Popen[bytes]:
-        """Start it as in the foreground of a terminal: a shell's background job would ignore Ctrl-C."""
+        """Start the command as in a terminal's foreground: a shell's background job would ignore Ctrl-C."""
         return subprocess.Popen(
             [sys.executable, *self.arguments],
             cwd=folder,
@@ -102,7 +102,7 @@ class Victim:
         )
 
     def run(self) -> Run:
-        """Run it without any disturbance."""
+        """Run the command to its end without killing it."""
         with workplace() as folder:
             begun = time.monotonic()
             process = self.start(folder)
@@ -157,7 +157,7 @@ def workplace() -> Iterator[Path]:
 
 
 def undisturbed(runs: Sequence[Run]) -> Undisturbed:
-    """Return what runs that nobody disturbed have in common."""
+    """Return the common outcome of some runs that were not killed."""
     first = runs[0]
     if any(run.files.keys() != first.files.keys() or run.told != first.told for run in runs):
         raise RuntimeError("two undisturbed runs leave other files, or say something else")

@@ -46,11 +46,11 @@ from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
 RESOLUTION = (160, 120)
 
 ONE_CODE = 1 / 255
-"""What a display of 8 bits tells apart: the worst that any pixel may be off."""
+"""Largest error of any pixel: a step of a display with 8 bits."""
 
 INTERPOLATED = 8 * 160 * 2.0**-23
-"""For nearly all pixels. Attributes are float32 plane equations over up to 160 pixels, evaluated with an
-error of about 160 2^-23 of their range; textures and highlights change up to eight times as fast."""
+"""Largest error of nearly all pixels: attributes are float32 plane equations over up to 160 pixels, evaluated
+with an error of about 160 2^-23 of their range; textures and highlights change up to eight times as fast."""
 
 DRESSED = ("asymmetric", "asymmetric-recentered", "car", "crossing", "large-triangles")
 
@@ -74,7 +74,7 @@ def flat_color(scene: Scene, **how: Any) -> Floats:
 @pytest.mark.parametrize("near", [2.0, 1e-4])
 @pytest.mark.parametrize("name", DRESSED)
 def test_radiance_is_that_of_the_definition_on_both_sides(name: str, near: float) -> None:
-    """Smooth and flat, colored and not, textured and not, three lights and an environment, no flips."""
+    """A scene smooth and flat, colored and not, textured and not, with three lights and an environment."""
     scene = dressed_scene(name, RESOLUTION)
     image = drawn(scene, reversed_d32f(near))
     error = np.abs(color_of(image) - radiance_by_definition(scene, image)).max(axis=-1)
@@ -104,7 +104,7 @@ FLIPS = {
 
 
 class TestFlips:
-    """Of the paper's three flips every one is needed; all of them together are the viewer's own light."""
+    """Each of the paper's three flips is needed; all together they are the viewer's own light."""
 
     scene = dressed_scene("asymmetric", RESOLUTION)
     settings = reversed_d32f(1e-3)
@@ -222,7 +222,7 @@ def smooth_environment(rows: int) -> Environment:
 
 
 def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> None:
-    """Against the closed form of a true sphere, with no mesh and no map."""
+    """The pictures agree with the closed form of a true sphere, computed without mesh and map."""
     bands, rows, radius, steepest = 96, 128, 12.0, 3.0
     centers = ((-9.0, 6.0, -42.0), (9.0, 7.0, 38.0))
     mirror = Material(ambient=(0, 0, 0), diffuse=(0, 0, 0), reflectivity=(1.0, 0.5, 0.25))
@@ -257,7 +257,7 @@ def test_a_mirror_sphere_shows_the_environment_on_both_sides_of_the_plate() -> N
 
 
 def test_the_environment_reaches_around_and_to_the_poles() -> None:
-    """Looked up by the shader in every direction, by a sphere seen from within all around."""
+    """A sphere seen from within looks the map up in every direction."""
     scene = dressed_scene("asymmetric", RESOLUTION)
     mirrors = {
         name: Material(ambient=(0, 0, 0), diffuse=(0, 0, 0), reflectivity=(1, 1, 1))
@@ -273,7 +273,7 @@ def test_the_environment_reaches_around_and_to_the_poles() -> None:
 
 
 def test_surfaces_that_tie_reflect_once() -> None:
-    """Where two are drawn at equal depth one of them is seen, and the other adds nothing."""
+    """Only one of two surfaces at equal depth is seen; the other adds nothing."""
     scene = view("hard/coincident-copies")
     mirror = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0, 0, 0), reflectivity=(1, 1, 1))
     look = Appearance(materials={"mirror": mirror}, lights=(), environment=patterned_environment())

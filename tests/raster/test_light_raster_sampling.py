@@ -23,12 +23,12 @@ from xfrustum.scenes.arrays import Floats, Mask, Singles
 RESOLUTION = (96, 72)
 SETTINGS = reversed_d32f(1e-3)
 FOUR = 4
-"""Coverage samples, of the software rasterizer and of every graphics card."""
+"""Number of coverage samples, which the software rasterizer and every graphics card have."""
 
 SINGLE = 2.0**-23
-"""Rounding of a mean to float32, of radiance below two."""
+"""Largest rounding of a mean radiance below two to float32."""
 INTERPOLATED = 192 * 2.0**-23
-"""Rounding of attributes, plane equations in float32 over 192 pixels."""
+"""Largest rounding of attributes, which are float32 plane equations over 192 pixels."""
 
 WHITE = Material(ambient=(1, 1, 1), diffuse=(0, 0, 0))
 
@@ -58,7 +58,7 @@ def test_supersampling_is_the_mean_over_the_boxes_of_a_larger_picture(n: int) ->
 
 
 def test_tiles_change_nothing_but_roundings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tiles that do not divide the film: 96 x 72 pixels, 11 x 11 at a time."""
+    """The tiles do not divide the film: 96 x 72 pixels in tiles of 11 x 11."""
     scene = dressed_scene("asymmetric-recentered", RESOLUTION)
     with Rasterizer(scene) as raster:
         whole = color(raster, supersample=3)
@@ -93,7 +93,7 @@ def half_plane(slope: float, resolution: tuple[int, int]) -> tuple[Scene, Floats
         objects=(part,),
         appearance=Appearance(materials={"white": WHITE}, lights=()),
     )
-    # By the midpoint rule over columns so thin that its error is far below a code.
+    # The midpoint rule over columns so thin that its error is far below a code.
     fine = (np.arange(width * 512) + 0.5) / 512 - width / 2
     bottom = height / 2 - 1 - np.arange(height)[:, None]
     covered = np.clip(fine * slope + 0.3 - bottom, 0, 1).reshape(height, width, 512).mean(axis=2)
@@ -131,7 +131,7 @@ class TestEdge:
 
 
 def interior(image: HogelImage) -> Mask:
-    """Pixels whose eight neighbors show the same triangle."""
+    """Return the pixels whose eight neighbors show the same triangle."""
     same = np.zeros(image.triangle.shape, dtype=np.bool_)
     inner = image.triangle[1:-1, 1:-1]
     height, width = image.triangle.shape
@@ -142,7 +142,7 @@ def interior(image: HogelImage) -> Mask:
 
 @pytest.mark.parametrize("samples", [2, 3, FOUR])
 def test_multisampling_shades_and_reflects_as_one_sample_does_away_from_edges(samples: int) -> None:
-    """However many more samples the device stores than are asked for."""
+    """This holds however many more samples the device stores than are asked for."""
     scene = dressed_scene("asymmetric", (192, 144))
     with Rasterizer(scene) as raster:
         plain = raster.render(scene.plate.middle, SETTINGS)
@@ -211,6 +211,7 @@ def test_finer_sampling_is_not_paid_for_where_nobody_asks(monkeypatch: pytest.Mo
     scene = dressed_scene("asymmetric", RESOLUTION)
     drawn = []
     with Rasterizer(scene) as raster:
+        assert raster._drawing is not None
         draw = raster._drawing.draw
 
         def counted(*arguments: Any, color: bool) -> None:
@@ -231,7 +232,7 @@ def test_band_limiting_is_the_mean_of_the_sub_apertures_own_images(name: str) ->
         places = sub_apertures(scene.plate, aperture, 7)
         mean = np.mean([color(raster, place) for place in places], axis=0, dtype=np.float64)
         np.testing.assert_allclose(color(raster, aperture, aperture=7), mean, atol=SINGLE)
-        # And of boxes of them.
+        # The same holds for boxes of pixels.
         mean = np.mean([color(raster, place, supersample=2) for place in places], axis=0, dtype=np.float64)
         both = color(raster, aperture, aperture=7, supersample=2)
         np.testing.assert_allclose(both, mean, atol=2 * SINGLE)
@@ -269,12 +270,12 @@ def grating(height: float, period: float, *, recentered: bool) -> Scene:
 
 
 def blur(height: float, *, recentered: bool) -> float:
-    """Width over which an aperture of one pitch spreads in a plane: zero in that of the screen."""
+    """Return the width over which an aperture of one pitch spreads in a plane: zero in the screen's."""
     return PITCH * abs(1 - height / SCREEN_HEIGHT) if recentered else PITCH
 
 
 def discrepancy(count: int) -> float:
-    """Largest share by which `sub_apertures` misjudge an interval from an end of the pitch."""
+    """Return the largest share by which `sub_apertures` misjudge an interval from an end of the pitch."""
     plate = Plate(size=(1.0, 1.0), hogels=(1, 1))
     x = np.sort([place.x + 0.5 for place in sub_apertures(plate, plate.middle, count)])
     steps = np.arange(count + 1) / count
@@ -306,5 +307,5 @@ def test_a_grating_in_the_plane_of_the_screen_stays_sharp() -> None:
         sharp = raster.render(middle, exact)
         averaged = raster.render(middle, exact, sampling=Sampling(aperture=16))
     assert sharp.color is not None and averaged.color is not None
-    # But for bars whose edges meet a pixel's center to within the rasterizer's roundings.
+    # Bars are left out whose edges meet a pixel's center to within the rasterizer's roundings.
     assert (np.abs(averaged.color - sharp.color) > SINGLE).mean() < 0.02

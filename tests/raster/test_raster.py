@@ -61,7 +61,7 @@ def test_c_star_over_c_is_both(name: str, depth: DepthFormat, mapping: DepthMapp
 
 @pytest.mark.parametrize(("depth", "mapping"), DEPTHS)
 def test_every_depth_format_draws_the_model(depth: DepthFormat, mapping: DepthMapping) -> None:
-    """At a near so large that even 16 bits order most of the scene."""
+    """Near is so large that even 16 bits order most of the scene."""
     scene = view("asymmetric", (256, 256))
     settings = DoubleFrustum(near=15.0, depth=depth, mapping=mapping)
     with Rasterizer(scene) as raster:
@@ -164,7 +164,7 @@ def test_near_beyond_the_reach_is_an_input_error(near: float) -> None:
 
 
 def test_an_image_larger_than_the_device_draws_is_an_input_error() -> None:
-    """Said before anything is traced or drawn."""
+    """The error comes before anything is traced or drawn."""
     with pytest.raises(InputError, match="resolution"):
         Rasterizer(view("asymmetric", (1 << 20, 2)))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
@@ -35,21 +36,8 @@ def longest_side() -> int:
 
 def write_scene(folder: Path, resolution: int) -> Path:
     path = folder / "large.toml"
-    path.write_text(
-        f"""
-        [plate]
-        size = [80.0, 60.0]
-        hogels = [81, 61]
-        [frustum]
-        resolution = [{resolution}, {resolution}]
-        fov_deg = [60.0, 60.0]
-        reach = [150.0, 150.0]
-        [[object]]
-        shape = "box"
-        scale = 20.0
-        translate = [0.0, 0.0, -50.0]
-        """
-    )
+    size = film((80.0, 60.0), (81, 61), (resolution, resolution), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+    path.write_text(size + part("box", 20.0, (0.0, 0.0, -50.0)))
     return path
 
 
@@ -70,6 +58,19 @@ def test_an_image_that_nothing_has_room_for_is_one_line_and_no_traceback(
     assert said.count("\n") == 1
     assert "choose a smaller frustum.resolution" in said
     assert not out.exists()
+
+
+def test_plan_refuses_an_image_that_nothing_has_room_for_before_it_searches(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def searched(*_: object, **__: object) -> None:
+        raise AssertionError("the search began")
+
+    monkeypatch.setattr("xfrustum.reports.commands.planning.make_plan", searched)
+    assert main(["plan", str(write_scene(tmp_path, longest_side()))]) == 2
+    said = capfd.readouterr().err
+    assert said.count("\n") == 1
+    assert "choose a smaller frustum.resolution" in said
 
 
 def test_the_largest_square_that_is_named_can_be_stored_and_one_more_cannot() -> None:
@@ -124,6 +125,6 @@ def test_trace_says_it_on_standard_error_unless_it_is_to_be_quiet(
         told = [line for line in printed.err.splitlines() if line.startswith("xfrustum: note: 64 x 64 are")]
         assert len(told) == lines
         assert printed.out == ""
-    # What was foretold bounds what came: the header has no more than some kilobytes.
+    # The predicted size bounds the actual one: the header has no more than some kilobytes.
     image = read_image(out)
     assert out.stat().st_size < 64 * 64 * FILE_BYTES + len(json.dumps(str(image.camera))) + (1 << 12)

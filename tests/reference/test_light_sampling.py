@@ -1,4 +1,4 @@
-"""The reference's means: over the boxes of pixels, over points of the aperture, and converged over it."""
+"""The reference's means: over the boxes of pixels, over points of the aperture, and to convergence."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ SHINY = Material(
 )
 
 MEAN = 2.0**-23
-"""Relative: the images that are averaged here are rounded to float32 once each, and so is the mean."""
+"""Relative rounding of a mean: each averaged image is rounded to float32 once, and so is the mean."""
 
 
 def scenery() -> Scene:
-    """Curved, flat and reflecting things with edges, on both sides of the plate."""
+    """Return a scene of curved, flat and reflecting objects with edges, on both sides of the plate."""
     parts = (ball((5.0, 2.0, -45.0), 14.0, "shiny", 3), ball((-4.0, 1.0, 30.0), 5.0, "shiny", 3))
     return lit(*parts, card((0, 0, -70), (60, 40)), frustum=SMALL, environment=sky(), shiny=SHINY)
 
@@ -113,7 +113,7 @@ PITCH = (PLATE.size[0] / PLATE.hogels[0], PLATE.size[1] / PLATE.hogels[1])
 
 
 def grating(period: float, z: float, duty: float) -> Scene:
-    """Glowing bars parallel to y over the whole film."""
+    """Return a scene of glowing bars parallel to y over the whole film."""
     count = math.ceil(70 / period)
     left = (np.arange(count) - count / 2) * period
     right = left + duty * period
@@ -137,7 +137,7 @@ def test_a_grating_finer_than_the_aperture_is_gray(z: float) -> None:
 
 
 class TestSmoothPicture:
-    """A highlight on a card that fills a recentered film: smooth in the aperture's point, in closed form."""
+    """A highlight on a card that fills a recentered film: a smooth function of the aperture's point."""
 
     COARSE = replace(PLATE, size=(60.0, 60.0), hogels=(3, 3))
     """Apertures so wide that their lines differ by some 0.3 in slope."""
@@ -149,7 +149,7 @@ class TestSmoothPicture:
         return replace(scene, plate=self.COARSE)
 
     def integral(self) -> Floats:
-        """Over all points of the middle aperture, by the 20-point rule of Gauss on each axis."""
+        """Return the mean over the middle aperture, by the 20-point rule of Gauss on each axis."""
         nodes, weights = np.polynomial.legendre.leggauss(20)
         screen = SMALL.screen
         assert screen is not None
@@ -160,14 +160,14 @@ class TestSmoothPicture:
             for y, of_y in zip(nodes * 10.0, weights / 2, strict=True):
                 dx = -(screen.center[0] - x) / screen.height + u * screen.size[0] / 2 / screen.height
                 dy = -(screen.center[1] - y) / screen.height + v * screen.size[1] / 2 / screen.height
-                # Of the eye vector -d, the part along the card's normal stays and the rest turns over.
+                # The eye vector's part along the card's normal stays; the rest of -d changes its sign.
                 mirrored = np.stack(np.broadcast_arrays(dx, dy[:, None], 1.0), axis=-1)
                 along = mirrored @ np.array(SUN.direction) / np.linalg.norm(mirrored, axis=-1)
                 total += of_x * of_y * np.maximum(along, 0.0) ** self.PAINT.exponent
         return np.asarray(total[..., None] * SUN.color)
 
     def test_the_error_of_sub_apertures_falls_as_one_over_their_number(self) -> None:
-        """As of an additive recurrence: -1 but for a logarithm. Independent random points would give -1/2."""
+        """An additive recurrence has slope -1 but for a logarithm; independent random points have -1/2."""
         exact, reference = self.integral(), Reference(self.scene())
         counts = [8, 32, 128, 512]
         errors = []
@@ -180,13 +180,13 @@ class TestSmoothPicture:
         assert errors[-1] < 2e-3 * np.abs(exact).max()
 
     def test_convergence_reaches_what_it_says(self) -> None:
-        """And scrambled points do so as N^-1.5, of a picture as smooth as this."""
+        """The error of scrambled points falls as N^-1.5 for a picture as smooth as this."""
         exact, reference = self.integral(), Reference(self.scene())
         found = [reference.converged(self.COARSE.middle, tolerance) for tolerance in (1e-3, 3e-5)]
         errors = [float(np.sqrt(np.mean((one.color - exact) ** 2))) for one in found]
         for one, error, tolerance in zip(found, errors, (1e-3, 3e-5), strict=True):
             assert one.error <= tolerance
-            # Known from 8 estimates that all pixels share in part: Student's t with 7 degrees, at 1e-4.
+            # The error comes from 8 estimates that pixels share in part: Student's t, 7 degrees, at 1e-4.
             assert error <= 7.1 * one.error
         order = np.log(errors[1] / errors[0]) / np.log(found[1].points / found[0].points)
         assert order < -1.1

@@ -1,4 +1,4 @@
-"""Pixel to line: the geometry of the design and of the paper's sections 3 to 5."""
+"""Pixel to line: the geometry of CONVENTIONS.md and of the paper's sections 3 to 5."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def film_corner(pencil: Pencil, u: int, v: int, s: float) -> Floats:
 @pytest.mark.parametrize("aperture", APERTURES)
 @pytest.mark.parametrize("screen", SCREENS)
 def test_the_screen_fills_the_film_of_every_aperture(screen: Screen, aperture: Aperture) -> None:
-    """In front of the plate its image is mirrored in both axes, as everything there is."""
+    """The image of a screen in front of the plate is mirrored in both axes."""
     pencil = crossed_frustum(recentered(screen), aperture)
     mirror = -1 if screen.height > 0 else 1
     for u in (-1, 1):

@@ -22,12 +22,12 @@ TRIANGLES_AT_ONCE, LINES_AT_ONCE = 32, 1024
 
 @dataclass(frozen=True, kw_only=True)
 class Hits:
-    """What each of N lines meets first.
+    """The first surface on each of N lines.
 
     Attributes
     ----------
     triangle
-        (N,) number, -1 where a line meets none.
+        (N,) number of the triangle met first, -1 where a line meets none.
     s, second
         (N,) where it meets the first, and where the next; infinite where there is none.
     """
@@ -97,8 +97,7 @@ def _dot(a: list[Floats] | Floats, b: list[Floats] | Floats) -> Floats:
 def near_an_edge(triangles: Floats, center: Floats, d: Floats, pixels_per_slope: Floats, px: float) -> Mask:
     """Return which lines pass an edge of any triangle within a distance on the film in pixels.
 
-    Of an edge that crosses the plane of the center, which runs through infinity on the film, the whole
-    line counts.
+    An edge that crosses the plane of the center runs through infinity on the film: its whole line counts.
     """
     near = np.zeros(len(d), dtype=np.bool_)
     scale = np.append(pixels_per_slope, 1.0)

@@ -1,4 +1,4 @@
-"""What rational arithmetic says about chosen pixels, with nothing left out but what cannot matter."""
+"""The answer of rational arithmetic for chosen pixels; only triangles that cannot matter are left out."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from xfrustum.scenes import Aperture, Scene
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 SURELY = 1e-12
-"""Relative to the sum of absolute products: a thousand times the rounding of a dozen operations."""
+"""Margin relative to the sum of absolute products: a thousand times the rounding of a dozen operations."""
 
 LINES_AT_ONCE = 64
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExactPixel:
-    """What one line meets first.
+    """The first surface on one line.
 
     Attributes
     ----------
     winners
         All triangles met there, in ascending order; empty where it meets none.
     s
-        Where, NaN where it meets none.
+        The s at which the line meets them; NaN where it meets none.
     """
 
     winners: list[int]

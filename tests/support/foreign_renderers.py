@@ -30,7 +30,7 @@ from xfrustum.scenes.plate.double_frustum import Fit, Pivot
 from xfrustum.scenes.plate.frustum import Screen
 
 INVISIBLE = 1e-5
-"""Near offset as a part of the reach that moves no pixel of these scenes by what has a name."""
+"""Near offset as a part of the reach that moves no pixel of these scenes by enough to have a name."""
 
 
 def small(name: str = "asymmetric-recentered", size: int = 64) -> Scene:
@@ -69,7 +69,7 @@ class Faulty:
         self.rasterizer.release()
 
     def __call__(self, scene: Scene, aperture: Aperture) -> HogelImage:
-        """Draw what this renderer takes for the hogel of an aperture."""
+        """Draw the image that this renderer takes for the hogel of an aperture."""
         columns, rows = scene.plate.hogels
         index = self.order.index(aperture.index, (columns, rows))
         asked = scene.plate.aperture(*index)
@@ -155,7 +155,7 @@ def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
     width, height = camera.resolution
     u = (2 * np.arange(width) + 1) / width - 1
     v = 1 - (2 * np.arange(height) + 1) / height
-    # From C*'s center at z = -near along -d: up to the viewer.
+    # Lines run from C*'s center at z = -near along -d, toward the viewer.
     d = np.stack(np.broadcast_arrays(-(kx + u * tx), -(ky + v * ty)[:, None], 1.0), axis=-1).reshape(-1, 3)
     center = np.array([ax + near * kx, ay + near * ky, -near])
     best, number = np.full(len(d), np.inf), np.full(len(d), NOTHING, dtype=np.int32)
@@ -164,7 +164,7 @@ def nearest_wins(scene: Scene, front: HogelImage, near: float) -> HogelImage:
         inside = (sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             s = np.dot(p, np.cross(q, r)) / sides.sum(axis=0)
-        # Between the plate and the reach.
+        # Only surfaces between the plate and the reach count.
         met = inside & (s > near) & (s <= near + scene.frustum.reach[0]) & (s < best)
         best[met], number[met] = s[met], index
     triangle = number.reshape(height, width)

@@ -1,4 +1,4 @@
-"""Hard cases as tests look at them: each scene and each of its true images made once."""
+"""Hard cases for tests: each scene and each of its true images is made once."""
 
 from __future__ import annotations
 

@@ -36,13 +36,13 @@ def unit(vectors: Floats) -> Floats:
 
 
 def decoded(codes: Bytes) -> Floats:
-    """sRGB, as IEC 61966-2-1 has it."""
+    """Return linear RGB of sRGB by IEC 61966-2-1."""
     c = codes / 255.0
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
 def bilinear(picture: Floats, x: Floats, y: Floats, *, wrap_rows: bool) -> Floats:
-    """Between the centers of texels, x and y counted in texels; around in columns, and in rows or not."""
+    """Interpolate between texel centers; x and y are in texels. Columns wrap around, rows if asked to."""
     rows, columns = picture.shape[:2]
     x, y = x - 0.5, y - 0.5
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -166,7 +166,7 @@ def dressed(part: SceneObject, seed: int) -> SceneObject:
     normals = smooth.vertex_normals.copy()
     normals[generator.random(len(normals)) < 0.05] = np.nan
     colors = generator.uniform(0.2, 1.0, part.vertices.shape)
-    # Laid on from the side, so that a texel is of the size of a few triangles' pixels.
+    # The texture is projected from the side, so that a texel covers the pixels of a few triangles.
     uv = part.vertices[:, :2] * 0.11 + part.vertices[:, 2:] * [0.05, -0.03]
     textures = tuple(generator.integers(0, 256, (*size, 4)).astype(np.uint8) for size in ((5, 9), (16, 4)))
     number = generator.integers(-1, 2, len(part.faces)).astype(np.int32)

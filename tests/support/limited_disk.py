@@ -23,7 +23,7 @@ from xfrustum.cli.main import main
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of one command under one limit: hashes of the files that it left, by name."""
+    """The outcome of one command under one limit: hashes of the files that it left, by name."""
 
     limit: int
     status: int

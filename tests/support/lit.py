@@ -1,4 +1,4 @@
-"""Small scenes with light: what tests of shading and of light transport look at."""
+"""Small scenes with light, for tests of shading and of light transport."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.plate.frustum import Screen
 
 FLOAT32 = 2.0**-24
-"""Colors are rounded to float32 once, relative to their own size."""
+"""Largest relative rounding of a color to float32."""
 
 ROUNDING = 4 * FLOAT32
 """The rounding of the color, and formulas in doubles that are far below it."""
@@ -29,20 +29,20 @@ CENTERED = Frustum(resolution=(48, 36), reach=REACH, fov=(math.radians(60), math
 RECENTERED = Frustum(
     resolution=(48, 36), reach=REACH, screen=Screen(height=70.0, center=(4.0, -6.0), size=(80.0, 60.0))
 )
-"""Wider than high and off center on both axes."""
+"""A recentered frustum, wider than high and off center on both axes."""
 
 SUN = DirectionalLight(direction=(-2.0, 1.0, 2.0), color=(1.0, 0.8, 0.5))
 LAMP = DirectionalLight(direction=(1.0, -0.5, 0.4), color=(0.1, 0.3, 0.6))
 """Two lights that no exchange of axes or channels makes equal."""
 
 GLOW = Material(ambient=(1.0, 1.0, 1.0), diffuse=(0.0, 0.0, 0.0))
-"""Shows its albedo, whatever the light."""
+"""A material that shows its albedo, whatever the light."""
 
 
 def quad(
     corners: ArrayLike, material: str | None = None, uv: ArrayLike | None = None, **attributes: ArrayLike
 ) -> SceneObject:
-    """Two triangles between four corners (4, 3), counterclockwise from their front."""
+    """Return two triangles between four corners (4, 3), counterclockwise from their front."""
     return SceneObject(
         name="quad",
         vertices=np.asarray(corners, dtype=np.float64),
@@ -56,7 +56,7 @@ def quad(
 def card(
     center: tuple[float, float, float], size: tuple[float, float], material: str | None = None
 ) -> SceneObject:
-    """A rectangle parallel to the plate that faces the viewer."""
+    """Return a rectangle parallel to the plate that faces the viewer."""
     x, y, z = center
     w, h = size[0] / 2, size[1] / 2
     return quad([(x - w, y - h, z), (x + w, y - h, z), (x + w, y + h, z), (x - w, y + h, z)], material)
@@ -69,7 +69,7 @@ def ball(
     subdivisions: int = 4,
     smooth: bool = True,
 ) -> SceneObject:
-    """A sphere of triangles, with the normals of the true sphere at its vertices or flat."""
+    """Return a sphere of triangles, with the normals of the true sphere at its vertices or flat."""
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
     vertices = np.array(mesh.vertices)
     return SceneObject(
@@ -89,7 +89,7 @@ def lit(
     sampling: Sampling | None = None,
     **materials: Material,
 ) -> Scene:
-    """A scene of objects under lights; other arguments are its materials by name."""
+    """Return a scene of objects under lights; other arguments are its materials by name."""
     return Scene(
         name="lit",
         plate=PLATE,
@@ -101,7 +101,7 @@ def lit(
 
 
 def sky(width: int = 64, height: int = 32) -> Environment:
-    """A smooth map of what `sky_radiance` says, that no symmetry leaves as it is."""
+    """Return a smooth map of `sky_radiance`, which no symmetry leaves unchanged."""
     longitude = (np.arange(width) + 0.5) / width * 2 * math.pi - math.pi
     from_top = (np.arange(height) + 0.5) / height * math.pi
     down, around = np.meshgrid(from_top, longitude, indexing="ij")
@@ -112,11 +112,11 @@ def sky(width: int = 64, height: int = 32) -> Environment:
 
 
 def sky_radiance(directions: Floats) -> Floats:
-    """Linear RGB of unit directions (..., 3): a different linear function of x, y, z in each channel."""
+    """Return linear RGB of unit directions (..., 3), another linear function of x, y, z in each channel."""
     return np.asarray(1.0 + directions @ np.array([(0.5, 0.1, 0.0), (0.2, 0.5, -0.2), (-0.1, 0.2, 0.6)]))
 
 
 def eyes(scene: Scene, aperture: Aperture) -> Floats:
-    """Unit vectors (H, W, 3) toward the viewer along each line, on both sides of the plate."""
+    """Return unit vectors (H, W, 3) toward the viewer along each line, on both sides of the plate."""
     d = lines_by_definition(scene, aperture)
     return np.asarray(-d / np.linalg.norm(d, axis=-1, keepdims=True))

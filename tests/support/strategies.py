@@ -13,7 +13,7 @@ from xfrustum.scenes.arrays import Floats
 
 EIGHTHS = st.integers(-96, 96).map(lambda n: n / 8)
 ANYTHING = st.floats(-12, 12).map(lambda x: x if abs(x) > 2.0**-100 else 0.0)
-"""The bounds of rounding errors hold while no product underflows."""
+"""Coordinates of any kind for which no product underflows, so that the bounds of rounding errors hold."""
 REACH = 12.0
 
 
@@ -29,7 +29,7 @@ def frusta(draw: st.DrawFn, *, exact: bool = False) -> Frustum:
     Parameters
     ----------
     exact
-        Only those whose slopes are whole multiples of 1/64: nothing is rounded before a line begins.
+        Whether all slopes are whole multiples of 1/64, so that nothing is rounded before a line begins.
     """
     resolution = (draw(st.sampled_from([4, 8, 16])), draw(st.sampled_from([4, 8])))
     reach = (draw(st.sampled_from([REACH, 5.0])), draw(st.sampled_from([REACH, 7.0])))
@@ -64,7 +64,7 @@ def near_misses(draw: st.DrawFn, center: Floats, lines: Floats) -> Floats:
     on_a_line = st.builds(lambda n, s: tuple((center + s * lines[n]).tolist()), line, s)
     points = draw(st.lists(on_a_line, min_size=3, max_size=9, unique=True))
     for _ in range(draw(st.integers(0, 4))):
-        # A point of an edge or of a triangle that is there already.
+        # A point on an edge or inside a triangle of an earlier round.
         some = [points[draw(st.integers(0, len(points) - 1))] for _ in range(3)]
         share = draw(st.floats(0, 1))
         points.append(tuple((np.array(some[0]) * share + np.array(some[1]) * (1 - share)).tolist()))

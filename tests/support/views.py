@@ -1,4 +1,4 @@
-"""Scenes as tests look at them: reduced, from beside the checkout, or made of a few triangles."""
+"""Scenes for tests: reduced ones, those beside the checkout, and those made of a few triangles."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def view(name: str, resolution: tuple[int, int] | None = None) -> Scene:
 
 
 def reversed_d32f(near: float) -> DoubleFrustum:
-    """Return the settings without a depth problem."""
+    """Return settings with reversed float depth, which has no depth errors that matter."""
     return DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
 
@@ -55,7 +55,7 @@ def soup(triangles: Floats, frustum: Frustum, size: float = 16.0) -> Scene:
 
 
 def at(x: float, y: float) -> Aperture:
-    """Return an aperture anywhere, whatever its index."""
+    """Return an aperture at any place; its index means nothing."""
     return Aperture(column=0, row=0, x=x, y=y)
 
 

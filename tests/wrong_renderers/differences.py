@@ -1,4 +1,4 @@
-"""How wrong a picture is, by brute force: pixel by pixel against every surface that its line meets."""
+"""The errors of a picture by brute force: each pixel against every surface that its line meets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.wrong_renderers.worlds import Ints, World
 Mask = NDArray[np.bool_]
 
 COLOR = 0.1
-"""Linear radiance: two colors this far apart are never the same surface seen rightly; rounding is 1/510."""
+"""Difference in linear radiance above which colors show different surfaces; rounding is 1/510."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class Difference:
     elsewhere than first, or nowhere within a pixel; of plain pictures, those with colors over `COLOR`
     apart."""
     pixels: int
-    """The wrong ones of all hogels."""
+    """Number of wrong pixels in all hogels."""
 
 
 def difference(world: World, pictures: dict[tuple[int, int], Picture], encoding: str) -> Difference:
@@ -58,7 +58,7 @@ def _share(of: Mask, shown: Mask) -> float:
 
 
 def _misplaced(world: World, i: int, j: int, claims: Ints, truth: Ints) -> Mask:
-    """Whether a claimed triangle of the right object lies beside the pixel, but not under it."""
+    """Return whether a claimed triangle of the right object lies beside the pixel, but not under it."""
     count = len(world.triangles)
     object_of = np.append(world.object_of, -1)
     valid = (claims > 0) & (claims <= count) & (truth > 0)

@@ -1,4 +1,4 @@
-"""What `xfrustum verify` says of a renderer of this package, and the table of all."""
+"""The outcome of `xfrustum verify` for a renderer of this package, and the table of all."""
 
 from __future__ import annotations
 
@@ -49,31 +49,31 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What was said, and what is so."""
+    """The outcome of `verify` for one case beside the brute force's counts."""
 
     case: Case
     truth: Difference
     verdict: str
     findings: tuple[Finding, ...]
     rejected: tuple[str, ...]
-    """Names of what `verify` itself says does not explain the images."""
+    """Names of faults that `verify` says do not explain the images."""
     admits: bool
-    """Whether it says that no known fault explains them."""
+    """Whether `verify` says that no known fault explains the images."""
     wrong: int
-    """Pixels that `verify` counts as wrong, as found."""
+    """Number of pixels that `verify` counts as wrong in the images as found."""
     residual: int
-    """Wrong pixels after correction, without those whose cause is rounding."""
+    """Number of wrong pixels after correction, except those that rounding explains."""
     displacement: float | None
-    """Worst 99th percentile in pixels, as `verify` says."""
+    """Largest 99th percentile of displacement of a hogel by `verify`, px."""
 
     @property
     def names(self) -> frozenset[str]:
-        """All that was named, alternatives among it."""
+        """All faults that were named, alternatives included."""
         return frozenset(name for found in self.findings for name in (found.name, *found.alternatives))
 
     @property
     def explained(self) -> float | None:
-        """Share of the wrong pixels that correction takes away, by counts; None where nothing is wrong."""
+        """Share of the wrong pixels that correction removes; None where nothing is wrong."""
         return 1 - self.residual / self.wrong if self.wrong else None
 
     def named(self, names: Iterable[str]) -> bool:
@@ -86,13 +86,13 @@ SCENES = {"harbor": worlds.harbor, "attic": worlds.attic, "crowd": worlds.crowd}
 
 @cache
 def world_of(scene: str) -> World:
-    """Each scene is made once."""
+    """Return a scene; each is made once."""
     return SCENES[scene]()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Studio:
-    """Draws, writes and verifies, everything once, under one folder."""
+    """A folder in which pictures are drawn, written and verified, each once."""
 
     folder: Path
     done: dict[Case, Outcome] = field(default_factory=dict)
@@ -148,12 +148,12 @@ def read(case: Case, truth: Difference, said: Mapping[str, Any]) -> Outcome:
 
 
 def _names(entries: Sequence[Any]) -> list[str]:
-    """The names of faults in a list of them, or of objects that have one."""
+    """Return the names of faults in a list of names, or of objects with a name."""
     return [entry if isinstance(entry, str) else entry["fault"] for entry in entries]
 
 
 def cases(scenes: Sequence[str] = tuple(SCENES), toys: Sequence[Toy] = tuple(TOYS.values())) -> list[Case]:
-    """All that means something: a toy for one scene with that scene, the others with all but `crowd`."""
+    """Return all sensible cases: a toy for one scene with that scene, the others with all but `crowd`."""
     return [
         Case(scene=scene, toy=toy.name, encoding=encoding)
         for scene in scenes
@@ -170,7 +170,7 @@ HEADER = (
 
 
 def row(outcome: Outcome) -> str:
-    """A line of the table.
+    """Return a line of the table.
 
     `truly wrong` is our own count in the worst hogel, `taken away` the share that correction mends.
     """
@@ -197,5 +197,5 @@ def row(outcome: Outcome) -> str:
 
 
 def table(outcomes: Iterable[Outcome]) -> str:
-    """All lines in Markdown."""
+    """Return the table in Markdown."""
     return "\n".join([HEADER, *map(row, outcomes)])

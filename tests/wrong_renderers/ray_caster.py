@@ -14,39 +14,39 @@ from tests.wrong_renderers.worlds import Floats, Ints, World
 
 Picture = NDArray[np.uint8]
 BLOCK = 24
-"""Pixels that are cast at once: their products with all triangles stay in the processor's cache."""
+"""Number of pixels cast together: their products with all triangles fit the processor's cache."""
 
 
 FRONT = 1e6
-"""Millimeters: more than any reach, so that one half comes before the other."""
+"""Offset of ranks, mm: more than any reach, so that one half comes before the other."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mistakes:
-    """What is otherwise than it should be; nothing by default."""
+    """The deviations of a renderer from the right one; by default there are none."""
 
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Added to the scene, mm."""
+    """Translation of the scene, mm."""
     scale: float = 1.0
     """Factor of the scene about the plate's center, while the plate stays."""
     any_reach: bool = False
     """Whether surfaces out of reach are drawn too."""
     aperture: tuple[float, float] = (0.0, 0.0)
-    """Added to each aperture, in hogels, to the right and up."""
+    """Offset of each aperture to the right and up, in hogels."""
     plate: tuple[float, float] = (1.0, 1.0)
     """Factors of the distances between apertures."""
     film: tuple[float, float] = (1.0, 1.0)
     """Factors of the film's extent."""
     sample: tuple[float, float] = (0.0, 0.0)
-    """Added to the point that a pixel is sampled in, px to the right and down."""
+    """Offset of a pixel's sampling point to the right and down, px."""
     near: float = 0.0
-    """Both cameras step back by it."""
+    """Distance by which both cameras step back, mm."""
     winner: str = "first"
-    """Which surface wins; `rank` has the names."""
+    """Rule for the surface that wins; `rank` has the names."""
     cull: int = 0
-    """1: triangles seen counterclockwise are left out; -1: the others."""
+    """Winding that is left out: 1 for triangles seen counterclockwise, -1 for the others, 0 for none."""
     light: str = "right"
-    """`right`; `not conjugated`: C* has it on the wrong side; `head`: from the viewer, without ambient."""
+    """Light: `right`, `not conjugated` (on C*'s wrong side) or `head` (from the viewer, without ambient)."""
 
 
 RIGHT = Mistakes()
@@ -59,7 +59,7 @@ class Hits:
     pixel: Ints
     triangle: Ints
     s: Floats
-    """Along the line, from its center; negative on the viewer's side."""
+    """(M,) s of each meeting, from the line's center; negative on the viewer's side."""
 
 
 def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
@@ -81,7 +81,7 @@ def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
 
 
 def lines(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Floats, Floats, Floats]:
-    """The aperture, the directions (H * W, 3) of its lines, and its shear, by CONVENTIONS.md."""
+    """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by CONVENTIONS.md."""
     (columns, rows), (width, height) = world.hogels, world.resolution
     sx, sy = world.size
     x = ((i + 0.5) * sx / columns - sx / 2) * wrong.plate[0] + wrong.aperture[0] * sx / columns
@@ -99,7 +99,7 @@ def lines(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Floats
 
 
 def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hits, Floats]:
-    """Every surface that a line of the two cameras meets within their halves; and the lines' directions."""
+    """Return all meetings of the two cameras' lines within their halves, and the lines' directions."""
     center, directions, shear = lines(world, i, j, wrong)
     triangles = world.triangles[world.seen] * wrong.scale + wrong.move
     n = wrong.near
@@ -129,7 +129,7 @@ def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hit
 
 
 def rank(s: Floats, winner: str) -> Floats:
-    """What is smallest for the surface that wins; infinite for those that are not drawn."""
+    """Return a rank that is smallest for the surface that wins, infinite for those not drawn."""
     front = s < 0
     return {
         "first": s,
@@ -143,12 +143,12 @@ def rank(s: Floats, winner: str) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shown:
-    """What one aperture's film shows: triangle numbers, -1 for none, and linear radiance, not rounded."""
+    """The image of one aperture: triangle numbers, -1 for none, and linear radiance, not rounded."""
 
     triangle: Ints
-    """(H, W)."""
+    """(H, W) triangle numbers."""
     radiance: Floats
-    """(H, W, 3)."""
+    """(H, W, 3) linear radiance."""
 
 
 def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Shown:
@@ -162,7 +162,7 @@ def draw(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> Shown:
 
 
 def met(world: World, i: int, j: int) -> Ints:
-    """Pixel * (number of triangles + 1) + triangle, sorted, of all that one aperture's right lines meet."""
+    """Return pixel * (number of triangles + 1) + triangle, sorted, of all meetings of the right lines."""
     key = ("met", i, j)
     if key not in world.drawn:
         hits, _ = all_hits(world, i, j)
@@ -187,7 +187,7 @@ def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Shown:
 
 
 def shade(world: World, triangle: Ints, directions: Floats, front: NDArray[np.bool_], how: str) -> Floats:
-    """Radiance by Phong with the triangle's own normal, turned to the viewer."""
+    """Return radiance by Phong with the triangle's own normal, turned to the viewer."""
     eye = -directions / np.linalg.norm(directions, axis=1, keepdims=True)
     a, b, c = np.moveaxis(world.triangles[triangle], 1, 0)
     normal = np.cross(b - a, c - a)
@@ -212,19 +212,19 @@ def shade(world: World, triangle: Ints, directions: Floats, front: NDArray[np.bo
 
 
 def numbers(world: World, shown: Shown, encoding: str) -> Ints:
-    """What ids say: the triangle's or the object's number + 1, 0 for none."""
+    """Return ids: the triangle's or the object's number + 1, 0 for none."""
     if encoding == "triangle-id":
         return shown.triangle + 1
     return np.where(shown.triangle < 0, 0, world.object_of[shown.triangle] + 1)
 
 
 def packed(claims: Ints) -> Picture:
-    """Red * 65536 + green * 256 + blue."""
+    """Return ids as colors: red * 65536 + green * 256 + blue."""
     return np.stack([claims >> 16 & 255, claims >> 8 & 255, claims & 255], axis=-1).astype(np.uint8)
 
 
 def eight_bits(radiance: Floats) -> Picture:
-    """Linear radiance of 0 to 1 as 0 to 255."""
+    """Return linear radiance of 0 to 1 as bytes of 0 to 255."""
     return np.asarray(np.round(255 * np.clip(radiance, 0, 1)), dtype=np.uint8)
 
 
@@ -237,18 +237,18 @@ def picture(world: World, i: int, j: int, encoding: str, wrong: Mistakes = RIGHT
 
 
 def rewound(world: World) -> World:
-    """The same scene with the corners of all triangles in the opposite order."""
+    """Return the scene with the corners of all triangles in the opposite order."""
     parts = tuple(replace(part, faces=part.faces[:, ::-1]) for part in world.parts)
     return replace(world, parts=parts, drawn={})
 
 
 def smaller(world: World) -> World:
-    """The same scene on films half as wide and high."""
+    """Return the scene on films half as wide and high."""
     width, height = world.resolution
     return replace(world, resolution=(width // 2, height // 2), drawn={})
 
 
 def larger(world: World) -> World:
-    """The same scene on films twice as wide and high."""
+    """Return the scene on films twice as wide and high."""
     width, height = world.resolution
     return replace(world, resolution=(width * 2, height * 2), drawn={})

@@ -29,15 +29,15 @@ class Toy:
 
     name: str
     words: str
-    """What is wrong, for people."""
+    """Description of the mistake in words."""
     draw: Draw
     encodings: tuple[str, ...] = ENCODINGS
     expected: Mapping[str, frozenset[str]] = field(default_factory=dict)
     scene: str | None = None
-    """The one scene that it is for; None: all but `crowd`."""
+    """Name of the only scene for the renderer; None for all but `crowd`."""
 
     def names(self, encoding: str) -> frozenset[str]:
-        """Faults of which one must be named."""
+        """Return the names of faults of which `verify` must name one."""
         return self.expected.get(encoding, frozenset())
 
 
@@ -76,12 +76,12 @@ def add(
 
 
 def changed(change: Callable[[Picture], Picture]) -> Draw:
-    """A renderer whose right picture is changed afterwards."""
+    """Return a renderer whose right picture is changed afterwards."""
     return lambda world, i, j, encoding: np.ascontiguousarray(change(picture(world, i, j, encoding)))
 
 
 def renumbered(change: Callable[[World, Ints], Ints]) -> Draw:
-    """A renderer whose numbers, the triangle's or the object's + 1, are changed before they are packed."""
+    """Return a renderer whose ids, the triangle's or the object's number + 1, are changed before packing."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         claims = ray_caster.numbers(world, ray_caster.draw(world, i, j), encoding)
@@ -108,14 +108,14 @@ def gray(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def jpeg(right: Picture) -> Picture:
-    """Through a lossy file."""
+    """The picture goes through a lossy file."""
     file = io.BytesIO()
     Image.fromarray(right).save(file, "JPEG", quality=90)
     return np.asarray(Image.open(file))
 
 
 def scaled_up(how: Image.Resampling) -> Draw:
-    """Drawn at half the size."""
+    """The picture is drawn at half the size and enlarged."""
 
     def draw(world: World, i: int, j: int, encoding: str) -> Picture:
         small = drawn_with(world, "small", ray_caster.smaller)
@@ -125,7 +125,7 @@ def scaled_up(how: Image.Resampling) -> Draw:
 
 
 def drawn_with(world: World, name: str, make: Callable[[World], World]) -> World:
-    """A variant of the world that is made once."""
+    """Return a variant of a world, made once."""
     other = world.drawn.setdefault(name, make(world))
     assert isinstance(other, World)
     return other
@@ -165,14 +165,14 @@ def outer_edges(world: World, i: int, j: int, encoding: str) -> Picture:
 
 
 def gamma(right: Picture) -> Picture:
-    """As a screen wants it, which nobody asked for."""
+    """The film is fitted to a screen, which was not asked for."""
     x = right / 255
     srgb = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
     return np.asarray(np.round(255 * srgb), dtype=np.uint8)
 
 
 def noisy(world: World, i: int, j: int, encoding: str) -> Picture:
-    """Grains in colors; in numbers, a third of the pixels says anything."""
+    """Colors are grainy; a third of the numbers are random."""
     right, chance = picture(world, i, j, encoding), np.random.default_rng(97 * i + j)
     if encoding == RGB:
         return np.clip(right + chance.normal(0, 25, right.shape), 0, 255).astype(np.uint8)
@@ -287,7 +287,7 @@ add("moved-y", "the scene moved by y = -1.5", Mistakes(move=(0.0, -1.5, 0.0)), "
 add("moved-z", "the scene moved by z = 2", Mistakes(move=(0.0, 0.0, 2.0)), "scene-offset")
 add("moved-all", "the scene moved by (1, 0.7, -1.5)", Mistakes(move=(1.0, 0.7, -1.5)), "scene-offset")
 add("tenth", "millimeters taken for centimeters: a tenth", Mistakes(scale=0.1), "scene-scale")
-# Without a reach: a second fault, which has no name. Where the plate may be smaller instead, that explains.
+# There is no reach, a second fault without a name; where a smaller plate looks the same, that explains.
 add(
     "tenfold",
     "ten times as large, without a reach",

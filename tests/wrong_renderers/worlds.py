@@ -1,4 +1,4 @@
-"""Scenes that nobody here has seen: without symmetry, on both sides of the plate, one surface through it."""
+"""Scenes of their own: without symmetry, on both sides of the plate, one surface through it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """One object: its triangles, and what it is made of (linear RGB, Phong).
+    """One object: its triangles and its material (linear RGB, Phong).
 
     `hidden` is said of objects that no line shows; the ray caster leaves them out, and counts them.
     """
@@ -46,9 +46,9 @@ class World:
     light: tuple[float, float, float]
     fov_deg: tuple[float, float] = (0.0, 0.0)
     screen: tuple[float, float, float, float, float] | None = None
-    """Height, center x and y, full width and height."""
+    """Screen: height, center x and y, full width and height."""
     drawn: dict[object, object] = field(default_factory=dict)
-    """What the toys have drawn already."""
+    """Pictures that the toys have drawn already."""
 
     @cached_property
     def triangles(self) -> Floats:
@@ -67,7 +67,7 @@ class World:
 
     @property
     def apertures(self) -> list[tuple[int, int]]:
-        """All of the plate, column and row."""
+        """Column and row of all apertures of the plate."""
         columns, rows = self.hogels
         return [(i, j) for j in range(rows) for i in range(columns)]
 
@@ -105,7 +105,7 @@ class World:
 def sheet(
     columns: int, rows: int, point: Callable[[Floats, Floats], tuple[Floats, ...]]
 ) -> tuple[Floats, Ints]:
-    """A grid of corners over the unit square, placed by `point`, and two triangles for each cell."""
+    """Return a grid of corners over the unit square, placed by `point`, and two triangles for each cell."""
     p, q = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="ij")
     corners = np.stack([np.broadcast_to(part, p.shape) for part in point(p, q)], axis=-1).reshape(-1, 3)
     i, j = (index.ravel() for index in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))

@@ -1,6 +1,7 @@
 """How time and memory grow with triangles, pixels and apertures.
 
-contestants  Who races against size: the rasterizer and the tracers, each loaded and set up by itself
+contestants  The contestants in a race against size: rasterizer and tracers, each loaded and set up by
+             itself
 expected     Why does each cost grow as it does? The exponent to expect of every contestant, and the reason
 extent       What grows, how far, and what stays as it is meanwhile
 fit          How does a cost grow? Exponents of power laws, and where one curve crosses another

@@ -1,4 +1,4 @@
-"""Who races against size: the rasterizer and the tracers, each loaded and set up by itself."""
+"""The contestants in a race against size: rasterizer and tracers, each loaded and set up by itself."""
 
 # ruff: noqa: PLC0415 - a process loads what its one contestant uses: its memory is what is measured
 
@@ -58,9 +58,9 @@ class Contestant:
     Attributes
     ----------
     meaning
-        What it answers with.
+        What it answers with, in words.
     axes
-        Along which it is measured.
+        Axes along which it is measured.
     load
         Imports what it uses, and returns how it is set up.
     """

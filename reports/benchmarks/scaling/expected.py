@@ -49,7 +49,7 @@ class Expectation:
     Attributes
     ----------
     low, high
-        Its range.
+        Range of the exponent.
     because
         The reason, to be formatted with what was measured: `each`, what one more triangle, pixel or
         hogel costs at the large end; `sizes` and `growth`, how many times the size and the cost grew;

@@ -19,9 +19,9 @@ class Axis:
     sizes
         Ascending, at least two. Of pixels, the sides of square images.
     triangles
-        Of the globes, where these do not grow; None for the car.
+        Triangles of the globes, where these do not grow; None for the car.
     resolution, hogels
-        Where these do not grow.
+        Sides of the images and number of hogels, where these do not grow.
     """
 
     unit: str
@@ -66,7 +66,7 @@ class Extent:
     axes
         Each with its sizes.
     repeat
-        Runs of each contestant at each size, at most; see `scaling_process.ENOUGH_S`.
+        Runs of each contestant at each size, at most; see `process.ENOUGH_S`.
     asymptotic
         Whether the sizes are large enough for exponents to be those expected.
     """

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 
 LARGE_END = 3
 """Sizes at the large end that the local exponent is fitted to: there constants no longer dominate."""
@@ -24,9 +24,9 @@ class Exponents:
     Attributes
     ----------
     overall
-        Over all sizes.
+        Exponent over all sizes.
     large_end
-        Over the largest `LARGE_END` sizes.
+        Exponent over the largest `LARGE_END` sizes.
     growth
         Cost at the largest size over that at the smallest.
     """
@@ -64,7 +64,7 @@ class Crossing:
     Attributes
     ----------
     size
-        Where both take as long, interpolated between the logarithms.
+        Size at which both take as long, interpolated between the logarithms.
     tracing_wins
         Whether tracing is faster beyond it, else rasterizing.
     """
@@ -75,7 +75,7 @@ class Crossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Overtaking:
-    """Who is faster over a range of sizes.
+    """Whether tracing or rasterizing is faster over a range of sizes.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Overtaking:
     tracing_first
         Whether tracing is faster before the first crossing; None where runs of both overlap at every size.
     crossings
-        In ascending order.
+        Sizes at which the lead changes, ascending.
     """
 
     smallest: float
@@ -101,7 +101,7 @@ class Overtaking:
         return last.size if last.tracing_wins else None
 
     @classmethod
-    def of(cls, sizes: Sequence[float], raster: Sequence[Spread], traced: Sequence[Spread]) -> Overtaking:
+    def of(cls, sizes: Sequence[float], raster: Sequence[Timing], traced: Sequence[Timing]) -> Overtaking:
         """Compare two curves at the same ascending sizes.
 
         Only a size at which every run of one is faster than every run of the other says who is ahead;

@@ -15,10 +15,9 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from xfrustum.reports.benchmarks.scaling.contestants import CONTESTANTS, UnavailableError
-from xfrustum.reports.common.timing import Spread, Stopwatch
+from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.globes import globes
@@ -26,8 +25,10 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 ENOUGH_S = 2.0
-"""Seconds of measured runs after which no more are made; but at least `FEWEST`, where so many are asked."""
+"""Seconds of measured runs after which no more are made, once there are `FEWEST`."""
+
 FEWEST = 2
+"""Measured runs that are made however long they take, where so many are asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,11 +40,11 @@ class Job:
     contestant
         A name of `CONTESTANTS`.
     triangles
-        Of the globes; None for the built-in car.
+        Triangles of the globes; None for the built-in car.
     resolution
         W = H in pixels.
     hogels
-        Neighbors about the middle of the plate; they are one run.
+        Neighboring apertures about the middle of the plate; one run answers for all of them.
     repeat
         Measured runs at most, after one that counts as set-up.
     """
@@ -73,20 +74,20 @@ class Measured:
     Attributes
     ----------
     seconds
-        Of a run: the pictures of all apertures.
+        Wall seconds of a run, which makes the pictures of all apertures.
     set_up_s
-        What is paid once: from the scene to the first run's end, less one run. Structures, uploads,
+        Seconds that are paid once: from the scene to the first run's end, less one run. Structures, uploads,
         compiled programs, normals of triangles.
     imported_mib, scene_mib, peak_mib
         The most memory that the process had until it had imported everything, until it also had the
         scene, and ever. What a graphics card holds of its own is not in it.
     triangles
-        Counted.
+        Triangles of the scene.
     made_of
-        Names and versions.
+        Names and versions of what the contestant runs on.
     """
 
-    seconds: Spread
+    seconds: Timing
     set_up_s: float
     imported_mib: float
     scene_mib: float
@@ -120,7 +121,7 @@ def measure(job: Job) -> Measured:
                 running.pictures()
             taken.append(one.seconds["run"])
     return Measured(
-        seconds=Spread.of(taken),
+        seconds=Timing.of(taken),
         set_up_s=max(0.0, watch.seconds["set-up"] - statistics.median(taken)),
         imported_mib=imported,
         scene_mib=scene_peak,
@@ -161,22 +162,23 @@ def measure_apart(job: Job) -> Measured:
             f"{job.resolution} pixels, {job.hogels} hogels ended with {run.returncode} ({last}); "
             "free some memory, or measure less with --quick"
         )
-    answer: dict[str, Any] = json.loads(run.stdout.strip().splitlines()[-1])
+    answer = json.loads(run.stdout.strip().splitlines()[-1])
     if "unavailable" in answer:
         raise UnavailableError(answer["unavailable"])
     if "refused" in answer:
         raise InputError(answer["refused"])
-    return Measured(**{**answer, "seconds": Spread(**answer["seconds"])})
+    return Measured(**{**answer, "seconds": Timing(**answer["seconds"])})
 
 
-def _answer(job: Job) -> dict[str, Any]:
+def _answer(job: Job) -> str:
+    """Return the one line of JSON that the process says: what it measured, or why it did not."""
     try:
-        return asdict(measure(job))
+        return json.dumps(asdict(measure(job)))
     except UnavailableError as reason:
-        return {"unavailable": str(reason)}
+        return json.dumps({"unavailable": str(reason)})
     except InputError as reason:
-        return {"refused": str(reason)}
+        return json.dumps({"refused": str(reason)})
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(_answer(Job(**json.loads(sys.argv[1])))) + "\n")
+    sys.stdout.write(_answer(Job(**json.loads(sys.argv[1]))) + "\n")

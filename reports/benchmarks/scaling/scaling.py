@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from tqdm import tqdm
+
 from xfrustum.reports.benchmarks.scaling.contestants import (
     CONTESTANTS,
     RASTERIZERS,
@@ -14,14 +16,59 @@ from xfrustum.reports.benchmarks.scaling.contestants import (
 )
 from xfrustum.reports.benchmarks.scaling.expected import MEMORY, SECONDS, Finding, finding
 from xfrustum.reports.benchmarks.scaling.extent import FULL, Axis, Extent
-from xfrustum.reports.benchmarks.scaling.fit import Overtaking
+from xfrustum.reports.benchmarks.scaling.fit import Crossing, Overtaking
 from xfrustum.reports.benchmarks.scaling.process import ENOUGH_S, FEWEST, Job, Measured, measure_apart
 from xfrustum.reports.common import provenance
-from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.common.summaries import Summarized
 
 LIMIT_MIB = 8192.0
-"""What each must stay below with the most triangles."""
+"""Peak memory that every contestant must stay below with the most triangles."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrowthRecord:
+    """JSON object of a `Finding`."""
+
+    exponent: float | None
+    exponent_large_end: float | None
+    growth: float | None
+    expected: tuple[float, float]
+    as_expected: bool | None
+    sentence: str
+
+    @classmethod
+    def of(cls, found: Finding) -> GrowthRecord:
+        """Return the JSON object of a finding."""
+        return cls(
+            exponent=found.exponents.overall,
+            exponent_large_end=found.exponents.large_end,
+            growth=found.exponents.growth,
+            expected=found.expected,
+            as_expected=found.as_expected,
+            sentence=found.sentence,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class OvertakingRecord:
+    """JSON object of an `Overtaking`; `at` is the size from which on tracing is faster."""
+
+    at: float | None
+    crossings: tuple[Crossing, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisRecord:
+    """JSON object of an `AxisScaling`."""
+
+    fixed: str
+    sizes: tuple[int, ...]
+    counts: list[int]
+    contestants: dict[str, tuple[Measured, ...]]
+    growth: dict[str, dict[str, GrowthRecord]]
+    tracing_overtakes: dict[str, OvertakingRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,47 +114,68 @@ class AxisScaling:
             if name not in RASTERIZERS
         }
 
-    def summary(self) -> dict[str, Any]:
-        """Return what was measured and found along the axis."""
-        return {
-            "fixed": self.axis.fixed,
-            "sizes": self.axis.sizes,
-            "counts": self.axis.counts,
-            "contestants": self.measured,
-            "growth": {quantity: _growth(self.findings(quantity)) for quantity in (SECONDS, MEMORY)},
-            "tracing_overtakes": {
-                name: {
-                    "at": one.from_size,
-                    "crossings": one.crossings,
-                    "sentence": one.sentence(self.axis.unit),
-                }
+    @property
+    def record(self) -> AxisRecord:
+        """What was measured and found along the axis."""
+        return AxisRecord(
+            fixed=self.axis.fixed,
+            sizes=self.axis.sizes,
+            counts=self.axis.counts,
+            contestants=self.measured,
+            growth={
+                quantity: {name: GrowthRecord.of(one) for name, one in self.findings(quantity).items()}
+                for quantity in (SECONDS, MEMORY)
+            },
+            tracing_overtakes={
+                name: OvertakingRecord(
+                    at=one.from_size, crossings=one.crossings, sentence=one.sentence(self.axis.unit)
+                )
                 for name, one in self.overtakings.items()
             },
-        }
-
-
-def _growth(findings: dict[str, Finding]) -> dict[str, Any]:
-    return {
-        name: {
-            "exponent": one.exponents.overall,
-            "exponent_large_end": one.exponents.large_end,
-            "growth": one.exponents.growth,
-            "expected": one.expected,
-            "as_expected": one.as_expected,
-            "sentence": one.sentence,
-        }
-        for name, one in findings.items()
-    }
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScalingBenchmark:
+class RepeatRecord:
+    """How often each contestant ran at each size: at most, at least, and the seconds that are enough."""
+
+    most: int
+    fewest: int
+    enough_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MemoryRecord:
+    """Peak memory of every contestant with the most triangles, and whether all stay below the limit."""
+
+    triangles: int
+    peak_mib: dict[str, float]
+    limit_mib: float
+    within: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalingRecord:
+    """JSON object of a `ScalingBenchmark`."""
+
+    meanings: dict[str, str]
+    repeat: RepeatRecord
+    asymptotic: bool
+    axes: dict[str, AxisRecord]
+    memory_with_most_triangles: MemoryRecord
+    unavailable: dict[str, str]
+    machine: dict[str, str]
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalingBenchmark(Summarized[ScalingRecord]):
     """All axes, and what they were measured on.
 
     Attributes
     ----------
     axes
-        In the order in which they were measured.
+        Axes in the order in which they were measured.
     extent
         What was asked for.
     unavailable
@@ -128,37 +196,35 @@ class ScalingBenchmark:
         triangles = next(one for one in self.axes if one.axis.unit == TRIANGLES)
         return {name: points[-1] for name, points in triangles.measured.items()}
 
-    def summary(self) -> dict[str, Any]:
-        """Return everything measured as one JSON object."""
+    @property
+    def record(self) -> ScalingRecord:
+        """Everything measured."""
         peaks = {name: point.peak_mib for name, point in self.most_triangles.items()}
-        ready: dict[str, Any] = json_ready(
-            {
-                "meanings": {name: one.meaning for name, one in CONTESTANTS.items()},
-                "repeat": {"most": self.extent.repeat, "fewest": FEWEST, "enough_s": ENOUGH_S},
-                "asymptotic": self.extent.asymptotic,
-                "axes": {one.axis.unit: one.summary() for one in self.axes},
-                "memory_with_most_triangles": {
-                    "triangles": next(iter(self.most_triangles.values())).triangles,
-                    "peak_mib": peaks,
-                    "limit_mib": LIMIT_MIB,
-                    "within": max(peaks.values()) < LIMIT_MIB,
-                },
-                "unavailable": self.unavailable,
-                "machine": self.machine,
-                "versions": self.versions,
-            }
+        return ScalingRecord(
+            meanings={name: one.meaning for name, one in CONTESTANTS.items()},
+            repeat=RepeatRecord(most=self.extent.repeat, fewest=FEWEST, enough_s=ENOUGH_S),
+            asymptotic=self.extent.asymptotic,
+            axes={one.axis.unit: one.record for one in self.axes},
+            memory_with_most_triangles=MemoryRecord(
+                triangles=next(iter(self.most_triangles.values())).triangles,
+                peak_mib=peaks,
+                limit_mib=LIMIT_MIB,
+                within=max(peaks.values()) < LIMIT_MIB,
+            ),
+            unavailable=self.unavailable,
+            machine=self.machine,
+            versions=self.versions,
         )
-        return ready
 
 
 @dataclass
-class _Field:
+class _Running:
     """The contestants that still run, and what they turned out to be made of."""
 
     unavailable: dict[str, str] = field(default_factory=dict)
     made_of: dict[str, str] = field(default_factory=dict)
 
-    def measure(self, axis: Axis, repeat: int, bar: Any) -> AxisScaling:
+    def measure(self, axis: Axis, repeat: int, bar: tqdm[Any]) -> AxisScaling:
         measured: dict[str, list[Measured]] = {name: [] for name in contestants_along(axis.unit)}
         # Size by size, so that those who are compared have the same slow minutes.
         for size in axis.sizes:
@@ -181,7 +247,7 @@ class _Field:
             self.unavailable[job.contestant] = str(reason)
 
 
-def bench_scaling(extent: Extent = FULL, *, progress: bool = False) -> ScalingBenchmark:
+def benchmark_scaling(extent: Extent = FULL, *, progress: bool = False) -> ScalingBenchmark:
     """Measure time and memory along all axes, each contestant at each size in a process of its own.
 
     Parameters
@@ -197,7 +263,7 @@ def bench_scaling(extent: Extent = FULL, *, progress: bool = False) -> ScalingBe
         There is no usable OpenGL, or a process was ended, as when memory runs out.
     """
     runs = sum(len(contestants_along(axis.unit)) * len(axis.sizes) for axis in extent.axes)
-    running = _Field()
+    running = _Running()
     with progress_bar(runs, "bench scaling", "process", shown=progress) as bar:
         axes = tuple(running.measure(axis, extent.repeat, bar) for axis in extent.axes)
     return ScalingBenchmark(

@@ -13,7 +13,7 @@ from xfrustum.reports.benchmarks.scaling.scaling import LIMIT_MIB, AxisScaling, 
 Cell = Callable[[Measured], str]
 
 TOO_SMALL = "these sizes are too small for exponents to mean anything: this shows that it runs, and no more"
-"""Said once where the extent is not asymptotic."""
+"""Sentence that the text has where the extent is not asymptotic."""
 
 
 def table(measured: ScalingBenchmark) -> str:

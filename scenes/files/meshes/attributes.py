@@ -33,7 +33,8 @@ def vertex_normals(parts: Sequence[MeshPart]) -> Floats | None:
 
 
 def _normals_of_file(part: trimesh.Trimesh) -> Floats | None:
-    # Asked for, `vertex_normals` makes some up; like trimesh's own exporters, look whether it has them.
+    # The property `vertex_normals` makes up missing normals. Those of the file are in the cache, where
+    # trimesh's own exporters look too.
     if "vertex_normals" not in part._cache:
         return None
     normals = np.array(part.vertex_normals, dtype=np.float64)
@@ -43,7 +44,7 @@ def _normals_of_file(part: trimesh.Trimesh) -> Floats | None:
 
 
 def vertex_colors(parts: Sequence[MeshPart], *, linear: bool) -> Floats | None:
-    """Return (V, 3) linear RGB, one on parts without; None where no part has any.
+    """Return (V, 3) linear RGB, 1 on parts without; None where no part has any.
 
     Parameters
     ----------
@@ -78,8 +79,8 @@ def _shares_of_full_scale(stored: NDArray[np.generic], *, counted_to_one: bool) 
     """Return colors as a file stores them as numbers from 0 to 1.
 
     Whole numbers of 8 and 16 bits are shares of the largest. Other numbers are such shares already, as
-    glTF says; in other files they are counted to 255 if one of them is above 1, as some exporters of
-    OBJ and PLY do. What is no number, or negative, is 0; what is above full scale is full scale.
+    glTF says; in other files they are shares of 255 if one of them is above 1, as some exporters of
+    OBJ and PLY do. NaN and negative numbers become 0; numbers above full scale become 1.
     """
     colors = np.asarray(stored).astype(np.float64)
     if stored.dtype == np.uint8:

@@ -1,4 +1,4 @@
-"""The JSON header of glTF files, read without trimesh: base colors in full, and textures that are named."""
+"""The JSON header of glTF files, read without trimesh: base colors and names of textures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GLTF_SUFFIXES = (".gltf", ".glb")
 
 _LINES, _POINTS, _TRIANGLES, _STRIP = 1, 0, 4, 5
 _PRIMITIVES_READ = (_LINES, _POINTS, _TRIANGLES, _STRIP)
-"""Modes of the primitives that trimesh makes a geometry of, one for each; it leaves out the others."""
+"""Modes of the primitives from which trimesh makes a geometry each; it leaves out those of other modes."""
 
 _GLB_JSON_START = 20
 """Bytes before the JSON text of a binary file: its header of 12, and length and type of the first chunk."""
@@ -22,16 +22,16 @@ WHITE = (1.0, 1.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class GltfMaterial:
-    """What a glTF material says about the color of a surface.
+    """The color of a surface in a glTF material.
 
     Attributes
     ----------
     base_color
-        Linear RGB factor; white where the material gives none, as the standard has it.
+        Linear RGB factor; white where the material gives none, as the standard says.
     texture
-        What the base color texture is called, None where the material names none.
+        Name of the base color texture; None where the material names none.
     not_read
-        What else the material says about color and this reader leaves out.
+        Parts of the material's color that this reader leaves out, in words.
     """
 
     base_color: tuple[float, float, float] = WHITE
@@ -40,7 +40,7 @@ class GltfMaterial:
 
 
 def materials_of_primitives(path: Path) -> list[GltfMaterial | None]:
-    """Return the material of each primitive that trimesh makes a geometry of, in its order; None without.
+    """Return the material, or None, of each primitive from which trimesh makes a geometry, in its order.
 
     The list is empty where the header cannot be understood, which the reader of the mesh reports.
     """

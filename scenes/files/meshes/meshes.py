@@ -23,8 +23,8 @@ def load_mesh(path: Path, *, material: str | None = None) -> SceneObject:
 
     Faces are numbered as by trimesh's `load(path, process=False, force="mesh")`: glTF nodes placed
     and joined, a part used twice counted twice. The parts are joined here and not by trimesh, which
-    would pack their textures into one atlas and so lose the repetition of texture coordinates. Of
-    normals and colors at vertices it has what the file has (CONVENTIONS.md, "Light").
+    would pack their textures into one atlas and so lose the repetition of texture coordinates. The object
+    has the normals and colors of vertices that the file has, and no others (CONVENTIONS.md, "Light").
 
     Raises
     ------
@@ -69,7 +69,7 @@ def _loaded(path: Path, material: str | None) -> SceneObject:
 
 
 def _parts(path: Path, resolver: MeshResolver) -> list[MeshPart]:
-    """Return the parts of a file, or say why it cannot be read."""
+    """Return the parts of a file; raise InputError with the reason where it cannot be read."""
     kinds = ", ".join(sorted(trimesh.available_formats()))
     try:
         return read_parts(path, resolver)
@@ -83,7 +83,7 @@ def _parts(path: Path, resolver: MeshResolver) -> list[MeshPart]:
         ) from error
     except MemoryError:
         raise
-    except Exception as error:  # trimesh's loaders raise whatever their parser stumbled over
+    except Exception as error:  # trimesh's loaders raise exceptions of any kind
         reason = (str(error).splitlines() or [""])[0][:120] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh ({reason}); export the mesh again") from error
 
@@ -101,7 +101,7 @@ def _check_faces(path: Path, part: trimesh.Trimesh) -> None:
 
 
 def _check_finite(path: Path, vertices: Floats) -> None:
-    """Raise InputError that counts the vertices that are no points."""
+    """Raise InputError, with their number, where vertices are not finite."""
     finite = np.isfinite(vertices).all(axis=1)
     if not finite.all():
         raise InputError(
@@ -120,5 +120,5 @@ def _texture_coordinates(parts: list[MeshPart]) -> Floats | None:
 
 
 def _left_out(parts: list[MeshPart]) -> list[str]:
-    """Return what the parts say about their color and this reader leaves out, one line each."""
+    """Return one line for each part of a color that this reader leaves out."""
     return [f"not read: {what} (see CONVENTIONS.md, Light)" for part in parts for what in part.not_read]

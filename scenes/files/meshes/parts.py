@@ -21,7 +21,7 @@ from xfrustum.scenes.files.meshes.gltf_header import GLTF_SUFFIXES, GltfMaterial
 _RAW_COLOR_SUFFIXES = (".obj", ".ply", *GLTF_SUFFIXES)
 """Files whose colors are taken from trimesh's loaders before its meshes round them to 8 bits."""
 
-# trimesh logs what it cannot read, with a traceback; we say it ourselves, in one line.
+# trimesh logs files that it cannot read with a traceback; here they are errors or warnings of one line.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
@@ -32,7 +32,7 @@ class MeshPart:
     Attributes
     ----------
     name
-        What trimesh calls the geometry: parts of one name share a texture.
+        trimesh's name of the geometry; parts of one name share a texture.
     mesh
         Vertices, faces and normals, in the file's own coordinates.
     uv
@@ -40,13 +40,13 @@ class MeshPart:
     colors
         (V, 3 or 4) colors at the vertices as the file has them; None where the part has none.
     base_color
-        Linear RGB that multiplies them, of glTF only; None where the material gives none.
+        Linear RGB that multiplies the colors, in glTF only; None where the material gives none.
     picture
-        The Pillow image of its texture, not yet decoded; None where the file has none.
+        Pillow image of the texture, not yet decoded; None where the file has none.
     named_texture
-        What the file calls that texture; None where it names none.
+        The file's name of that texture; None where it names none.
     not_read
-        What else the file says about the part's color, and this reader leaves out.
+        Parts of the color in the file that this reader leaves out, in words.
     """
 
     name: str
@@ -62,14 +62,14 @@ class MeshPart:
 def read_parts(path: Path, resolver: Any = None) -> list[MeshPart]:
     """Return the meshes of a file, each where its node places it, those without faces left out.
 
-    Raises whatever trimesh's parser stumbles over.
+    Exceptions of trimesh's parser, of any kind, are passed on.
 
     Parameters
     ----------
     path
-        The mesh file.
+        Path of the mesh file.
     resolver
-        One of trimesh's, which opens the files that the mesh names; None for those beside it.
+        trimesh's resolver, which opens the files that the mesh names; None for files beside the mesh.
     """
     if resolver is None:
         resolver = trimesh.resolvers.FilePathResolver(str(path.absolute()))
@@ -86,7 +86,7 @@ def read_parts(path: Path, resolver: Any = None) -> list[MeshPart]:
 
 
 def _loaded(path: Path, resolver: Any) -> Any:
-    """Return trimesh's scene, whose vertex colors are the file's own numbers where we know its loader."""
+    """Return trimesh's scene, with the file's own numbers for colors if it is of `_RAW_COLOR_SUFFIXES`."""
     suffix = path.suffix.lower()
     if suffix not in _RAW_COLOR_SUFFIXES:
         return trimesh.load_scene(str(path), process=False, resolver=resolver)
@@ -108,7 +108,7 @@ def _part(
     gltf: GltfMaterial | None,
     named: Mapping[str, str],
 ) -> MeshPart:
-    # The cache is where trimesh keeps the normals that it has read.
+    # trimesh keeps the normals that it has read in its cache.
     mesh = geometry.copy(include_cache=True, include_visual=False)
     mesh.apply_transform(file_from_part)
     visual = geometry.visual
@@ -149,9 +149,9 @@ def _texture_coordinates(geometry: trimesh.Trimesh) -> Floats | None:
 
 
 def _picture_of_file(material: Any) -> Any:
-    """Return the base color picture of a material; None where it is not one of a file.
+    """Return the base color picture of a material; None where it comes from no file.
 
-    Pillow knows the format of what it opened. What has none trimesh has made in memory: the 2 x 2 gray
+    Pictures that Pillow has opened have a format. trimesh made those without one in memory: the 2 x 2 gray
     placeholder of meshes with texture coordinates and no texture, or a conversion of another material.
     """
     picture = getattr(material, "baseColorTexture", None)
@@ -170,7 +170,7 @@ def _gltf_materials(path: Path, names: list[str]) -> dict[str, GltfMaterial]:
 
 
 _ANY_MATERIAL = ""
-"""Key of a texture that belongs to all of a file."""
+"""Key of a texture that belongs to all parts of a file."""
 
 
 def _named(material: Any, named: Mapping[str, str]) -> str | None:

@@ -13,14 +13,14 @@ from xfrustum.scenes.geometry.tessellation import tessellate
 from xfrustum.scenes.model.scene import SceneObject
 
 RELATIVE_CHORD = 1e-3
-"""Default chord tolerance, of the diagonal of the box about the control points: half a pixel where the
-patches fill an image of 512."""
+"""Default chord tolerance as a share of the diagonal of the box about the control points: half a pixel where
+the patches fill an image of 512."""
 
 LARGEST_COORDINATE = 1e100
-"""Coordinates of control points: their squares and degrees' products stay far from overflow, 1e308."""
+"""Largest coordinate of a control point: squares and products with degrees stay far from overflow, 1e308."""
 
-_WORDS_AT_MOST = 1 << 27
-"""Numbers in a file: more would not fit into memory as Python's own."""
+_MAX_WORDS = 1 << 27
+"""Largest number of words in a file: more would not fit into memory as Python's own objects."""
 
 
 def load_patches(
@@ -31,8 +31,8 @@ def load_patches(
     Parameters
     ----------
     path
-        A text: the number of patches, then for each its degrees n m and (n + 1) (m + 1) points x y z,
-        those along m one after the other.
+        Path of a text: the number of patches, then for each its degrees n m and (n + 1) (m + 1) points
+        x y z, those along m one after the other.
     chord_tolerance
         Largest distance between surface and triangles, in the file's unit; None for `RELATIVE_CHORD` of
         the patches' size.
@@ -71,7 +71,7 @@ def read_patches(path: Path) -> list[Floats]:
 
 def _nets(path: Path) -> list[Floats]:
     try:
-        words = path.read_text(encoding="ascii").split(maxsplit=_WORDS_AT_MOST)
+        words = path.read_text(encoding="ascii").split(maxsplit=_MAX_WORDS)
     except OSError as error:
         raise InputError(f"{path}: cannot read the patches ({error.strerror})") from error
     except ValueError as error:
@@ -97,8 +97,8 @@ def _whole(path: Path, words: list[str], what: str) -> int:
     if not (digits.isascii() and digits.isdigit()):
         raise InputError(f"{path}: {what} must be a whole number of at least 1, not {words[0][:40]!r}")
     # A file has no more words than this, and Python refuses to read a number of thousands of digits.
-    if len(digits) > len(str(_WORDS_AT_MOST)):
-        raise InputError(f"{path}: {what} must be at most {_WORDS_AT_MOST:,}, not {words[0][:40]}..")
+    if len(digits) > len(str(_MAX_WORDS)):
+        raise InputError(f"{path}: {what} must be at most {_MAX_WORDS:,}, not {words[0][:40]}..")
     return int(digits)
 
 

@@ -1,4 +1,4 @@
-"""What is checked of a mesh file before trimesh reads it: what it declares, and what it refers to."""
+"""Checks of a mesh file before trimesh reads it: of its declared size and of files it refers to."""
 
 from __future__ import annotations
 
@@ -41,12 +41,13 @@ _GLB_MAGIC, _GLB_JSON = 0x46546C67, 0x4E4F534A
 class MeshResolver(FilePathResolver):
     """The files that a mesh refers to: trimesh's own rules, regular files only, pictures of bounded size.
 
-    trimesh goes on without a file that cannot be had. What must not be passed over is kept in `refused`.
+    trimesh goes on without a file that cannot be read. Refused files must not be passed over, so that the
+    reasons are kept.
 
     Attributes
     ----------
     refused
-        Why files that exist were not read, one line each.
+        Reasons why files that exist were not read, one line each.
     """
 
     def __init__(self, source: str, refused: list[str] | None = None) -> None:
@@ -59,7 +60,7 @@ class MeshResolver(FilePathResolver):
         Raises
         ------
         FileNotFoundError
-            There is none, or it is refused.
+            There is no such file, or it is refused.
         """
         for candidate in (name.strip(), name.strip().lstrip("/"), Path(name).name):
             try:
@@ -83,7 +84,7 @@ class MeshResolver(FilePathResolver):
 
 
 def _check_picture(path: Path) -> None:
-    """Refuse a picture that declares more pixels than may be held; what is no picture passes."""
+    """Refuse a picture that declares more pixels than memory allows; other files pass."""
     try:
         with Image.open(path) as picture:
             width, height = picture.size
@@ -98,7 +99,7 @@ def check_mesh_source(path: Path) -> None:
     Raises
     ------
     InputError
-        See above.
+        The file is refused, or cannot be unpacked.
     """
     regular_size(path, "mesh file", "a mesh path is relative to its scene file")
     name = path.name.lower()
@@ -133,7 +134,7 @@ def _check_unpacked(path: Path, sizes: Iterable[int]) -> None:
 
 
 def _gltf_json(path: Path) -> object:
-    """Return the JSON of a glTF file; None where there is none, which trimesh then says better."""
+    """Return the JSON of a glTF file; None where there is none, which trimesh will report."""
     data = path.read_bytes()
     if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
         length, kind = struct.unpack_from("<II", data, 12)
@@ -159,7 +160,7 @@ def _declared_by_gltf(tree: object) -> int:
 
 
 def _count(value: object) -> int:
-    """Return a declared count; what is no number is trimesh's to refuse."""
+    """Return a declared count; 0 for a value that is no number, which trimesh will refuse."""
     if not isinstance(value, int | float) or not math.isfinite(value):
         return 0
     return max(0, int(value))

@@ -26,7 +26,7 @@ class Textures:
     Attributes
     ----------
     pictures
-        (H, W, 4) uint8 sRGB each, row 0 at the top: each different one once.
+        (H, W, 4) uint8 sRGB pictures, row 0 at the top, each different one once.
     of_triangle
         (F,) int32 index into `pictures`, -1 where a triangle has none; None where there are no pictures.
     warnings
@@ -39,14 +39,14 @@ class Textures:
 
 
 def read_textures(path: Path, parts: Sequence[MeshPart]) -> Textures:
-    """Decode the textures of a mesh file's parts; a bad picture never fails a mesh.
+    """Decode the textures of a mesh file's parts; a damaged picture is a warning and no error.
 
     Parameters
     ----------
     path
-        The mesh file, beside which its textures lie.
+        Path of the mesh file, beside which its textures lie.
     parts
-        All its parts; those of one name share a texture.
+        All parts of the file; parts of one name share a texture.
     """
     pictures: list[Bytes] = []
     warnings: list[str] = []
@@ -80,7 +80,7 @@ def missing_libraries(path: Path) -> list[str]:
 
 
 def _faults(path: Path, part: MeshPart, *, shown: bool) -> list[str]:
-    """Say why a texture that the file names is not shown."""
+    """Return the reason why a texture that the file names is not shown, or nothing."""
     name = part.named_texture
     if shown:
         return (
@@ -105,5 +105,5 @@ def _decoded(picture: Any) -> Bytes | None:
             gray = np.round(np.asarray(picture).astype(np.float64) / 257).astype(np.uint8)
             return np.dstack([gray, gray, gray, np.full_like(gray, 255)])
         return np.array(picture.convert("RGBA"), dtype=np.uint8)
-    except (OSError, SyntaxError, ValueError):  # Pillow decodes late, and only then finds what is damaged
+    except (OSError, SyntaxError, ValueError):  # Pillow decodes, and finds damage, only here
         return None

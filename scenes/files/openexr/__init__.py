@@ -4,6 +4,6 @@ channels  Names and types of an image's OpenEXR channels; its camera and renderi
 header    The header of an OpenEXR file, checked before the library sees it
 images    Hogel images as OpenEXR files (CONVENTIONS.md, "Image files"): one door for reading and writing
 reader    Reading hogel images from OpenEXR files, by this or any other renderer
-whole     Is an OpenEXR file all there? From its layout alone, without its pixels
+whole     Whether an OpenEXR file is complete, seen from its layout alone, without its pixels
 writer    Writing hogel images as OpenEXR files, band by band, aside and then renamed
 """

@@ -22,9 +22,10 @@ HEIGHT, TRIANGLE, OBJECT, CERTAINTY = "Z", "id.triangle", "id.object", "certaint
 CHANNELS = (*COLOR, *VARIANCE, *POSITION, *NORMAL, HEIGHT, TRIANGLE, OBJECT, CERTAINTY)
 
 CAMERA_JSON = TypeAdapter(HogelCamera)
-"""Writes the shortest digits that give the same double again."""
+"""The camera as JSON, whose numbers are the shortest digits that give the same double again."""
 
 RENDERING_JSON = TypeAdapter(Rendering)
+"""The rendering as JSON."""
 
 
 def pixel_type(name: str) -> Any:

@@ -20,7 +20,7 @@ _VERSION, _LONG_NAMES, _DEEP, _SEVERAL_PARTS = 2, 0x400, 0x800, 0x1000
 """Version number, and flags above it."""
 
 _NAME_LENGTHS = (31, 255)
-"""Longest names, without and with the flag for long ones."""
+"""Largest length of a name, without and with the flag for long names."""
 
 _PIXEL_BYTES = (4, 2, 4)
 """Bytes of unsigned numbers, halves and floats, in the order of their codes."""
@@ -42,22 +42,22 @@ _KNOWN_TYPES = frozenset(
         *("stringvector", "tiledesc", "timecode", "v2i", "v2f", "v2d", "v3i", "v3f", "v3d"),
     )
 )
-"""Attribute types of the format; the binding raises what nobody understands at any other."""
+"""Attribute types of the format; the binding raises an obscure error at any other."""
 
 LARGEST_HEADER = 1 << 20
-"""Bytes of the largest header that is read: names, a camera, and a preview picture."""
+"""Largest size of a header, in bytes: names, a camera, and a preview picture fit."""
 
 LARGEST_SIDE = 1 << 24
-"""Pixels along the largest image's side: beyond it single precision cannot count them."""
+"""Largest number of pixels along a side: single precision cannot count more."""
 
 
 class _Damaged(Exception):
-    """The header is not what the format says, in words."""
+    """A header breaks the rules of the format; the message says how."""
 
 
 @dataclass
 class _Bytes:
-    """A header that is read from its beginning."""
+    """Bytes of a header, and the place up to which they have been read."""
 
     data: bytes
     at: int = 0
@@ -87,7 +87,7 @@ def check_header(path: Path) -> None:
     Raises
     ------
     InputError
-        See above; or the file is no OpenEXR image, or is none of flat pixels.
+        The header is damaged or declares too much, or the file is no OpenEXR image of flat pixels.
     """
     regular_size(path, "image file")
     try:

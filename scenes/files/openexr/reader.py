@@ -52,16 +52,16 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
     camera
-        Whose image it is if the file does not say, such as the truth's camera.
+        Camera of an image whose file names none, such as the truth's camera.
     partial
-        Take any channels of the contract, and the camera given whatever the file says.
+        Whether to take any of the channels of `CHANNELS`, and the camera given whatever the file says.
 
     Raises
     ------
     InputError
-        Missing, damaged, without a camera, or of another size than its camera's.
+        The file is missing, damaged, without a camera, or of another size than its camera's.
     """
     path = Path(path)
     planes, header = _read_planes(path)
@@ -99,12 +99,12 @@ def read_image(path: str | Path, camera: HogelCamera | None = None, *, partial: 
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Return W, H of an image file, whatever it says of its camera.
+    """Return W, H of an image file, whatever camera it names.
 
     Raises
     ------
     InputError
-        Missing or damaged.
+        The file is missing or damaged.
     """
     return _guarded(Path(path), lambda file: _size(file.header()))
 
@@ -132,10 +132,10 @@ def _read_planes(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 
 def _guarded(path: Path, read: Callable[[OpenEXR.InputFile], Found]) -> Found:
-    """Return what is read of a file; whatever OpenEXR makes of damage is an InputError."""
+    """Return the result of reading a file; any exception that OpenEXR raises becomes an InputError."""
     check_header(path)
     try:
-        # OpenEXR prints beside what it raises.
+        # OpenEXR also prints its errors.
         with without_messages_of_failure():
             return read(OpenEXR.InputFile(str(path)))
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
@@ -151,7 +151,7 @@ def _size(header: dict[str, Any]) -> tuple[int, int]:
 def _described(
     path: Path, header: dict[str, Any], name: str, kind: TypeAdapter[Described]
 ) -> Described | None:
-    """Return what an attribute of the header describes; None where there is no such attribute."""
+    """Return the object that an attribute of the header describes; None where there is no such attribute."""
     if name not in header:
         return None
     try:
@@ -179,7 +179,7 @@ def _vectors(path: Path, planes: dict[str, NDArray[Any]], names: tuple[str, str,
 def _numbers(path: Path, planes: dict[str, NDArray[Any]], name: str, shape: tuple[int, int]) -> Numbers:
     """Return numbers from a channel that stores them plus one; `NOTHING` where there is no channel.
 
-    Floats are taken where they are whole numbers: some renderers know no other channels.
+    Floats are accepted if they are whole numbers: some renderers write no other channels.
     """
     plane = planes.get(name)
     if plane is None:

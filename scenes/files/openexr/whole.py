@@ -1,8 +1,8 @@
-"""Is an OpenEXR file all there? From its layout alone, without its pixels.
+"""Whether an OpenEXR file is complete, seen from its layout alone, without its pixels.
 
 A file is a header, a table of where each chunk of rows begins, and the chunks one after the other:
-https://openexr.com/en/latest/OpenEXRFileLayout.html. The table is written last, so that it tells whether
-the writing came to its end; the length of the last chunk tells whether the file has kept all of it.
+https://openexr.com/en/latest/OpenEXRFileLayout.html. The table is written last, so that it shows whether
+the writing came to its end; the length of the last chunk shows whether the file has kept all of it.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ import struct
 from pathlib import Path
 from typing import BinaryIO
 
-MAGIC = b"\x76\x2f\x31\x01"
+from xfrustum.scenes.files.openexr.header import MAGIC
 
 ROWS_OF_ZIP_CHUNK = 16
 """Rows that ZIP compression puts into one chunk."""
 
 
 def check_whole(path: Path, height: int) -> None:
-    """Raise OSError unless every chunk of a file with one part, of rows under ZIP, is there.
+    """Raise OSError unless a file with one part, whose rows are compressed by ZIP, has every chunk.
 
     Parameters
     ----------
     path
-        The file, as `ImageWriter` lays it out: chunks in the order of the rows, nothing between them.
+        Path of a file by `ImageWriter`, with chunks in the order of the rows and nothing between them.
     height
         Rows of the image.
     """

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import Imath
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from xfrustum.scenes.disk.durable import NewFile
+from xfrustum.scenes.disk.durable import AllOrNothing, NewFile
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.channels import (
     CAMERA_ATTRIBUTE,
@@ -32,11 +31,11 @@ from xfrustum.scenes.files.openexr.whole import check_whole
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.model.rendering import Rendering
 
-MOST_PIXELS = (2**31 - 1) // 4
-"""Of an image: OpenEXR's Python module counts the bytes of one channel, 4 a pixel, in 32 bits."""
+MAX_PIXELS = (2**31 - 1) // 4
+"""Largest number of pixels: OpenEXR's Python module counts a channel's bytes, 4 a pixel, in 32 bits."""
 
 
-class ImageWriter:
+class ImageWriter(AllOrNothing):
     """Writes an image band by band, from the top down, in the memory of one band.
 
     A context manager. The file appears under its name when the block ends without an exception,
@@ -45,18 +44,18 @@ class ImageWriter:
     Parameters
     ----------
     path
-        The file; one that exists is replaced at the end.
+        Path of the file; a file that exists is replaced at the end.
     camera
-        What the whole image answers for; its resolution is the size of the image.
+        Frustum of the whole image; its resolution is the size of the image.
     normals, color, variance, certainty
         Whether the bands have these arrays.
     rendering
-        What makes the color of the whole image; None where nobody says.
+        Effects and samples of the whole image's color; None where they are not known.
 
     Raises
     ------
     InputError
-        The file cannot be written, or the image has more than `MOST_PIXELS`.
+        The file cannot be written, or the image has more than `MAX_PIXELS`.
     """
 
     def __init__(  # noqa: PLR0913 - one parameter per optional part of the file
@@ -84,10 +83,10 @@ class ImageWriter:
             *((CERTAINTY,) if certainty else ()),
         )
         width, height = camera.resolution
-        if width * height > MOST_PIXELS:
+        if width * height > MAX_PIXELS:
             raise InputError(
                 f"{self._path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
-                f"{MOST_PIXELS:,}; lower frustum.resolution"
+                f"{MAX_PIXELS:,}; lower frustum.resolution"
             )
         header = OpenEXR.Header(*camera.resolution)
         header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
@@ -102,7 +101,7 @@ class ImageWriter:
                 f"{self._path}: cannot write the image ({error.strerror}); choose another folder"
             ) from error
         try:
-            # The older interface, because the newer one writes whole images only.
+            # This is OpenEXR's older interface: the newer one writes whole images only.
             self._file = OpenEXR.OutputFile(self._new.open_name, header)
         except BaseException as error:
             self._new.discard()
@@ -118,9 +117,9 @@ class ImageWriter:
         Parameters
         ----------
         first_row
-            The image row of the band's row 0; bands come in order and leave no row out.
+            Image row of the band's row 0; bands come in order and leave no row out.
         band
-            Arrays of full width and any number of rows.
+            Image with arrays of full width and any number of rows.
         """
         if first_row != self._next_row:
             raise ValueError(f"rows from {first_row} do not follow the {self._next_row} rows written")
@@ -137,14 +136,14 @@ class ImageWriter:
             raise self._refused(error) from error
         self._next_row += rows
 
-    def close(self) -> None:
+    def commit(self) -> None:
         """Put the complete file under its name, once it is on the disk."""
         if self._next_row != self._camera.resolution[1]:
-            self.abort()
+            self.discard()
             raise ValueError(f"only {self._next_row} of {self._camera.resolution[1]} rows were written")
         try:
             self._file.close()
-            # OpenEXR keeps to itself what goes wrong with the last bytes that it writes.
+            # OpenEXR does not report errors in the last bytes that it writes.
             check_whole(self._new.aside, self._camera.resolution[1])
             self._new.commit()
         except (OSError, RuntimeError) as error:
@@ -152,8 +151,8 @@ class ImageWriter:
         finally:
             self._new.discard()
 
-    def abort(self) -> None:
-        """Leave nothing behind."""
+    def discard(self) -> None:
+        """Leave no trace."""
         try:
             self._file.close()
         finally:
@@ -161,20 +160,9 @@ class ImageWriter:
 
     def _refused(self, error: OSError | RuntimeError) -> InputError:
         reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-        # OpenEXR names the file that was set aside, which nobody will find.
+        # OpenEXR names the file that was set aside, which does not exist afterwards.
         reason = reason.replace(self._new.open_name, self._path.name)
         return InputError(f"{self._path}: cannot write the image ({reason}); check the disk")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abort()
 
 
 def write_image(path: str | Path, image: HogelImage) -> None:

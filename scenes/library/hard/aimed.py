@@ -16,7 +16,7 @@ GRID_STEP = 4
 def bumpy_sheet(name: str, columns: tuple[int, int], rows: tuple[int, int], side: int) -> SceneObject:
     """Return a sheet whose every vertex lies exactly on a pixel's line, at depths of 32 to 60.
 
-    In the image it is a plain grid: every second pixel or so lies on an edge or a vertex.
+    The image of the sheet is a plain grid: about every second pixel lies on an edge or a vertex.
     """
     column, row = np.meshgrid(
         np.arange(columns[0], columns[1] + 1, GRID_STEP), np.arange(rows[0], rows[1] + 1, GRID_STEP)
@@ -42,11 +42,11 @@ def _closed_edges() -> tuple[SceneObject, ...]:
 
 
 EDGE_ON_COLUMN, EDGE_ON_ROW = 40, 20
-"""The pixel lines that lie in a surface through the aperture."""
+"""Column and row of the pixels whose lines lie in a surface through the aperture."""
 
 
 def _surface_through_aperture() -> tuple[SceneObject, ...]:
-    # In the plane of all lines of one column, hence exactly through the aperture.
+    # The triangle lies in the plane of all lines of one column, hence exactly through the aperture.
     column = EDGE_ON_COLUMN
     corners = on_line(column, 0, [-64.0, -64.0, 96.0])
     corners[:, 1] = (-48.0, 48.0, 0.0)
@@ -54,7 +54,7 @@ def _surface_through_aperture() -> tuple[SceneObject, ...]:
 
 
 def _vertex_on_aperture() -> tuple[SceneObject, ...]:
-    # Slopes of 1/4 = 32/128: between two columns, so that no pixel's line lies in a side.
+    # The sides have slopes of 1/4 = 32/128, between two columns: no pixel's line lies in a side.
     base = [(16.0, 16.0, -64.0), (-16.0, 16.0, -64.0), (-16.0, -16.0, -64.0), (16.0, -16.0, -64.0)]
     vertices: Floats = np.array([(0.0, 0.0, 0.0), *base])
     faces = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (1, 4, 3), (1, 3, 2)])

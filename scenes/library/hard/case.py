@@ -1,4 +1,4 @@
-"""What a hard case is, and the view that most of them share: lines that doubles hold exactly."""
+"""The class of hard cases, and the frustum that most of them share, whose lines doubles hold exactly."""
 
 from __future__ import annotations
 
@@ -14,42 +14,44 @@ from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
 REACH = 128.0
+"""Reach on both sides, in millimeters."""
+
 PLATE = Plate(size=(40.0, 40.0), hogels=(5, 5))
-"""Apertures lie at x and y of -16, -8, 0, 8 and 16; the middle one at the origin."""
+"""Plate whose apertures lie at x and y of -16, -8, 0, 8 and 16; the middle one lies at the origin."""
 
 FRUSTUM = Frustum(
     resolution=(64, 64),
     reach=(REACH, REACH),
     screen=Screen(height=-64.0, center=(0.0, 0.0), size=(64.0, 64.0)),
 )
-"""Every slope is a multiple of 1/128: through the origin, an odd one from -63/128 to 63/128.
+"""Frustum in which every slope is a multiple of 1/128: through the origin, an odd one from -63/128 to 63/128.
 
-A screen and not an angle, because the tangent of no angle in radians is exactly 1/2.
+It has a screen and not an angle, because no angle in radians has the tangent 1/2 exactly.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class HardCase:
-    """One scene at which a renderer of crossed frusta may fail, and what must come out.
+    """One scene at which a renderer of crossed frusta may fail, and the true image that is expected.
 
     Attributes
     ----------
     name
-        As the command line takes it: `hard/...`.
+        Name on the command line: `hard/...`.
     why
-        Why it is hard, in one line.
+        Reason why the scene is hard, in one line.
     expected
-        What the truth must show, in one line.
+        Content of the true image, in one line.
     objects
-        Makes the meshes in scene coordinates.
+        Function that makes the meshes, in scene coordinates.
     plate, frustum
-        As in a scene file.
+        Plate and frustum, as in a scene file.
     apertures
-        Column and row of those worth a look.
+        Column and row of the apertures that matter.
     giant
-        Takes minutes or gigabytes.
+        Whether the case takes minutes or gigabytes.
     triangles
-        Of a giant, so that nobody must build it to know; None means as many as are built.
+        Number of triangles of a giant, which is not built for that; None where the built objects tell.
     """
 
     name: str
@@ -77,8 +79,8 @@ class HardCase:
 def on_line(column: ArrayLike, row: ArrayLike, s: ArrayLike) -> Floats:
     """Return the points (..., 3) at s on lines of `FRUSTUM` through the middle aperture.
 
-    Exact for whole and half pixels and every s of at most 45 bits. Columns and rows between pixels
-    are lines between pixels.
+    They are exact for whole and half pixels and every s of at most 45 bits. Fractions of columns and rows
+    mean lines between those of pixels.
     """
     columns, rows, along = np.broadcast_arrays(
         np.asarray(column, dtype=np.float64), np.asarray(row, dtype=np.float64), np.asarray(s, np.float64)
@@ -98,9 +100,9 @@ def film_rectangle(columns: tuple[float, float], rows: tuple[float, float], s: A
     Parameters
     ----------
     columns, rows
-        First and last, in pixels.
+        First and last column and row, in pixels.
     s
-        Of all corners, or of top left, top right, bottom right and bottom left.
+        Place along the line of all corners, or of top left, top right, bottom right and bottom left.
     """
     left, right = columns
     top, bottom = rows

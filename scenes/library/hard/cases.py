@@ -28,19 +28,13 @@ def names(*, giants: bool = True) -> list[str]:
 
 
 def listing() -> list[Listing]:
-    """Return name, why it is hard and number of triangles of every case; giants are not built."""
-    return [
-        Listing(
-            name=name,
-            purpose=case.why,
-            triangles=len(case.build().faces) if case.triangles is None else case.triangles,
-        )
-        for name, case in CASES.items()
-    ]
+    """Return name, difficulty and number of triangles of every case; giants are not built."""
+    counts = {name: case.triangles or len(case.build().faces) for name, case in CASES.items()}
+    return [Listing(name=name, purpose=CASES[name].why, triangles=count) for name, count in counts.items()]
 
 
 def build(name: str) -> Scene:
-    """Return the scene of a hard case. Not kept: one of them takes hundreds of megabytes.
+    """Return the scene of a hard case, made anew each time: one of them takes hundreds of megabytes.
 
     Raises
     ------

@@ -17,10 +17,11 @@ from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
 
 FAR_AWAY = 1e6
-"""How far the meshes of the far scene lie from the origin of their files."""
+"""Distance of the far scene's meshes from the origin of their files, along each axis."""
 SCALES = {"tiny": 2.0**-27, "huge": 2.0**13}
-"""Powers of two that make a reach of 150 about 1e-6 and 1e6."""
+"""Factors of the tiny and the huge scene: powers of two that make a reach of 150 about 1e-6 and 1e6."""
 _GRAIN = 2.0**-20
+"""Grid to which coordinates are rounded."""
 
 
 def asymmetric_on_a_grid() -> tuple[SceneObject, ...]:
@@ -29,7 +30,7 @@ def asymmetric_on_a_grid() -> tuple[SceneObject, ...]:
 
 
 def _far_from_origin() -> tuple[SceneObject, ...]:
-    # The mesh as it would lie in its file, and the `translate` of the scene file that places it.
+    # Far-away vertices, as a mesh file would have them, and the `translate` of the scene file.
     back = placement(translate=(-FAR_AWAY, FAR_AWAY, -FAR_AWAY))
     away = np.array([FAR_AWAY, -FAR_AWAY, FAR_AWAY])
     return tuple(place(replace(part, vertices=part.vertices + away), back) for part in asymmetric_on_a_grid())
@@ -53,7 +54,7 @@ def _scaled(kind: str) -> HardCase:
 
 
 ROOM = (24.0, 24.0, 20.0)
-"""Half sizes of a box about the middle aperture."""
+"""Half sizes of the box about the middle aperture along x, y and z."""
 
 
 def _room() -> tuple[SceneObject, ...]:
@@ -69,7 +70,7 @@ def _picture_on_the_screen() -> tuple[SceneObject, ...]:
     x, y = np.meshgrid(np.linspace(-10, 10, 9), np.linspace(-10, 10, 9))
     index = np.arange(81).reshape(9, 9)
     quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
-    # The hole lies beside the middle: it tells mirror images apart.
+    # The hole lies beside the middle, so that mirror images differ.
     quads = np.delete(quads, [18, 19, 26, 27], axis=0)
     screen = np.stack([x, y, np.full_like(x, SHEARED_SCREEN.height)], axis=-1).reshape(-1, 3)
     return SceneObject(name="picture", vertices=screen, faces=triangulate(quads)), wall(-90.0)
@@ -80,13 +81,13 @@ def _box_on_axis() -> tuple[SceneObject, ...]:
 
 
 WAVE_QUADS = (2500, 2000)
-"""Rows and columns of the ten million triangles' grid."""
+"""Rows and columns of the grid of ten million triangles."""
 
 
 def _ten_million() -> tuple[SceneObject, ...]:
     rows, columns = WAVE_QUADS
     x, y = np.linspace(-60, 60, columns + 1), np.linspace(-60, 60, rows + 1)[:, None]
-    # Rounded, so that sine tables that differ in the last bit make the same mesh.
+    # Heights are rounded, so that sine tables that differ in the last bit make the same mesh.
     z = np.round(-60 + 8 * np.sin(0.9 * x) * np.sin(0.7 * y) + 0.2 * np.sin(9.1 * x + 7.3 * y), 6)
     vertices = np.stack([np.broadcast_to(x, z.shape), np.broadcast_to(y, z.shape), z], axis=-1)
     index = np.arange(z.size).reshape(z.shape)

@@ -11,11 +11,12 @@ from xfrustum.scenes.library.hard.case import REACH, HardCase, film_rectangle, l
 from xfrustum.scenes.model.scene import SceneObject
 
 SEPARATIONS = (1e-3, 1e-6, 1e-9, 1e-12)
-"""Of the nearly coincident sheets, column by column, as a fraction of `SHEET_DISTANCE`.
+"""Separations of the nearly coincident sheets, column by column, as fractions of `SHEET_DISTANCE`.
 
 In one more column each corner is a single step of a double apart.
 """
 SHEET_DISTANCE = 64.0
+"""Distance of the sheets from the plate, at their top left corners."""
 SHEET_ROWS = ((3.5, 29.5), (33.5, 59.5))
 """Edges of the sheets behind and before the plate, between pixels."""
 
@@ -52,7 +53,7 @@ def _nearly_coincident() -> tuple[SceneObject, ...]:
     lower, upper = [], []
     for side, rows in zip((1, -1), SHEET_ROWS, strict=True):
         for index in range(len(SEPARATIONS) + 1):
-            # Leaning and bent: a flat sheet would be all right or all wrong.
+            # The sheets lean and are bent: all pixels of a flat one would be right, or all wrong.
             depth = side * SHEET_DISTANCE * np.array([1.0, 1.125, 1.25, 1.0625])
             sheet = film_rectangle(sheet_columns(index), rows, depth)
             raised = sheet.copy()
@@ -62,12 +63,13 @@ def _nearly_coincident() -> tuple[SceneObject, ...]:
                 raised[..., 2] = np.nextafter(sheet[..., 2], np.inf)
             lower.append(sheet)
             upper.append(raised)
-    # The hidden one comes first: whoever takes the smaller number for lack of certainty is wrong.
+    # The hidden sheets come first, so that a renderer that breaks ties by the smaller number is wrong.
     return loose("lower sheets", np.concatenate(lower)), loose("upper sheets", np.concatenate(upper))
 
 
 AT_REACH = ((2.5, 30.5), (34.5, 62.5))
-"""Columns of the sheets exactly at the reach and one step of a double beyond; rows likewise, by side."""
+"""First and last column of the sheets exactly at the reach, and of those one step of a double beyond it. The
+rows of the sheets behind and before the plate are the same numbers."""
 
 
 def _at_the_reach() -> tuple[SceneObject, ...]:

@@ -11,9 +11,9 @@ from xfrustum.scenes.library.hard.case import HardCase, film_rectangle, loose, o
 from xfrustum.scenes.model.scene import SceneObject
 
 EDGE_ON_COLUMN, TURNED_COLUMN = 20, 44
-"""Columns whose lines lie in a triangle, and in which one is turned by `TURN` at either end."""
+"""Column whose lines lie in a triangle, and column of a triangle that is turned by `TURN` at either end."""
 TURN = 2.0**-49
-"""The step of doubles from 8 to 16, where the far end is."""
+"""Distance in x by which the ends are moved: the step of doubles from 8 to 16, where the far end lies."""
 TURNED_HALF_HEIGHT, TURNED_MIDDLE = 10.0, 48.0
 """Half the turned triangle's height where it crosses its column's lines, and the depth there."""
 
@@ -34,7 +34,7 @@ def _edge_on() -> tuple[SceneObject, ...]:
 
 
 NEEDLE = 28e-6
-"""Half the width of a needle in pixels; the longest are 56 pixels long: an aspect of 1e6."""
+"""Half the width of a needle, in pixels; the longest are 56 pixels long, a million times their width."""
 
 
 def _needles() -> tuple[SceneObject, ...]:
@@ -58,7 +58,7 @@ def _zero_area() -> tuple[SceneObject, ...]:
 
 def _duplicates() -> tuple[SceneObject, ...]:
     box = place(build_shape("box"), placement(24.0, (20.0, 35.0, 10.0), (3.0, -2.0, -56.0)))
-    # Faces twice over shared vertices, the second time wound the other way; then loose once more.
+    # All faces come twice on shared vertices, the second time wound the other way, and once more loose.
     faces = np.concatenate([box.faces, box.faces[:, ::-1]])
     return (
         SceneObject(name="faces twice", vertices=box.vertices, faces=faces),
@@ -67,7 +67,7 @@ def _duplicates() -> tuple[SceneObject, ...]:
 
 
 SMALLEST = 2.0**-240
-"""Depth of the nearer of two sheets: their smallest coordinates, 1/128 of it, are about 4e-75."""
+"""Depth of the nearer of two sheets, whose smallest coordinates, 1/128 of it, are about 4e-75."""
 
 
 def _smallest() -> tuple[SceneObject, ...]:

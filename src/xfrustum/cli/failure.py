@@ -15,21 +15,22 @@ UNEXPECTED_ERROR = 70
 """Exit status after an error of the program itself: EX_SOFTWARE of sysexits.h."""
 
 PREFIX, SUFFIX = "xfrustum-traceback-", ".txt"
+"""Beginning and end of the names of files with tracebacks."""
 
 MAX_TRACEBACKS = 20
-"""Number of tracebacks kept in the folder for temporary files; the oldest give way."""
+"""Largest number of tracebacks kept in the folder for temporary files; the oldest are removed."""
 
 MAX_FRAMES = 200
-"""Most frames of a traceback that are written, from its end; endless recursion has thousands."""
+"""Largest number of frames of a traceback that are written, from its end; endless recursion has thousands."""
 
 
 def report_unexpected(error: BaseException, *, shown: bool) -> int:
-    """Say in one line that the program failed, and return the exit status.
+    """Print in one line that the program failed, and return the exit status.
 
     Parameters
     ----------
     error
-        The exception that nobody expected.
+        Exception that is no input error.
     shown
         Whether to print its traceback instead of writing it to a file.
     """
@@ -69,7 +70,7 @@ def _write(text: str) -> Path | None:
 
 
 def _remove_old(folder: Path) -> None:
-    """Remove the oldest of one's own tracebacks, until few enough are left."""
+    """Remove the user's oldest tracebacks until `MAX_TRACEBACKS` are left."""
     own: list[tuple[float, Path]] = []
     for path in folder.glob(f"{PREFIX}*{SUFFIX}"):
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""What file systems refuse, whatever command asked for it: impossible names, and places without room."""
+"""Errors of file systems in words: impossible names, and places without room."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ ADVICE = {
     errno.ELOOP: "mend the symbolic links",
     errno.EMFILE: "raise the limit on open files (ulimit -n)",
 }
-"""What the user can do about an error of the operating system."""
+"""Advice to the user about errors of the operating system, by their numbers."""
 
 MAX_SHOWN = 100
-"""Most characters of a name that a message repeats."""
+"""Largest number of characters of a name that a message repeats."""
 
 
 def in_words(error: OSError) -> str:
-    """Return what is wrong, where, and what to do about an error that is in `ADVICE`."""
+    """Return the message for an error that is in `ADVICE`: the place, the reason and the advice."""
     assert error.errno is not None
     reason = f"{os.strerror(error.errno)}; {ADVICE[error.errno]}"
     if error.filename is None:
@@ -36,18 +36,18 @@ def in_words(error: OSError) -> str:
 
 
 def shortened(name: str) -> str:
-    """Return a name, or the beginning and the end of one that is too long to be shown."""
+    """Return a name, or its beginning and end if it is longer than `MAX_SHOWN`."""
     half = MAX_SHOWN // 2
     return name if len(name) <= MAX_SHOWN else f"{name[:half]}..{name[-half:]}"
 
 
 def check_encoding(arguments: Sequence[str]) -> None:
-    """Refuse arguments that are no UTF-8: image files and JSON have no way to hold such names.
+    """Refuse arguments that are no UTF-8, because image files and JSON cannot hold such names.
 
     Raises
     ------
     click.UsageError
-        One of them has bytes that are no UTF-8.
+        An argument has bytes that are no UTF-8.
     """
     for argument in arguments:
         try:

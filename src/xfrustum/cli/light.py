@@ -1,20 +1,15 @@
-"""How the command line asks for light: which effects, how many samples, which light transport.
-
-And `figure7`, which is about nothing else.
-"""
+"""Options of the command line about light: effects, numbers of samples, light transport."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from xfrustum.cli import options
-from xfrustum.cli.numbers import Positive, Samples
+from xfrustum.cli.numbers import Samples
 from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
@@ -24,31 +19,29 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-_COUNT = Samples()
+
+def _count_option(flag: str, meaning: str) -> Callable[[Command], Command]:
+    """Return an option for a count of samples, whose default is the scene's."""
+    return click.option(flag, type=Samples(), help=f"{meaning}  [default: the scene's]")
+
+
 _OPTIONS = {
     "effects": click.option(
         "--effects",
         default="auto",
         metavar="all|auto|NAME,..",
-        help="What is simulated; `explain` lists the names.  [default: auto, what the scene calls for]",
+        help="Effects that are simulated; `explain` lists them.  [default: auto, what the scene calls for]",
     ),
-    "supersample": click.option(
-        "--supersample", type=_COUNT, help="Points along each side of a pixel.  [default: the scene's]"
-    ),
-    "multisample": click.option(
-        "--multisample", type=_COUNT, help="OpenGL's own samples per pixel.  [default: the scene's]"
-    ),
-    "aperture": click.option(
-        "--aperture-samples",
-        "aperture_samples",
-        type=_COUNT,
-        help="Points of the aperture's area (band limiting).  [default: the scene's]",
-    ),
+    "supersample": _count_option("--supersample", "Points along each side of a pixel."),
+    "multisample": _count_option("--multisample", "OpenGL's own samples per pixel."),
+    "aperture": _count_option("--aperture-samples", "Points of the aperture's area (band limiting)."),
     "shadows": click.option(
-        "--shadows/--no-shadows", default=None, help="Light transport, by Mitsuba.  [default: the scene's]"
+        "--shadows/--no-shadows", default=None, help="Shadows, traced by Mitsuba.  [default: the scene's]"
     ),
     "interreflection": click.option(
-        "--interreflection/--no-interreflection", default=None, help="Light from other surfaces, by Mitsuba."
+        "--interreflection/--no-interreflection",
+        default=None,
+        help="Light from other surfaces, by Mitsuba.  [default: the scene's]",
     ),
     "samples": click.option(
         "--samples", type=click.IntRange(2), help="Light paths per pixel.  [default: the scene's]"
@@ -61,7 +54,7 @@ REFERENCE = ("effects", "supersample", "aperture", "shadows", "interreflection",
 
 @dataclass(frozen=True, kw_only=True)
 class Light:
-    """What the command line says about light; None leaves a setting as the scene has it."""
+    """Settings of light on the command line; None leaves a setting as the scene has it."""
 
     effects: str = "auto"
     supersample: int | None = None
@@ -79,46 +72,40 @@ class Light:
         click.UsageError
             Light paths are asked for, but no light transport.
         """
-        sampling = {
-            "supersample": self.supersample,
-            "multisample": self.multisample,
-            "aperture": self.aperture_samples,
-        }
-        transport = {
-            "shadows": self.shadows,
-            "interreflection": self.interreflection,
-            "samples": self.samples,
-        }
+        sampling = _given(
+            supersample=self.supersample, multisample=self.multisample, aperture=self.aperture_samples
+        )
+        transport = _given(shadows=self.shadows, interreflection=self.interreflection, samples=self.samples)
         changed = replace(
             scene,
-            sampling=replace(scene.sampling, **_given(sampling)),
-            transport=replace(scene.transport, **_given(transport)),
+            sampling=replace(scene.sampling, **sampling),
+            transport=replace(scene.transport, **transport),
         )
         if self.samples is not None and not changed.transport.simulated:
             raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
         return changed
 
     def chosen(self, scene: Scene, camera: Camera | None = None) -> frozenset[Effect]:
-        """Return the effects asked for, of a scene and the cameras that draw it."""
+        """Return the effects that are asked for, for a scene and the cameras that draw it."""
         from xfrustum.scenes.model.effects import chosen
         from xfrustum.scenes.plate.double_frustum import Camera
 
         return chosen(scene, self.effects, camera or Camera.BOTH)
 
     def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
-        """Return who traces, and whether that is light paths, which only Mitsuba does.
+        """Return the name of the tracer, and whether it traces light paths, which only Mitsuba does.
 
         Parameters
         ----------
         scene
-            With these settings applied.
+            Scene with these settings applied.
         given
-            The tracer that the command line names; None chooses the one that can do what is asked for.
+            Tracer that the command line names; None chooses one that can do what is asked for.
 
         Raises
         ------
         click.UsageError
-            Light transport is asked for, but of another tracer, or not with all effects.
+            Light transport is asked for with another tracer, or without some of the effects.
         """
         transport = scene.transport
         if not transport.simulated:
@@ -138,7 +125,8 @@ class Light:
         return given or "embree", False
 
 
-def _given(settings: dict[str, Any]) -> dict[str, Any]:
+def _given(**settings: Any) -> dict[str, Any]:
+    """Return the settings that are not None."""
     return {name: value for name, value in settings.items() if value is not None}
 
 
@@ -156,23 +144,3 @@ def light_options(*names: str) -> Callable[[Command], Command]:
         return with_light  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
     return decorate
-
-
-@click.command()
-@click.argument("scene", default="car-studio")
-@options.aperture_option
-@click.option("--near", type=Positive(), help="Offset of both cameras.  [default: 1e-6 of the reach]")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
-def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, out: Path | None) -> None:
-    """Draw C alone, C* alone and both, as in the paper's figure 7; write a page and three pictures."""
-    from xfrustum.reports.commands.figure7 import FILES, default_settings, draw_figure, write_figure
-    from xfrustum.reports.common.outputs import check_writable_folder
-    from xfrustum.reports.error_report.report import default_folder
-
-    opened = options.open_scene(scene)
-    chosen = options.chosen_aperture(opened, aperture)
-    folder = Path("figure7") / default_folder(opened).name if out is None else out
-    check_writable_folder(folder, FILES)
-    options.look_at(opened, [chosen])
-    write_figure(draw_figure(opened, chosen, default_settings(opened, near)), folder)
-    click.echo(folder / "index.html")

@@ -1,4 +1,4 @@
-"""The command line: arguments in, exit status out, and nothing else.
+"""The command line: from arguments to a command and its exit status.
 
 Exit status: 0 done, 1 a stated limit was exceeded, 2 bad input, 70 an unexpected error, 130 and 143 ended by
 a signal; all but the first two say why in one line on standard error.
@@ -20,6 +20,7 @@ from xfrustum.cli import termination as cli_termination
 from xfrustum.cli.commands import checks as cli_checks
 from xfrustum.cli.commands import cost as cli_cost
 from xfrustum.cli.commands import explain as cli_explain
+from xfrustum.cli.commands import figure7 as cli_figure7
 from xfrustum.cli.commands import plan as cli_plan
 from xfrustum.cli.commands import plate as cli_plate
 from xfrustum.cli.commands import scene as cli_scene
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 
 BAD_INPUT = 2
+"""Exit status where the user can mend what is wrong."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
@@ -47,12 +49,12 @@ BAD_INPUT = 2
 @click.option(
     "--max-hogels",
     type=click.IntRange(min=1),
-    help="Hogels that a scene file's plate may have.  [default: 20000000]",
+    help="Largest number of hogels of a scene file's plate.  [default: 20000000]",
 )
 @click.option(
     "--traceback",
     is_flag=True,
-    help="Show the traceback of an unexpected error, and what libraries say; given first.",
+    help="Show the traceback of an unexpected error, and what libraries print; stands before COMMAND.",
 )
 @click.pass_context
 def cli(
@@ -62,7 +64,7 @@ def cli(
 
     SCENE is the path of a scene file (TOML) or the name of a built-in scene.
     """
-    del traceback  # `main` looks for it before anything else can fail
+    del traceback  # `main` reads this option before anything else can fail
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     elif max_input_memory is not None or max_hogels is not None:
@@ -85,9 +87,14 @@ def cli(
 @click.option(
     "--apertures",
     type=options.Indices(),
-    help="Column,row of each.  [default: the middle, recentered also two corners]",
+    help="Column,row of each.  [default: the middle; if recentered, also two corners]",
 )
-@click.option("--depth", "depths", type=options.Depths(), help="Such as d24,d32f:reversed.  [default: five]")
+@click.option(
+    "--depth",
+    "depths",
+    type=options.Depths(),
+    help="Depth buffers, such as d24,d32f:reversed.  [default: five]",
+)
 @options.tracer_option
 @cli_light.light_options(*cli_light.ALL)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
@@ -128,12 +135,14 @@ def report(
         effects=light.effects,
         progress=not quiet,
     )
-    if as_json:
-        options.print_json(
-            {"files": {"html": files.html, "json": files.json, "parquet": files.parquet}, **files.content}
-        )
-    else:
-        click.echo("\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))))
+    options.tell(
+        as_json,
+        lambda: {
+            "files": {"html": files.html, "json": files.json, "parquet": files.parquet},
+            **files.content,
+        },
+        lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
+    )
 
 
 @cli.command()
@@ -212,14 +221,11 @@ def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
         say(f"note: {compared.note}")
     if out is not None:
         write_comparison(compared, out)
-    if as_json:
-        options.print_json(compared.comparison.summary())
-    else:
-        click.echo(table(compared.comparison))
+    options.tell(as_json, compared.comparison.summary, lambda: table(compared.comparison))
 
 
 @cli.command()
-@click.option("--hard", is_flag=True, help="The hard cases instead.")
+@click.option("--hard", is_flag=True, help="List the hard cases instead.")
 @options.json_option
 def scenes(hard: bool, as_json: bool) -> None:
     """List the built-in scenes, each with what it is for."""
@@ -242,7 +248,7 @@ for _command in (
     cli_checks.bench,
     cli_cost.cost,
     cli_explain.explain,
-    cli_light.figure7,
+    cli_figure7.figure7,
     cli_plan.plan,
     cli_plate.plate,
     cli_scene.check,
@@ -259,7 +265,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments
-        Without the program's name; those of the process where None.
+        Arguments without the program's name; None for those of the process.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     with cli_termination.current() as termination:
@@ -267,7 +273,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # A signal may have come while the program was loaded.
             status = 0 if termination.received else termination.call(lambda: _invoke(given))
         except BaseException as error:
-            # An exception out of the midst of a library may be anything, once a signal has come.
+            # After a signal, a library that was interrupted may raise any exception.
             status = 0 if termination.received else _status_of(error, traceback="--traceback" in given[:1])
         if termination.received is not None:
             say(termination.word)
@@ -291,12 +297,12 @@ def _invoke(arguments: list[str]) -> int:
 
 
 def _status_of(error: BaseException, *, traceback: bool) -> int:
-    """Say what went wrong in one line and return the exit status."""
+    """Print the error in one line and return the exit status."""
     if isinstance(error, click.ClickException):
         return _refuse(error.format_message())
-    if isinstance(error, BrokenPipeError):  # nobody reads on, which is their right
+    if isinstance(error, BrokenPipeError):  # a reader that stops reading is no error
         return 0
-    if isinstance(error, KeyboardInterrupt | click.Abort):  # of a program that handles its signals itself
+    if isinstance(error, KeyboardInterrupt | click.Abort):  # the program around this handles its signals
         say(cli_termination.WORD_OF_SIGNAL[signal.SIGINT])
         return cli_termination.STATUS_OF_SIGNAL[signal.SIGINT]
     if _is_input_error(error):
@@ -307,8 +313,8 @@ def _status_of(error: BaseException, *, traceback: bool) -> int:
 
 
 def _is_input_error(error: BaseException) -> bool:
-    """Return whether the user can mend it."""
-    # Importing the scenes for their one exception would cost `--help` a second.
+    """Return whether an error is one that the user can mend."""
+    # The class is looked up and not imported: where it is not loaded, nothing has raised it.
     errors = sys.modules.get("xfrustum.scenes.errors")
     return errors is not None and isinstance(error, errors.InputError)
 

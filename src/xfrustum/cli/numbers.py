@@ -1,4 +1,4 @@
-"""Numbers on the command line, whose errors name the option that they were given to."""
+"""Types of numbers on the command line; their errors name the option."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ class Samples(click.ParamType[int]):
 
 
 _UNITS = {"": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40}
+"""Bytes of each unit of size, by its letter."""
 
 
 class Size(click.ParamType[int]):

@@ -1,4 +1,4 @@
-"""How the command line spells apertures, near planes and the settings of the double frustum.
+"""Options that commands share: apertures, near planes, settings of the double frustum.
 
 Nothing heavy is imported before a command runs, so that `--help` answers at once.
 """
@@ -15,6 +15,7 @@ import click
 
 from xfrustum.cli.numbers import Positive
 from xfrustum.cli.streams import say
+from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import Scene
@@ -103,7 +104,7 @@ class Sizes(click.ParamType[tuple[int, ...]]):
 
 
 class FitHeight(click.ParamType["Fit | float"]):
-    """`angle`, `screen`, or a height."""
+    """The word `angle` or `screen`, or a height."""
 
     name = "angle|screen|Z"
 
@@ -168,13 +169,15 @@ class Depths(click.ParamType[tuple[tuple[StrEnum, StrEnum], ...]]):
             self.fail(f"{value!r}: formats are {formats}, mappings are {mappings}", param, ctx)
 
 
-# One line per field of DoubleFrustum, whose defaults hold where an option is left out.
+# One option for each field of DoubleFrustum, whose defaults hold where the option is left out.
 _SETTINGS = (
     click.option("--near", type=Positive(), required=True, help="Offset of both cameras, 0 < N < reach."),
     click.option("--depth", type=Name("DepthFormat"), help="Depth buffer format.  [default: d24]"),
     click.option("--mapping", type=Name("DepthMapping"), help="Depth mapping.  [default: standard]"),
     click.option("--pivot", type=Name("Pivot"), help="Center of the shear.  [default: aperture]"),
-    click.option("--fit", type=FitHeight(), help="Height drawn exactly.  [default: first slab, else angle]"),
+    click.option(
+        "--fit", type=FitHeight(), help="Height |z| drawn exactly.  [default: the first cut, or angle]"
+    ),
     click.option("--offset", type=Name("Offset"), help="Whether cameras step back.  [default: plate]"),
     click.option("--slabs", type=Numbers(), help="Heights |z| at which both frusta are cut."),
     click.option("--camera", type=Name("Camera"), help="Which cameras draw.  [default: both]"),
@@ -194,7 +197,7 @@ def double_frustum_options(command: Command) -> Command:
 
 
 def _collect(options: dict[str, Any]) -> DoubleFrustum:
-    """Take the settings out of a command's options."""
+    """Remove the settings from a command's options, and return them."""
     from dataclasses import fields
 
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -204,12 +207,12 @@ def _collect(options: dict[str, Any]) -> DoubleFrustum:
 
 
 def open_scene(name: str) -> Scene:
-    """Open a scene file or a built-in scene, and say on standard error what its meshes lack.
+    """Open a scene file or a built-in scene, and print its warnings on standard error.
 
     Raises
     ------
     InputError
-        See `xfrustum.open_scene`.
+        There is no such scene, or its file is not valid; see `xfrustum.open_scene`.
     """
     from xfrustum.scenes import open_scene as opened
 
@@ -231,14 +234,14 @@ def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
 
 
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
-    """Refuse a question about nothing; warn on standard error of what the reach cuts, and of tiny objects.
+    """Refuse apertures that see nothing; warn on standard error of cut and of tiny objects.
 
     Parameters
     ----------
     scene
-        What is asked about.
+        Scene that the command is asked about.
     apertures
-        Those that the command is asked about.
+        Apertures that the command is asked about.
     black_is_right
         Whether the command's answer is a picture, which may be black: then apertures that see nothing are
         a warning as long as another one sees something, and in hard cases, which are empty on purpose.
@@ -264,7 +267,7 @@ def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool
 
 
 def warn_of(scene: Scene) -> None:
-    """Warn on standard error of what the reach cuts, and of objects that are tiny beside the plate."""
+    """Warn on standard error of objects that the reach cuts, and of those that are tiny beside the plate."""
     from xfrustum.compare import extent
 
     for warning in extent.warnings(scene):
@@ -274,6 +277,22 @@ def warn_of(scene: Scene) -> None:
 def warn(warning: str) -> None:
     """Print a warning on standard error."""
     say(f"warning: {warning}")
+
+
+def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
+    """Print a command's result on standard output.
+
+    Parameters
+    ----------
+    as_json
+        Whether to print one JSON object instead of text.
+    summary, text
+        The functions that make the object and the text.
+    """
+    if as_json:
+        print_json(summary())
+    else:
+        click.echo(text())
 
 
 scene_argument = click.argument("scene")
@@ -287,6 +306,13 @@ free_tracer_option = click.option(
     "--tracer", type=Tracer(), help="Ray tracer.  [default: embree; mitsuba for light transport]"
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress bar.")
+tolerance_option = click.option(
+    "--tolerance-px",
+    type=Positive(),
+    default=TOLERANCE_PX,
+    show_default=True,
+    help="Displacement that 99 % may have.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 
 
@@ -295,5 +321,5 @@ def print_json(value: dict[str, Any]) -> None:
     from xfrustum.reports.common.json_ready import json_ready
 
     text = json.dumps(json_ready(value), allow_nan=False)
-    # The one control character that JSON leaves as it is.
+    # JSON escapes all other control characters.
     click.echo(text.replace("\x7f", "\\u007f"))

@@ -1,7 +1,7 @@
-"""Standard output and standard error: what is written there, also where nobody can read it.
+"""Standard output and standard error, also where they are closed, full or broken.
 
-What a command prints is escaped here, in one place. For the process as a whole, streams that are closed, full
-or broken are met here too, and what libraries say on standard error is kept apart from our one line.
+Output of commands is escaped here, in one place. For the process as a whole, this module also keeps the text
+that libraries print on standard error apart from the program's own messages of one line.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from typing import IO, Any, TextIO, cast
 from xfrustum.terminal import messages, one_line, printable, send_messages_to
 
 STDIN, STDOUT, STDERR = 0, 1, 2
+"""Numbers of the standard file descriptors."""
 
 MAX_KEPT_BYTES = 1 << 16
-"""Most of what libraries said on standard error that is shown with a traceback."""
+"""Largest part of the libraries' text on standard error that is shown with a traceback."""
 
 
 def say(message: str) -> None:
-    """Write one line of ours to standard error; where that cannot be written, nobody is told."""
+    """Write one message of the program to standard error; errors of that stream are ignored."""
     try:
         messages().write(f"xfrustum: {one_line(message)}\n")
         messages().flush()
@@ -53,7 +54,7 @@ class _Printable:
 def printable_output() -> Iterator[None]:
     """Escape control characters in all that is written to `sys.stdout` within a block."""
     stream = sys.stdout
-    if stream is None:  # closed from the start, in a program that is not ours
+    if stream is None:  # the program around this has closed it
         yield
         return
     sys.stdout = cast("TextIO", _Printable(stream))
@@ -64,9 +65,9 @@ def printable_output() -> Iterator[None]:
 
 
 class _Outlet(io.RawIOBase):
-    """A file descriptor that takes everything: what it cannot write is dropped, and the first reason kept.
+    """A file descriptor that accepts all data, drops what it cannot write, and keeps the first error.
 
-    A reader that went away, as `| head` does, is no reason.
+    A reader that stops reading, as `| head` does, is no error.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -100,8 +101,8 @@ class Streams:
     Attributes
     ----------
     library_words
-        A file that takes the place of file descriptor 2, where libraries in C write; None where their words
-        are shown.
+        File that takes the place of file descriptor 2, where libraries in C write; None where their text
+        is shown.
     """
 
     def __init__(self, *, words_of_libraries: bool) -> None:
@@ -121,19 +122,19 @@ class Streams:
             sys.stderr = _text(_Outlet(STDERR), line_buffering=True)
 
     def failure_of_output(self) -> str | None:
-        """Write what is left, and return why standard output could not be written, None where it could."""
+        """Flush standard output, and return the reason why it could not be written; None where it could."""
         sys.stdout.flush()
         failure = self._output.failure
         return None if failure is None else failure.strerror or "I/O error"
 
     def words_of_libraries(self) -> str:
-        """Return the last of what libraries have written to standard error."""
+        """Return the last part of the text that libraries have written to standard error."""
         if self.library_words is None:
             return ""
         try:
             end = os.fstat(self.library_words.fileno()).st_size
             data = os.pread(self.library_words.fileno(), MAX_KEPT_BYTES, max(0, end - MAX_KEPT_BYTES))
-        except OSError:  # no file, where there is no folder for temporary ones
+        except OSError:  # there is no such file where there is no folder for temporary ones
             return ""
         return data.decode(errors="replace")
 
@@ -142,7 +143,7 @@ _of_process: Streams | None = None
 
 
 def of_process(*, words_of_libraries: bool) -> Streams:
-    """Return the streams of this process, which `__main__` takes in hand."""
+    """Return the streams of this process, made at the first call, which is that of `__main__`."""
     global _of_process
     if _of_process is None:
         _of_process = Streams(words_of_libraries=words_of_libraries)
@@ -150,12 +151,12 @@ def of_process(*, words_of_libraries: bool) -> Streams:
 
 
 def words_of_libraries() -> str:
-    """Return what libraries wrote to standard error, as far as it was kept."""
+    """Return the text that libraries wrote to standard error, as far as it was kept."""
     return "" if _of_process is None else _of_process.words_of_libraries()
 
 
 def _open_closed_descriptors() -> None:
-    """Occupy 0, 1 and 2: a file of ours that got such a number would be written to by libraries."""
+    """Open those of 0, 1 and 2 that are closed: libraries would write to a file that got such a number."""
     for descriptor in (STDIN, STDOUT, STDERR):
         try:
             os.fstat(descriptor)
@@ -175,7 +176,7 @@ def _silence_python_libraries() -> None:
     logging.getLogger().addHandler(logging.NullHandler())
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
-    # Python itself prints what was raised where nobody can catch it, in a callback or a thread.
+    # Python itself prints exceptions that cannot be caught, in a callback or a thread.
     sys.unraisablehook = lambda _: None
     threading.excepthook = lambda _: None
 

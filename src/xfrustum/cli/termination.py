@@ -5,7 +5,7 @@ cleans up, but only where that is safe: not while a module is imported, a file p
 started. Where it is not safe now, or where a library swallowed the exception, a timer tries again. `main`
 exits by the remembered signal, whatever exception came out in the end.
 
-This module imports nothing heavy: `__main__` installs the handlers with it before it imports anything else.
+This module imports nothing heavy: `__main__` installs the handlers before it imports anything else.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 STATUS_OF_SIGNAL = {signal.SIGINT: 130, signal.SIGTERM: 143}
-"""128 plus the number of the signal, which is what shells report of a program that a signal ended."""
+"""Exit status by signal, 128 plus its number, which shells report for a program that a signal ended."""
 
 WORD_OF_SIGNAL = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""Message by signal, in one word."""
 
 RETRY_S = 0.02
 """Time until the exception is raised again, where it could not be raised or did not arrive."""
@@ -41,8 +42,8 @@ UNINTERRUPTED_MODULES = frozenset(
         "xfrustum.scenes.files.openexr.writer",
     }
 )
-"""Modules whose functions run to their end: they make, move or remove files, or import. An import that is cut
-short leaves half a module, from which exceptions of other kinds follow later."""
+"""Modules whose functions run to their end: they make, move or remove files, or import. An interrupted import
+leaves half a module, which causes exceptions of other kinds later."""
 
 UNINTERRUPTED_FUNCTIONS = frozenset(
     {
@@ -53,15 +54,15 @@ UNINTERRUPTED_FUNCTIONS = frozenset(
         ("xfrustum.reports.verification.commands", "_start"),
     }
 )
-"""Functions of other modules that run to their end: a block is entered and left as a whole, and nobody would
-end a process that was started but not yet noted."""
+"""Functions of other modules that run to their end: a block is entered and left as a whole, and a process
+that was started but not yet noted would never be ended."""
 
 WAITING_FUNCTIONS = frozenset({("xfrustum.scenes.disk.durable", "_copy")})
-"""Functions of the modules above that are interrupted all the same: they wait for whoever reads a pipe."""
+"""Functions of the modules above that are interrupted all the same: they wait for the reader of a pipe."""
 
 
 class Terminated(KeyboardInterrupt):
-    """The process was asked to end. Whatever cleans up after Ctrl-C does so after this."""
+    """Raised when the process is asked to end. Code that cleans up after Ctrl-C cleans up after it too."""
 
 
 class Termination:
@@ -88,15 +89,15 @@ class Termination:
 
     @property
     def word(self) -> str:
-        """What the signal did, in one word."""
+        """Message about the signal that was received, in one word."""
         assert self.received is not None
         return WORD_OF_SIGNAL[self.received]
 
     def install(self) -> None:
         """Take over the signals that do what they do by default.
 
-        A signal that the parent process has set to be ignored, as shells do for jobs in the background, or
-        that the program around this handles itself, is left alone. So it is outside of the main thread.
+        Signals are left alone that the parent process ignores, as shells do for jobs in the background, or
+        that the program around this handles itself. Outside of the main thread all are left alone.
         """
         if threading.current_thread() is not threading.main_thread():
             return
@@ -133,14 +134,14 @@ class Termination:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if os.getpid() != self._process:
-            os._exit(128 + number)  # a child that was forked from here has nothing of ours to clean up
+            os._exit(128 + number)  # a child that was forked from this process has nothing to clean up
         if number in STATUS_OF_SIGNAL and self.received is None:
             self.received = signal.Signals(number)
         if self.received is None:
             return
         if signal.SIGALRM in self._former:
             signal.setitimer(signal.ITIMER_REAL, RETRY_S)
-        # Raised once, it may still be on its way, and what handles it cleans up.
+        # The exception may be on its way already: then the blocks that it leaves are cleaning up.
         if self._may_raise(frame) and not (self._raised and sys.exception() is not None):
             self._raised = True
             raise Terminated
@@ -167,7 +168,7 @@ _of_process: Termination | None = None
 
 
 def of_process() -> Termination:
-    """Return the one that `__main__` installs for the whole process, before anything else is imported."""
+    """Return the termination of this process, installed by `__main__` before anything else is imported."""
     global _of_process
     if _of_process is None:
         _of_process = Termination()
@@ -177,7 +178,7 @@ def of_process() -> Termination:
 
 @contextmanager
 def current() -> Iterator[Termination]:
-    """Give the one of the process where there is one, else one for as long as the block lasts."""
+    """Provide the termination of the process where there is one, else one for this block."""
     if _of_process is not None:
         yield _of_process
         return

@@ -22,12 +22,12 @@ from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.library import builtin
 
 LOG = logging.getLogger(__name__)
-"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 OTHER_TRIANGLES = 1e-3
 """Share of pixels where float32 and subpixel snapping may show another triangle than exact lines do."""
 STAYS_UNEXPLAINED = 0.9
-"""Of wrong pixels, when the raster is made wrong on purpose."""
+"""Smallest share of the wrong pixels that stays unexplained when the raster is made wrong on purpose."""
 
 RESOLUTION = (512, 384)
 SCENES = (*builtin.names(), *SHARED_SCENES)
@@ -86,7 +86,7 @@ def test_what_fixed_point_depth_swaps_and_loses_is_explained_as_that(name: str, 
     assert counts["unexplained"] == 0
     assert counts["order"] > 100
     assert counts["lost"] > 10
-    # What the depth buffer never let in leaves the background, or what lies behind it.
+    # A lost surface shows the background, or the surface behind it.
     emptied = model.covered & ~drawn.covered & explanation.lost
     assert emptied.any()
 
@@ -146,7 +146,7 @@ class TestNegativeControls:
     ) -> None:
         def wrong(frustum: Frustum, *asked: Any) -> Floats:
             matrix = np.array(clip_from_scene(frustum, *asked))
-            # Shears and offsets: as much as moves the film by a hundredth at half the reach.
+            # Wrong shears and offsets move the film by a hundredth at half the reach.
             size = 1.0 if entry[1] != 3 else frustum.longest_reach / 2
             matrix[entry] += 0.01 * size * matrix[entry[0], entry[0]]
             return matrix
@@ -162,7 +162,7 @@ class TestNegativeControls:
 def test_a_wrong_near_stays_unexplained_where_it_moves_edges_at_all(
     name: str, near: float, factor: float
 ) -> None:
-    """Where near is so small that the error moves edges by less than rounding does, it is no error."""
+    """With a near so small that the mistake moves edges by less than rounding, it is no mistake."""
     case = Case(name, near)
     wrong = case.draw(replace(case.settings, near=factor * case.settings.near))
     case.assert_unexplained(replace(wrong, camera=case.drawn.camera))

@@ -1,4 +1,4 @@
-"""The radiance error, link by link: what adds up, what is charged where, and what is left."""
+"""The radiance error, link by link: the links add up, and each is charged with its own change."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_the_links_add_up_from_the_truth_to_the_8_bit_picture(name: str) -> None
     drawn, truth = chain.images[-1].color, chain.images[0].color
     assert drawn is not None and truth is not None
     output = decoded(np.rint(255 * encoded(drawn)) / 255)
-    # The truth's image keeps what was computed in double precision in 32 bits.
+    # The truth's image stores in 32 bits the colors that were computed in double precision.
     np.testing.assert_allclose(budget.change.total, output - truth, rtol=0, atol=2.0**-24)
 
 
@@ -80,7 +80,7 @@ def test_matte_surfaces_do_not_know_the_eye() -> None:
 
 
 def test_outside_the_first_slab_no_eye_vector_bends() -> None:
-    """Cameras stand in the aperture itself there, but for the rounding of 32-bit surface points."""
+    """Those cameras stand in the aperture: only 32-bit surface points differ from the truth."""
     settings = replace(reversed_d32f(2.0), slabs=(10.0,))
     budget, chain = budget_of(painted("asymmetric", SHINY), settings)
     outside = budget.same & (np.abs(chain.images[-1].height) > 10.1)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
 from xfrustum.compare.diagnosis.claims import claims_of
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
 from xfrustum.compare.renderer_model.drawn_color import colored
@@ -33,7 +33,7 @@ Offset = tuple[float, float, float]
 
 
 def moved(scene: Scene, scale: float = 1.0, offset: Offset = (0.0, 0.0, 0.0)) -> Scene:
-    """Return what a renderer draws that has the scene elsewhere: the vertices themselves are moved."""
+    """Return the hogels of a renderer that has the scene elsewhere: the vertices themselves are moved."""
     parts = [replace(part, vertices=part.vertices * scale + np.asarray(offset)) for part in scene.objects]
     return replace(scene, objects=tuple(parts))
 
@@ -60,7 +60,7 @@ def check(found: Verification, expected: Mapping[str, tuple[float, tuple[str, ..
         assert fault.alternatives == alternatives
         assert ("cannot tell" in fault.words) == bool(alternatives)
         assert fault.explains is not None
-        assert fault.explains >= LEAST_EXPLAINED
+        assert fault.explains >= MIN_EXPLAINED_FRACTION
     assert not found.passed
     corrected = found.summary()["corrected"]
     assert corrected["fraction"] < 0.01
@@ -106,7 +106,7 @@ def test_a_scene_so_small_that_one_hogel_sees_it_is_known_by_its_units() -> None
 
 
 def test_what_does_not_explain_is_no_finding() -> None:
-    # An offset of 5 mm widens the picture, more so what is near the plate: no field of view does that.
+    # An offset of 5 mm widens the picture most near the plate, which no field of view does.
     found = verified(CENTERED, near=5.0, shown="color")
     assert not found.passed
     assert found.diagnosis.faults == ()
@@ -114,7 +114,7 @@ def test_what_does_not_explain_is_no_finding() -> None:
     assert {fault.fault for fault in doubted} >= {"fov-x", "fov-y"}
     for fault in doubted:
         assert fault.explains is not None
-        assert fault.explains < LEAST_EXPLAINED
+        assert fault.explains < MIN_EXPLAINED_FRACTION
         assert f"would explain only {100 * fault.explains:.0f} %" in fault.words
     summary = found.summary()
     assert summary["diagnosis"] == []
@@ -176,7 +176,7 @@ def test_a_fault_that_adds_nothing_is_dropped() -> None:
     harmful = replace(shifted, front=Front.MISSING)
     assert test.reduced(harmful) == shifted
     assert test.share(shifted) == 1.0
-    assert (test.share(harmful) or 0.0) < LEAST_EXPLAINED
+    assert (test.share(harmful) or 0.0) < MIN_EXPLAINED_FRACTION
     assert (test.share(DrawnModel()) or 0.0) < 0.5
 
 
@@ -189,7 +189,7 @@ def test_plates_of_one_row_and_of_one_hogel_are_diagnosed(hogels: tuple[int, int
     named = by_name(found)
     assert "scene-offset-x" in named
     assert "aperture-offset-x" in named["scene-offset-x"].alternatives
-    # No NaN, whatever is left open.
+    # Numbers that are left open are null in JSON, and never NaN.
     json.dumps(found.summary(), allow_nan=False)
 
 

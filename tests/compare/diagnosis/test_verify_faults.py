@@ -31,16 +31,18 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
     "covered": ({"overlaid": False}, {"not-overlaid": "back over front"}),
     "lights": ({"conjugated": False}, {}),
 }
-"""By name: what is put in, and what must be named."""
+"""By name of a case: the faults that are put in, and the faults that must be named, with their sizes."""
 
 EXACT = {"shift": 0.02, "fov": 5e-4, "pitch": 5e-4, "near": 0.02 * 1.5}
-"""How exactly sizes must be right: a tenth of a pixel and of a percent, and 2 % of near, and better."""
+"""Largest errors of the named sizes: a tenth of a pixel, a tenth of a percent, and 2 % of near."""
 
 SIZE = 48
+SOME = [(0, 0), (4, 1), (2, 3), (1, 4), (3, 2)]
+"""Hogels in each column and in each row of the plate, once; of pairs of faults all are judged."""
 OF_PAIRS = [
     (one, other)
     for one, other in itertools.combinations(FAULTS, 2)
-    # Each of these contradicts the other, or needs what the other takes away.
+    # These pairs contradict each other, or one needs a part that the other takes away.
     if not {one, other} <= {"near", "pivot", "fit"}
     and not {one, other} <= {"fov", "aspect"}
     # A fit to the screen scales the film as a field of view does: one number is not two.
@@ -54,7 +56,9 @@ OF_PAIRS = [
 ]
 
 
-def verified(*names: str, scene: str = "asymmetric-recentered") -> Verification:
+def verified(
+    *names: str, scene: str = "asymmetric-recentered", apertures: list[tuple[int, int]] | None = None
+) -> Verification:
     faults: dict[str, Any] = {}
     for name in names:
         faults |= FAULTS[name][0]
@@ -62,7 +66,7 @@ def verified(*names: str, scene: str = "asymmetric-recentered") -> Verification:
     stated = faults["near"] if {"pivot", "fit"} & set(names) else None
     world = small(scene, SIZE)
     with Faulty(scene=world, **faults) as renderer:
-        return xfrustum.verify(world, renderer, near=stated)
+        return xfrustum.verify(world, renderer, near=stated, apertures=apertures)
 
 
 def check(found: Verification, *names: str) -> None:
@@ -91,7 +95,7 @@ def check(found: Verification, *names: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in FAULTS if name != "nearest"])
 def test_a_single_fault_is_named_with_its_size_and_no_other(name: str) -> None:
-    check(verified(name), name)
+    check(verified(name, apertures=SOME), name)
 
 
 @pytest.mark.slow
@@ -120,9 +124,9 @@ def test_in_a_renderer_that_is_right_nothing_is_named(scene: str) -> None:
 def test_an_offset_that_is_stated_is_part_of_the_question() -> None:
     world = small(size=SIZE)
     with Faulty(scene=world, near=2.0) as renderer:
-        stated = xfrustum.verify(world, renderer, near=2.0)
-        unstated = xfrustum.verify(world, renderer)
-        wrongly = xfrustum.verify(world, renderer, near=1.0)
+        stated, unstated, wrongly = (
+            xfrustum.verify(world, renderer, near=near, apertures=SOME) for near in (2.0, None, 1.0)
+        )
     assert stated.passed
     assert stated.diagnosis.faults == ()
     for found in (unstated, wrongly):
@@ -134,8 +138,8 @@ def test_an_offset_that_is_stated_is_part_of_the_question() -> None:
 def test_accepted_conventions_are_named_but_not_judged() -> None:
     world = small(size=SIZE)
     with Faulty(scene=world, orientation=TURNED, order=REVERSED) as renderer:
-        assert not xfrustum.verify(world, renderer).passed
-        accepted = xfrustum.verify(world, renderer, accept=("orientation", "order"))
+        assert not xfrustum.verify(world, renderer, apertures=SOME).passed
+        accepted = xfrustum.verify(world, renderer, apertures=SOME, accept=("orientation", "order"))
     assert accepted.passed
     assert {fault.fault for fault in accepted.diagnosis.faults} == {"orientation", "aperture-order"}
 

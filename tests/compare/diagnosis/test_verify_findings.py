@@ -1,4 +1,4 @@
-"""What is found out rests on what is wrong: nothing where nothing is, and all of it together must explain."""
+"""Findings rest on wrong pixels: none without them, and all findings together must explain them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pytest
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
-from xfrustum.compare.diagnosis.explained import LEAST_EXPLAINED, ExplanationTest
+from tests.support.scene_file import film, named, part
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import Compared, Judging
 from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
@@ -27,7 +28,7 @@ KEYS = set(Fault(fault="", value="", words="").summary())
 
 
 def of_objects(image: HogelImage, added: int = 0) -> HogelImage:
-    """Return what names objects only, with something added to their numbers; below 0 nothing is shown."""
+    """Return an image of object numbers with a constant added; numbers below 0 show nothing."""
     nothing = np.full_like(image.triangle, NOTHING)
     named = np.where(image.object == NOTHING, NOTHING, np.maximum(image.object + added, NOTHING))
     nowhere = np.full_like(image.position, np.nan)
@@ -50,7 +51,7 @@ def test_numbers_without_plus_one_do_not_take_the_viewers_half_away() -> None:
     (fault,) = found.summary()["diagnosis"]
     assert fault["fault"] == "id-offset"
     assert set(fault) == KEYS
-    assert fault["explains"] >= LEAST_EXPLAINED
+    assert fault["explains"] >= MIN_EXPLAINED_FRACTION
     assert fault["alternatives"] == []
     assert found.summary()["corrected"]["causes"]["unexplained"] == 0
 
@@ -62,21 +63,11 @@ def replaced(reference: Reference, aperture: Aperture) -> HogelImage:
     return replace(image, triangle=fewer, object=np.full_like(fewer, NOTHING), position=nowhere, color=None)
 
 
-SPHERE = """
-name = "a sphere before the plate"
-units = "mm"
-[plate]
-size = [40.0, 40.0]
-hogels = [2, 2]
-[frustum]
-resolution = [32, 32]
-fov_deg = [60.0, 60.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "sphere"
-scale = 12.0
-translate = [3.0, -2.0, 25.0]
-"""
+SPHERE = (
+    named("a sphere before the plate", "mm")
+    + film((40.0, 40.0), hogels=(2, 2), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+    + part("sphere", 12.0, (3.0, -2.0, 25.0))
+)
 
 
 def verified(scene: Scene, model: DrawnModel) -> Verification:
@@ -142,7 +133,7 @@ def test_a_guess_that_shows_nothing_does_not_explain_what_is_shown() -> None:
     nowhere = np.full_like(image.position, np.nan)
     dark = replace(image, triangle=few, object=np.full_like(few, NOTHING), position=nowhere, color=None)
     test = ExplanationTest(reference=reference, images=[dark], nominal=DrawnModel())
-    assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < LEAST_EXPLAINED
+    assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < MIN_EXPLAINED_FRACTION
 
 
 def test_what_is_wrong_for_no_known_reason_is_not_called_as_asked() -> None:

@@ -1,4 +1,4 @@
-"""Hogels that a public double-frustum renderer drew, about which nothing is given."""
+"""Hogels of a public double-frustum renderer about which nothing is known in advance."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ import xfrustum
 NEAR = {"DF-0.1": 0.1, "DF-0.01": 0.01, "DF-0.001": 0.001, "BT-0.001": None}
 
 
-@pytest.mark.parametrize("name", NEAR)
+QUICK = ("DF-0.01", "BT-0.001")
+"""One offset and none; a larger and a smaller one are slow."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in NEAR]
+)
 def test_conventions_and_offset_of_another_renderer_are_found(name: str, shared_data: Path) -> None:
     folder = shared_data / "data" / "foreign"
     found = xfrustum.verify(

@@ -1,4 +1,4 @@
-"""Where a scene lies: what is in sight, what the reach holds, and what commands say of scenes nobody sees."""
+"""The place of a scene: what is in sight, what the reach holds, and what commands say of unseen scenes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import xfrustum
+from tests.support.scene_file import film, named, part
 from tests.support.views import soup
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import extents, require_seen, unseen_sentence, warnings
@@ -30,21 +31,7 @@ BEFORE = Frustum(
 )
 FRUSTA = pytest.mark.parametrize("frustum", [CENTERED, BEHIND, BEFORE], ids=["centered", "behind", "before"])
 
-FILE = """
-name = "{name}"
-units = "mm"
-[plate]
-size = [80.0, 60.0]
-hogels = [9, 7]
-[frustum]
-resolution = [24, 24]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 150.0]
-[[object]]
-shape = "sphere"
-scale = {scale}
-translate = {translate}
-"""
+FILM = film((80.0, 60.0), hogels=(9, 7), resolution=(24, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
 FAR, ASIDE = (1000.0, [0.0, 0.0, -8500.0]), (100.0, [5000.0, 0.0, -80.0])
 METERS = (0.1, [0.0, 0.0, -80.3])
 COMMANDS = {
@@ -63,7 +50,7 @@ COMMANDS = {
 
 def write(folder: Path, scale: float, translate: list[float], name: str = "scene") -> str:
     path = folder / f"{name}.toml"
-    path.write_text(FILE.format(name=name, scale=scale, translate=translate))
+    path.write_text(named(name, "mm") + FILM + part("sphere", scale, tuple(translate)))
     return str(path)
 
 
@@ -81,7 +68,7 @@ def one(corners: object) -> SceneObject:
 @FRUSTA
 @pytest.mark.parametrize("size", [0.3, 5.0])
 def test_what_the_truth_shows_is_in_sight(frustum: Frustum, size: float) -> None:
-    """And what is in sight by far the most times shows: the test is not for ever yes."""
+    """Most objects in sight show, so that the test does not always say yes."""
     scene = soup(triangles(5, 250, size), frustum)
     shown, claimed = set(), set()
     for index in ((8, 8), (0, 0), (15, 3)):
@@ -113,7 +100,7 @@ def test_the_apertures_that_see_an_object_are_counted_with_none_left_out(frustum
 
 
 def test_the_apertures_of_a_distant_square_are_those_whose_lines_reach_it() -> None:
-    """At 10 behind the plate a field of 2 atan(1/2) runs 5 aside: apertures within 5 + 1 of its middle."""
+    """At 10 behind the plate, lines of a field of 2 atan(1/2) run 5 aside: apertures within 5 + 1 see it."""
     angle = 2 * math.atan(0.5)
     frustum = Frustum(resolution=(64, 64), reach=(20.0, 20.0), fov=(angle, angle))
     plate = Plate(size=(21.0, 21.0), hogels=(21, 21))
@@ -148,7 +135,7 @@ def test_shares_of_a_surface_between_heights_add_up(
     whole, lower, upper = (
         float(share_between(triangle, *ends)[0]) for ends in ((low, high), (low, middle), (middle, high))
     )
-    if np.ptp(triangle[..., 2]) == 0:  # flat: all of it lies in the cut, and so on either side
+    if np.ptp(triangle[..., 2]) == 0:  # the flat object lies in the cut, and counts on either side
         assert whole == max(lower, upper)
     else:
         assert abs(whole - lower - upper) < 1e-9 and 0 <= whole <= 1

@@ -1,4 +1,4 @@
-"""Which cause a wrong pixel of a foreign renderer has: by hand on one triangle, cut by the film's border."""
+"""The cause of a foreign renderer's wrong pixel: by hand on one triangle, cut by the film's border."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from tests.support.views import at, soup
-from xfrustum.compare.judging.causes import SNAPPED_PX, causes
+from xfrustum.compare.judging.foreign_cameras import OFFSET_PRECISION, foreign_cameras
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
+from xfrustum.compare.rounding.causes import find_causes
 from xfrustum.compare.rounding.clip_seams import distance_to_segments
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Frustum, HogelImage, Scene
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 
 SIZE, NEAR = 128, 1.0
 SHIFT = (0.375, -0.25)
@@ -23,10 +24,10 @@ FRUSTUM = Frustum(resolution=(SIZE, SIZE), reach=(50.0, 50.0), fov=(math.pi / 2,
 CENTER = at(0.3, -0.2)
 
 PLACES = np.array([(30.0, 12.0), (118.0, 40.0), (47.0, 171.0)])
-"""Of the corners on the film, pixels from its left and upper border: one lies below it."""
+"""Places of the corners on the film, px from its left and upper border; one corner lies below the film."""
 
 CLEAR_PX = 0.5
-"""Far from whatever rounding explains: several times a subpixel."""
+"""Distance from every edge at which rounding explains nothing, px: several subpixels."""
 
 
 def scene_of_one_triangle() -> Scene:
@@ -38,11 +39,19 @@ def scene_of_one_triangle() -> Scene:
 
 
 def cut() -> tuple[Floats, Floats]:
-    """Return sides and diagonals of what is left on the film, by hand, (4, 2, 2) and (2, 2, 2)."""
+    """Return the sides and the diagonals of the part on the film, by hand, (4, 2, 2) and (2, 2, 2)."""
     a, b, c = PLACES
     on_bc, on_ca = (p + (c - p) * (SIZE - p[1]) / (c[1] - p[1]) for p in (b, a))
     polygon = np.array([a, b, on_bc, on_ca])
     return np.stack((polygon, np.roll(polygon, -1, axis=0)), axis=1), polygon[[(0, 2), (1, 3)]]
+
+
+def causes(
+    scene: Scene, model: DrawnModel, exact: HogelImage, lost: HogelImage, wrong: Mask
+) -> dict[str, int]:
+    """Return how many wrong pixels have which cause."""
+    cameras = foreign_cameras(scene, model, CENTER)
+    return find_causes(scene.triangles, cameras, exact, lost, wrong).counts()
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +92,8 @@ def test_a_hole_where_clipping_splits_a_triangle_lies_on_an_edge(
 ) -> None:
     scene, model, exact, lost = pictures
     side, diagonal = distances(exact)
-    split = (side > CLEAR_PX) & (diagonal < 0.9 * SNAPPED_PX)
-    beside = (side > CLEAR_PX) & (diagonal > 1.1 * SNAPPED_PX)
+    split = (side > CLEAR_PX) & (diagonal < 0.9 * OFFSET_PRECISION.snap_px)
+    beside = (side > CLEAR_PX) & (diagonal > 1.1 * OFFSET_PRECISION.snap_px)
     assert split.sum() > 5
     found = causes(scene, model, exact, lost, split | beside)
     assert found == {"edge": split.sum(), "order": 0, "lost": 0, "unexplained": beside.sum()}
@@ -95,6 +104,6 @@ def test_a_hole_along_a_side_lies_on_an_edge(
 ) -> None:
     scene, model, exact, lost = pictures
     side, _ = distances(exact)
-    along = exact.covered & (side < 0.9 * SNAPPED_PX)
+    along = exact.covered & (side < 0.9 * OFFSET_PRECISION.snap_px)
     assert along.sum() > 5
     assert causes(scene, model, exact, lost, along)["edge"] == along.sum()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import xfrustum
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 from xfrustum.compare.judging.outline_shift import outline_displacement, steps_of
@@ -28,26 +29,15 @@ from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding, Reading
 
-SCENE = """
-name = "three parts"
-units = "mm"
-[plate]
-size = [40.0, 40.0]
-hogels = [2, 2]
-[frustum]
-resolution = [64, 64]
-fov_deg = [60.0, 60.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "torus"
-scale = 12.0
-rotate_deg = [20.0, 30.0, 0.0]
-translate = [{0}, 3.0, 25.0]
-[[object]]
-shape = "sphere"
-scale = 30.0
-translate = [{1}, 2.0, -35.0]
-"""
+FILM = film((40.0, 40.0), hogels=(2, 2), resolution=(64, 64), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+
+
+def scene_text(moved: float = 0.0) -> str:
+    """Return a torus before the plate and a sphere behind it, both moved to the right, in mm."""
+    torus = part("torus", 12.0, (6.0 + moved, 3.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
+    return named("three parts", "mm") + FILM + torus + part("sphere", 30.0, (-4.0 + moved, 2.0, -35.0))
+
+
 RIGHT = DoubleFrustum(near=1e-4, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 OTHER_NEAR = replace(RIGHT, near=3.0)
 
@@ -61,7 +51,7 @@ def hogels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[HogelImag
     found = {}
     for name, moved, settings_ in (("right", 0.0, RIGHT), ("near", 0.0, OTHER_NEAR), ("moved", 0.5, RIGHT)):
         file = place / f"{name}.toml"
-        file.write_text(SCENE.format(6.0 + moved, -4.0 + moved))
+        file.write_text(scene_text(moved))
         scene = open_scene(str(file))
         with Rasterizer(scene) as rasterizer:
             found[name] = [
@@ -73,7 +63,7 @@ def hogels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[HogelImag
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     monkeypatch.chdir(tmp_path)
-    Path("scene.toml").write_text(SCENE.format(6.0, -4.0))
+    Path("scene.toml").write_text(scene_text())
     return open_scene("scene.toml")
 
 
@@ -96,6 +86,21 @@ def headlight(image: HogelImage) -> Bytes:
     toward /= np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-9)
     gray = 0.2 + 0.8 * np.abs((np.nan_to_num(image.normal) * toward).sum(axis=-1))
     return np.repeat(np.where(image.covered, 255 * gray, 0).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def gray(image: HogelImage) -> Bytes:
+    """Return the scene's own light without its colors, linear."""
+    assert image.color is not None
+    mean = np.clip(np.nan_to_num(image.color), 0, 1).mean(axis=-1, keepdims=True)
+    return np.repeat((mean * 255 + 0.5).astype(np.uint8), 3, axis=-1)
+
+
+def gray_for_screens(image: HogelImage) -> Bytes:
+    """Return the same, encoded as sRGB."""
+    assert image.color is not None
+    mean = np.clip(np.nan_to_num(image.color), 0, 1).mean(axis=-1, keepdims=True)
+    encoded = np.where(mean <= 0.0031308, 12.92 * mean, 1.055 * mean ** (1 / 2.4) - 0.055)
+    return np.repeat((encoded * 255 + 0.5).astype(np.uint8), 3, axis=-1)
 
 
 def colors(image: HogelImage) -> Bytes:
@@ -136,6 +141,8 @@ ENCODED: dict[str, tuple[Paint, dict[str, float | str]]] = {
     ),
     "resampled": (resampled, {}),
     "shaded": (headlight, {"wrong-encoding": "rgb"}),
+    "shaded by the scene's light": (gray, {"wrong-encoding": "rgb"}),
+    "shaded for screens": (gray_for_screens, {"wrong-encoding": "srgb"}),
     "objects": (objects, {"wrong-encoding": "object-id"}),
 }
 """Ways to store triangle numbers wrongly: what is written, and what must be named with which value."""
@@ -163,8 +170,8 @@ def test_what_claims_nothing_that_exists_fails_whatever_the_limits(
     found = verified(hogels["right"], paint, encoding="triangle-id", max_wrong=1.0, max_displacement_px=None)
     assert not found.passed
     for hogel in found.hogels:
-        assert hogel.as_found is not None
-        assert hogel.as_found["invalid"] > 0.9 * hogel.as_found["surface"]["wrong"]
+        assert hogel.as_found is not None and hogel.as_found.surface is not None
+        assert hogel.as_found.invalid > 0.9 * hogel.as_found.surface.wrong
 
 
 def test_nothing_is_named_of_numbers_stored_rightly_and_an_accepted_order_is_undone(

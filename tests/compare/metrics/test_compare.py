@@ -1,4 +1,4 @@
-"""The judge: what counts as wrong, what does not, and in which words it says so."""
+"""The comparison of images: what counts as wrong, what does not, and the words for it."""
 
 from __future__ import annotations
 
@@ -183,6 +183,20 @@ def test_a_hit_against_a_miss_is_wrong_both_ways(asymmetric: Case) -> None:
     np.testing.assert_array_equal(asymmetric.wrong(changed(truth, speck, **shown)), speck)
 
 
+def test_an_image_that_names_objects_alone_is_judged_by_them(asymmetric: Case) -> None:
+    truth = asymmetric.truth
+    named = replace(
+        truth,
+        triangle=np.full_like(truth.triangle, NOTHING),
+        position=np.full_like(truth.position, np.nan),
+        certainty=None,
+    )
+    assert compare_images(truth, named, asymmetric.reference).surface_wrong == 0
+    emptied = replace(named, object=np.full_like(truth.object, NOTHING))
+    judged = truth.covered & (truth.certainty != Certainty.TIE)
+    assert compare_images(truth, emptied, asymmetric.reference).surface_wrong == judged.sum()
+
+
 def test_another_object_is_wrong_another_triangle_of_it_is_not(asymmetric: Case) -> None:
     truth = asymmetric.truth
     where = some_pixel(truth.object == 2)
@@ -205,7 +219,7 @@ def test_another_object_is_wrong_another_triangle_of_it_is_not(asymmetric: Case)
 
 
 def test_a_hidden_point_is_wrong_on_either_side_of_the_plate() -> None:
-    """The far side of a closed surface: same object, right pixel, but something is in front of it."""
+    """The far side of a closed surface is wrong: the same object and pixel, but the near side is in front."""
     scene = view("asymmetric", (96, 64))
     reference = Reference(scene)
     truth = reference.trace(scene.plate.middle)
@@ -335,7 +349,7 @@ def test_images_of_different_questions_are_not_compared(asymmetric: Case) -> Non
 
 
 class TestImagesOfOtherRenderers:
-    """What an image does not say is not known: it is neither right nor wrong."""
+    """A quantity that an image does not have is unknown, and neither right nor wrong."""
 
     def test_without_objects_the_triangles_name_them(self, asymmetric: Case) -> None:
         whole = compare_images(asymmetric.truth, asymmetric.drawn, asymmetric.reference)

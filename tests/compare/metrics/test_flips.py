@@ -20,13 +20,13 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import Aperture, Camera, DoubleFrustum, HogelImage, Scene
 
 NAMES = ("asymmetric", "asymmetric-recentered")
-RESOLUTION = (128, 128)  # square, so that a transposed image still fits
+RESOLUTION = (128, 128)  # a square, so that a transposed image still fits
 SETTINGS = reversed_d32f(1.5e-4)
 
 RIGHT_SURFACE = 2e-3
-"""Share of pixels that may be wrong in the right picture: near-plane error and silhouettes."""
+"""Largest share of wrong pixels in the right picture, from near-plane error and silhouettes."""
 SEEN = 0.05
-"""Share of pixels that a wrong axis must turn wrong, of about 0.3 that show a surface."""
+"""Smallest share of pixels that a wrong axis makes wrong; about 0.3 of all show a surface."""
 
 Picture = Callable[[NDArray[Any]], NDArray[Any]]
 
@@ -74,7 +74,7 @@ def pictured(image: HogelImage, picture: Picture) -> HogelImage:
 
 
 def overlaid(below: HogelImage, above: HogelImage) -> HogelImage:
-    """Return what shows when one picture is laid over another."""
+    """Return the picture that results when one picture is laid over another."""
     on_top = above.covered
 
     def choose(name: str) -> NDArray[Any]:
@@ -107,7 +107,7 @@ def test_the_right_picture_is_right(answers: Answers) -> None:
 @pytest.mark.parametrize("axes", PLACES)
 def test_an_image_with_an_axis_mirrored_or_swapped_is_wrong(answers: Answers, axes: str) -> None:
     assert answers.surface(pictured(answers.drawn, PLACES[axes])) > SEEN
-    # So is the reference's own image: the judge sees it, whoever drew.
+    # The comparison sees a flip in the reference's own image too.
     assert answers.surface(answers.truth) == 0
     assert answers.surface(pictured(answers.truth, PLACES[axes])) > SEEN
 
@@ -123,7 +123,7 @@ def test_a_flipped_c_is_wrong(answers: Answers, axes: str) -> None:
 
 
 def test_a_c_star_where_the_nearest_wins_is_wrong(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
-    """C* looks back: what is nearest to it is what the viewer sees last."""
+    """C* looks back: the surface nearest to it is the one farthest from the viewer."""
     monkeypatch.setattr(passes, "farthest_wins", nearest_wins)
     with Rasterizer(answers.scene) as raster:
         assert answers.surface(raster.render(answers.aperture, SETTINGS)) > SEEN

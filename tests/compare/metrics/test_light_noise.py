@@ -1,4 +1,4 @@
-"""The test against a noisy reference: it raises few false alarms, and finds what is really there."""
+"""The test against a noisy reference raises few false alarms, and finds real differences."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def judge(shift: float, sigma: float, seed: int) -> NoiseTest:
 
 
 def test_false_alarms_are_as_rare_as_the_level_says() -> None:
-    """Of independent pictures that are right, a share of ALPHA fails; p-values are uniform."""
+    """A share of ALPHA of independent right pictures fails; p-values are uniform."""
     runs = [judge(0.0, 0.1, seed) for seed in range(600)]
     alarms = sum(not run.numbers.agrees for run in runs)
     assert alarms <= stats.binom.ppf(1 - 1e-6, len(runs), ALPHA)

@@ -15,7 +15,7 @@ from xfrustum.reference import Reference
 from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 
 NEARS = tuple(10.0**-e for e in (1, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7, 8))
-"""Of the reach."""
+"""Near offsets as fractions of the reach."""
 
 DEPTHS = {
     "d16": (DepthFormat.D16, DepthMapping.STANDARD),
@@ -29,7 +29,7 @@ SNAPPED_SURFACE = 1e-4
 """Vertices snap to 2^-8 px: of pixels along silhouettes, sqrt(2)/2 2^-8 to either side are in doubt, a share
 of 0.0055 l / W for silhouettes of l image widths. Half of them flip; the car's are about 7 widths long."""
 SNAPPED_TRIANGLE = 1e-3
-"""The same for the edges of all visible triangles, about 40 widths of them."""
+"""Share of pixels in which snapping changes the triangle, as above: all visible edges are 40 widths long."""
 
 
 @dataclass(frozen=True, kw_only=True)

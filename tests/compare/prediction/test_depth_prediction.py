@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import (
     Camera,
@@ -27,7 +27,7 @@ from xfrustum.scenes.arrays import Floats
 PIXELS, REACH, FOV = 64, 1000.0, math.radians(60)
 SLOPE = math.tan(FOV / 2)
 CELLS = 16
-"""Along each side of the film: 512 triangles a sheet."""
+"""Cells along each side of the film: a sheet has 512 triangles."""
 
 SETTINGS = [(depth, mapping) for depth in DepthFormat for mapping in DepthMapping]
 PLACES = [(1.0, 3.0), (1.0, 400.0), (0.01, 3.0), (0.01, 50.0)]
@@ -98,7 +98,7 @@ def scene_of(sheet: Sheet, distance: float) -> Scene:
 
 def as_object(corners: Floats, near: float, side: int) -> SceneObject:
     u, v, w = np.moveaxis(corners, -1, 0)
-    # What is before the plate is seen upside down and mirrored.
+    # The film shows surfaces before the plate upside down and mirrored.
     points = np.stack((-side * u * SLOPE * w, -side * v * SLOPE * w, side * (w - near)), axis=-1)
     points = points.reshape(-1, 3)
     cells = np.arange(len(points)).reshape(-1, 4)
@@ -108,19 +108,19 @@ def as_object(corners: Floats, near: float, side: int) -> SceneObject:
 
 
 def predicted(sheet: Sheet, depth: DepthFormat, mapping: DepthMapping) -> float:
-    """Return the separation along z at which `MISORDERED` of all pixels are predicted to be wrong.
+    """Return the separation along z at which the allowed fraction of pixels is predicted to be wrong.
 
     Where tilted sheets lie at w, they are w / (h + n) times as far apart. Errors are close to normal,
-    so that a pixel's own chance follows from the separation that would leave it `MISORDERED`.
+    so that a pixel's own chance follows from the separation that would leave it `MAX_MISORDERED_FRACTION`.
     """
     w = sheet.seen()
     there = smallest_separation(w, sheet.near, sheet.near + REACH, depth, mapping)
     if sheet.tilt is not None:
         there *= (sheet.height + sheet.near) / w
-    certain = norm.isf(MISORDERED)
+    certain = norm.isf(MAX_MISORDERED_FRACTION)
 
     def excess(distance: float) -> float:
-        return float(norm.sf(certain * distance / there).mean()) - MISORDERED
+        return float(norm.sf(certain * distance / there).mean()) - MAX_MISORDERED_FRACTION
 
     return float(brentq(excess, 0.5 * there.min(), 2 * there.max()))
 
@@ -153,8 +153,8 @@ def random_tilts(count: int) -> list[tuple[float, float]]:
 def test_smallest_ordered_separation_is_as_predicted(
     near: float, height: float, tilt: tuple[float, float] | None, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Of twice the prediction all but a percent is ordered, of half of it less: for C and for C*."""
+    """Twice the predicted separation orders all but a percent, half of it less: for C and for C*."""
     sheet = Sheet(near=near, height=height, tilt=tilt)
     distance = predicted(sheet, depth, mapping)
-    assert max(misordered(sheet, FACTOR * distance, depth, mapping).values()) <= MISORDERED
-    assert min(misordered(sheet, distance / FACTOR, depth, mapping).values()) > MISORDERED
+    assert max(misordered(sheet, FACTOR * distance, depth, mapping).values()) <= MAX_MISORDERED_FRACTION
+    assert min(misordered(sheet, distance / FACTOR, depth, mapping).values()) > MAX_MISORDERED_FRACTION

@@ -1,4 +1,4 @@
-"""The bent eye vector: what an offset camera does to highlights and mirrors at fixed surface points."""
+"""The bent eye vector: the error of an offset camera in highlights and mirrors at fixed surface points."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from xfrustum.scenes.plate.double_frustum import Pivot
 SIZE = (96, 72)
 EXPONENT = 12.0
 NEARS = (4e-3, 1e-3, 2.5e-4)
-"""Fractions of the reach."""
+"""Near offsets as fractions of the reach."""
 
 
 def smooth_environment() -> Environment:
-    """Radiance that varies gently with direction, on so fine a map that its texels hardly show."""
+    """Return radiance that varies gently with direction, on a map so fine that its texels hardly show."""
     v, u = (np.mgrid[:256, :512] + 0.5) / [[[256]], [[512]]]
     longitude, from_top = 2 * np.pi * (u - 0.5), np.pi * v
     x, y, z = np.sin(from_top) * np.sin(longitude), np.cos(from_top), -np.sin(from_top) * np.cos(longitude)
@@ -92,7 +92,7 @@ def test_the_eye_vector_of_a_pixel_does_not_bend() -> None:
 def test_at_fixed_points_the_prediction_is_right_to_first_order(
     material: Material, predicted: object
 ) -> None:
-    """What is left over falls with the square of n: four times smaller n, sixteen times less."""
+    """The error of the first-order formula falls with the square of n: n / 4 leaves a sixteenth."""
     scene = shiny("asymmetric", material)
     aperture, shader = scene.plate.middle, Shader(scene)
     truth = Reference(scene).trace(aperture)
@@ -117,7 +117,7 @@ def test_at_fixed_points_the_prediction_is_right_to_first_order(
 
 @pytest.mark.parametrize("material", [HIGHLIGHT, MIRROR])
 def test_the_rasterizer_shows_the_bend_that_is_predicted(material: Material) -> None:
-    """At the points that it draws: device minus truly shaded is what the closed form says, on both sides."""
+    """At drawn points, the device's color minus the true one equals the closed form, on both sides."""
     scene = shiny("asymmetric", material)
     aperture, shader, near = scene.plate.middle, Shader(scene), 4e-3 * 150
     truth = Reference(scene).trace(aperture)

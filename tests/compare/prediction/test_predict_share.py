@@ -11,8 +11,8 @@ import pytest
 from tests.support.views import at, soup, view
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
-from xfrustum.compare.prediction.depth import MISORDERED, smallest_separation
-from xfrustum.compare.prediction.share import DRAW_ORDER, chances, depth_wrong_share, slabs
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
+from xfrustum.compare.prediction.share import MAX_ORDER_FACTOR, chances, depth_wrong_share, slabs
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -29,7 +29,7 @@ def level(height: float) -> HogelImage:
     """Return the true image of a square at one height that covers the film."""
     corners = np.array([(-200, -200, height), (200, -200, height), (200, 200, height), (-200, 200, height)])
     scene = soup(corners[[(0, 1, 2), (0, 2, 3)]].astype(np.float64), FRUSTUM)
-    # Not through the diagonal, which is a tie.
+    # The line does not go through the square's diagonal, which would be a tie.
     return Reference(scene).trace(at(0.3, 0.1))
 
 
@@ -39,7 +39,7 @@ def share(height: float, gap: float, settings: DoubleFrustum) -> float:
 
 
 def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
-    """Return the chance of one surface to be shown wrongly, be it by linear depth as well."""
+    """Return the chance that one surface is shown wrongly, whether or not linear depth fails too."""
     camera = Camera.C if height < 0 else Camera.C_STAR
     own = [slab for slab in slabs(FRUSTUM, settings) if slab.camera is camera]
     return float(chances(own, np.array([abs(height)]), np.array([gap]), settings, 1.0)[0])
@@ -50,9 +50,9 @@ def chance(height: float, gap: float, settings: DoubleFrustum) -> float:
 def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
     height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Near of a tenth of the reach: nothing is lost, and half of all is `DRAW_ORDER` times less than all."""
+    """Near is a tenth of the reach, so that nothing is lost; the worst order doubles the share."""
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
-    assert chance(height, 0.0, settings) == pytest.approx(1 / DRAW_ORDER, abs=1e-3)
+    assert chance(height, 0.0, settings) == pytest.approx(1 / MAX_ORDER_FACTOR, abs=1e-3)
     assert chance(height, 5.0, settings) < 1e-9
     assert chance(height, math.inf, settings) < 1e-9
 
@@ -62,18 +62,19 @@ def test_equal_depths_are_wrong_half_the_time_and_distant_ones_never(
 def test_at_the_smallest_separation_about_a_percent_is_wrong(
     height: float, depth: DepthFormat, mapping: DepthMapping
 ) -> None:
-    """Equal depths counted as wrong. There squares of step and error are added, here the two are averaged
-    over each other, which makes the most of a difference, four percent, where they are alike."""
+    """The closed form of the separation counts equal depths as wrong. There squares of step and error are
+    added, here the two are averaged over each other, which makes the most of a difference, four percent,
+    where they are alike."""
     settings = DoubleFrustum(near=10.0, depth=depth, mapping=mapping)
     reach = FRUSTUM.reach[0] if height > 0 else FRUSTUM.reach[1]
     w = np.array([abs(height) + 10.0])
     smallest = float(smallest_separation(w, 10.0, 10.0 + reach, depth, mapping)[0])
-    assert DRAW_ORDER * chance(height, smallest, settings) < 5 * MISORDERED
-    assert DRAW_ORDER * chance(height, smallest / 2, settings) > MISORDERED
+    assert MAX_ORDER_FACTOR * chance(height, smallest, settings) < 5 * MAX_MISORDERED_FRACTION
+    assert MAX_ORDER_FACTOR * chance(height, smallest / 2, settings) > MAX_MISORDERED_FRACTION
 
 
 def test_surfaces_in_different_slabs_are_never_misordered() -> None:
-    """Two thirds of a step of 50 / 2^16 apart."""
+    """The surfaces are two thirds of a step of 50 / 2^16 apart."""
     settings = DoubleFrustum(
         near=1.0, depth=DepthFormat.D16, mapping=DepthMapping.LINEAR, slabs=(50.0,), offset=Offset.NONE
     )
@@ -102,7 +103,7 @@ def test_no_more_than_all_pixels_are_wrong_however_unlucky_the_draw_order() -> N
     likely, worst = (
         depth_wrong_share(Stacks.of(truth, close), FRUSTUM, settings, unlucky=u) for u in (False, True)
     )
-    assert likely > 0.05 and worst == pytest.approx(DRAW_ORDER * likely, rel=0.01)
+    assert likely > 0.05 and worst == pytest.approx(MAX_ORDER_FACTOR * likely, rel=0.01)
 
 
 @pytest.mark.parametrize("height", [-50.0, 50.0])
@@ -174,7 +175,7 @@ MEASURED = [
 
 @pytest.mark.parametrize(("near", "depth", "mapping"), MEASURED)
 def test_the_share_on_a_car_is_as_predicted(near: float, depth: DepthFormat, mapping: DepthMapping) -> None:
-    """Within a factor of two: where depths are equal, the mesh's own draw order decides."""
+    """Shares agree within a factor of two: the mesh's own draw order decides equal depths."""
     scene = view("car", (384, 384))
     reference, aperture = Reference(scene), scene.plate.middle
     truth, gaps = reference.trace(aperture), reference.gaps(aperture)

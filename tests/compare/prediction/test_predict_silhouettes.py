@@ -38,7 +38,7 @@ from xfrustum.scenes.library import builtin
 from xfrustum.scenes.plate.double_frustum import Fit, Offset
 
 LOG = logging.getLogger(__name__)
-"""Figures behind the verdicts: shown with --log-cli-level=INFO."""
+"""Log of the measured figures, shown with --log-cli-level=INFO."""
 
 
 FOV = math.radians(60)
@@ -47,17 +47,17 @@ HEIGHT = 50.0
 AXIS = at(0.0, 0.0)
 
 STAIRS = 0.02
-"""Of a contour's length. Where it leans by less than 1 in 4 its steps have normals up to 1/5 of a radian
-off; cosines of that are 2 % wrong at most."""
+"""Largest relative error of a contour's length. Where it leans by less than 1 in 4 its steps have normals up
+to 1/5 of a radian off; cosines of that are 2 % wrong at most."""
 
 FACTOR = 2.0
-"""Predicted and measured. A contour along the pixels' rows or columns changes whole rows of pixels at
-once: what is measured of it is then a whole number of rows, and predicted is the mean over all places
-that it can have on the grid."""
+"""Largest ratio of the predicted to the measured error, and the reverse. A contour along the pixels' rows or
+columns changes whole rows of pixels at once: the measured error is then a whole number of rows, and the
+predicted one the mean over all places that the contour can have on the grid."""
 ENOUGH_PIXELS = 40
-"""Predicted or measured: counts vary by their square root, 16 % of forty."""
+"""Smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %."""
 DISPLACED_PX = (0.1, 5.0)
-"""The 99th percentile where the prediction is of first order, and enough pixels change."""
+"""99th percentile of displacement, px, at which the first-order prediction holds and enough pixels change."""
 
 
 def part(corners: Any) -> SceneObject:
@@ -96,7 +96,7 @@ def length(found: Contours) -> float:
 
 
 def only_one_of_two_circles(r: float, other: float, distance: float) -> float:
-    """Return the area that belongs to one of two overlapping circles alone."""
+    """Return the area that belongs to exactly one of two overlapping circles."""
     if distance <= abs(r - other):
         return math.pi * abs(r**2 - other**2)
     a = math.acos((distance**2 + r**2 - other**2) / (2 * distance * r))
@@ -124,7 +124,7 @@ def test_a_straight_contour_has_its_length_however_it_leans(turned: float) -> No
 def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
     height: float, center: tuple[float, float], radius: float, near: float
 ) -> None:
-    """Drawn, the disc is |z| / (|z| + n) as large, about the middle of the film."""
+    """The drawn disc is |z| / (|z| + n) times as large, about the middle of the film."""
     scene = scene_of(part(on_film(circle(center, radius), height)))
     smaller = abs(height) / (abs(height) + near)
     r, distance = radius * 128, math.hypot(*center) * (1 - smaller) * 128
@@ -135,7 +135,7 @@ def test_a_disc_before_nothing_loses_what_two_circles_do_not_share(
 
 
 def two_sheets(front: float, back: float, turned: float, *, one: bool = False, edge: float = 0.31) -> Scene:
-    """Return about half of the film before the whole of it, two objects or one; beyond an edge."""
+    """Return a sheet over about half of the film, up to an edge, before one over all of it."""
     angle = math.radians(turned)
     along, across = (
         np.array([math.cos(angle), math.sin(angle)]),
@@ -170,7 +170,7 @@ def two_sheets(front: float, back: float, turned: float, *, one: bool = False, e
 def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     front: float, back: float, turned: float, edge: float, one: bool
 ) -> None:
-    """Before and behind the plate, the edge moving outward and inward, hiding and uncovering."""
+    """An edge before and behind the plate that moves outward and inward hides and uncovers as predicted."""
     scene, settings = two_sheets(front, back, turned, one=one, edge=edge), DoubleFrustum(near=1.0)
     reference = Reference(scene)
     truth = reference.trace(AXIS)
@@ -198,7 +198,7 @@ def test_inside_one_object_only_what_is_uncovered_is_wrong() -> None:
 def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
     """A tilted sheet cut at 40: with fit angle the inner part shrinks away; fitted there, nothing moves."""
     points = on_film(np.array([[-3.0, -3], [3, -3], [3, 3], [-3, 3]]), -HEIGHT)
-    # Oblique to the pixels, in no simple ratio, or whole rows of them change at once.
+    # The edge is oblique to the pixels in no simple ratio: else whole rows of pixels change at once.
     points[:, 2] += 16.0 + 0.31 * points[:, 0] + 0.173 * points[:, 1]
     scene = scene_of(part(points))
     reference = Reference(scene)
@@ -244,7 +244,7 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
 
 
 ALONG_THE_GRID = {"grating"}
-"""Scenes all of whose outlines run along the pixels' rows and columns: there the mean over all places of a
+"""Scenes in which all outlines run along the pixels' rows and columns: there the mean over all places of a
 contour on the grid, which is predicted, says nothing of the one place that is measured."""
 
 
@@ -277,7 +277,7 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
 
 @pytest.mark.parametrize("near", [15.0, 1.5])
 def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
-    """Sheets before sheets, and displacement of many times their distance on the film."""
+    """The prediction holds for sheets before sheets, displaced by many times their distance on the film."""
     scene = view("sheets", (128, 128))
     reference, settings = Reference(scene), DoubleFrustum(near=near)
     truth = reference.trace(scene.plate.middle)
@@ -293,14 +293,14 @@ def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
 @pytest.mark.parametrize("name", ["asymmetric", "car-recentered"])
 @pytest.mark.parametrize("options", [{"fit": 40.0}, {"slabs": (30.0,), "fit": Fit.ANGLE}, {"slabs": (40.0,)}])
 def test_each_link_is_charged_with_what_stays_wrong_from_it_on(name: str, options: dict[str, Any]) -> None:
-    """Charges as they are counted pixel by pixel in the traced images of the chain."""
+    """Predicted charges equal those counted pixel by pixel in the traced images of the chain."""
     scene = view(name, (128, 96))
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
     chain = traced_settings(DoubleFrustum(near=1.0, **options), scene.frustum)
     images = [reference.trace_model(aperture, settings) for settings in chain]
     wrong = np.stack([wrong_surface(truth, image, reference) & judged_pixels(truth) for image in images])
-    # What a later link puts right is charged to nobody.
+    # A pixel that a later link puts right is charged to no link.
     to_the_end = [int(wrong[link:].all(axis=0).sum()) for link in range(len(chain))]
     measured = np.diff(to_the_end, prepend=0)
     assert to_the_end[0] < wrong[0].sum(), "some of it is put right"
@@ -323,7 +323,7 @@ def test_a_finer_mesh_has_the_same_contours() -> None:
 
 @pytest.mark.parametrize("name", ["asymmetric", "car"])
 def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(name: str) -> None:
-    """Summed over five images: a few dozen pixels at most, as many as chance allows on both sides."""
+    """The sum over five images agrees within chance: a few dozen pixels at most."""
     scene = view(name)
     reference, aperture = Reference(scene), scene.plate.middle
     truth = reference.trace(aperture)
@@ -352,7 +352,7 @@ def test_where_nothing_shows_nothing_is_wrong() -> None:
 
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_pixel_that_is_missing_is_one_more_wrong_pixel(seed: int) -> None:
-    """Counted without evening out where nothing is swept over twice, and with it for the pixel's sake."""
+    """Where no area is swept twice the count needs no smoothing, and is the same with it."""
     swept = np.random.default_rng(seed).uniform(0, 1, (40, 60))
     swept[:, 30:] = 0.0
     missing, judged = np.zeros((2, 40, 60), dtype=np.bool_)

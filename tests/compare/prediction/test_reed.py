@@ -78,7 +78,7 @@ def stored(clip: Singles, mapping: DepthMapping) -> Singles:
 
 
 def shares(depth: NDArray[np.floating]) -> tuple[float, float]:
-    """Return how many percent of adjacent pairs are equal, and swapped."""
+    """Return the percentages of adjacent pairs that are equal, and that are swapped."""
     steps = np.diff(depth)
     return 100 * float(np.mean(steps == 0)), 100 * float(np.mean(steps < 0))
 
@@ -105,7 +105,7 @@ def test_the_distant_far_plane_is_an_infinite_one(mapping: DepthMapping) -> None
 
 
 def test_premultiplied_matrices_keep_the_order() -> None:
-    """One rounded matrix for view and projection: the numbers hang on summation, the order does not."""
+    """With one matrix for view and projection the numbers depend on summation, but not their order."""
     points = world_points()
 
     def wrong(mapping: DepthMapping, far: float) -> float:

@@ -28,14 +28,14 @@ from xfrustum.scenes.plate.double_frustum import Pivot
 
 SCENES = ("asymmetric-recentered", "car-recentered", "bunny-transfer", "teapot-recentered")
 NEARS = (1e-1, 1e-3)
-"""Of the reach."""
+"""Near offsets as fractions of the reach."""
 STEPS = 4
-"""From the middle of the plate to a corner."""
+"""Number of steps from the middle of the plate to a corner."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shift:
-    """How far points are drawn beside where pivot `aperture` draws them, measured from two images.
+    """The shift of points from where pivot `aperture` draws them, measured from two images.
 
     Seen from the drawn pixel u, displacement is u n / |z| with pivot aperture, and (u n + k n / t) / |z|
     with pivot camera. Displacement times |z| thus says nothing of the point: in one pixel the two
@@ -45,9 +45,9 @@ class Shift:
     Attributes
     ----------
     px
-        (N, 2) columns and rows, rows counting down.
+        (N, 2) shift in columns and rows, px; rows are counted downward.
     height
-        (N,) |z|.
+        (N,) heights |z| of the points, scene units.
     bound
         (N, 2) px: how well positions are known, through the projection of both images' points.
     """
@@ -106,7 +106,7 @@ def from_middle_to_corner(scene: Scene) -> list[Aperture]:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_point_shifts_by_the_closed_form_from_the_middle_to_the_corner(name: str) -> None:
-    """Traced and rasterized, at each of five apertures."""
+    """The shift has its closed form, traced and rasterized, at each of five apertures."""
     scene = view(name, (96, 72))
     reference = Reference(scene)
     seen = 0
@@ -128,7 +128,7 @@ def test_every_point_shifts_by_the_closed_form_from_the_middle_to_the_corner(nam
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_shift_grows_linearly_with_the_shear(name: str) -> None:
-    """Of points at one height: from one aperture to the next by as much per k, in columns and in rows."""
+    """Points at one height shift in proportion to k from one aperture to the next, in columns and in rows."""
     scene = view(name, (96, 72))
     reference = Reference(scene)
     near = 0.01 * scene.frustum.longest_reach
@@ -180,7 +180,7 @@ def test_without_shear_along_an_axis_nothing_shifts_along_it(axis: int) -> None:
 def test_any_sheared_frustum_shifts_any_triangle_by_the_closed_form(
     frustum: Frustum, aperture: Aperture, corners: Floats
 ) -> None:
-    """Screens before and behind the plate, apertures on it and beside it."""
+    """The closed form holds for screens before and behind the plate, and apertures on it and beside it."""
     assume(frustum.recentered)
     scene = soup(corners, frustum)
     reference = Reference(scene)

@@ -1,4 +1,4 @@
-"""Where clipping may split a triangle: against polygons cut by hand, on the film and in depth."""
+"""The seams at which clipping may split a triangle equal those of polygons cut by hand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from xfrustum.scenes.arrays import Floats
 SIZE = 128
 STRAIGHT = (0.0, 0.0)
 ROUNDING_PX = 2e-9
-"""Far more than a dozen operations on places of up to some hundred pixels; they are sorted by nine digits."""
+"""Largest difference between places, px: far above a dozen roundings of places of some hundred pixels."""
 
 
 def pencil(side: int, near: float = 0.1) -> Pencil:
@@ -37,7 +37,7 @@ def seen_at(places: Floats, s: Floats, lines: Pencil) -> Floats:
 
 
 def assert_same_segments(found: Floats, expected: list[tuple[Floats, Floats]]) -> None:
-    """In any order, and from either end."""
+    """Return line segments in a canonical order, whatever their order and direction."""
 
     def ordered(some: Any) -> list[Any]:
         return sorted(sorted(end.tolist() for end in each) for each in np.asarray(some).round(9))
@@ -46,7 +46,7 @@ def assert_same_segments(found: Floats, expected: list[tuple[Floats, Floats]]) -
 
 
 CUT = np.array([(40.0, 40.0), (90.0, 60.0), (60.0, 148.0)])
-"""Its third corner is 20 pixels below the film."""
+"""A triangle with its third corner 20 pixels below the film."""
 
 
 @pytest.mark.parametrize("side", [1, -1])

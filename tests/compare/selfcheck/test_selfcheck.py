@@ -44,7 +44,7 @@ def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[Exa
 
 
 def check_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
-    """Every triangle on every line, by Cramer's rule, with no box that skips any."""
+    """Cramer's rule on every triangle and every line, without boxes, gives the same answer."""
     found, pencil = all_rows(corners, frustum, aperture)
     ties: dict[tuple[int, int], list[int]] = {}
     for row, column, number in found.ties.tolist():
@@ -79,7 +79,7 @@ def test_integers_decide_coincidences_as_fractions_do(
 def test_arbitrary_lines_are_decided_as_fractions_do(
     data: st.DataObject, corners: Floats, aperture: Aperture
 ) -> None:
-    """Toward corners, the middles of edges, and anywhere; on both sides of the center."""
+    """Lines toward corners, the middles of edges, and anywhere, on both sides of the center."""
     center = (aperture.x, aperture.y, 0.5)
     toward = np.concatenate((corners.reshape(-1, 3), corners.mean(axis=1))) - np.array(center)
     component = st.integers(-4, 4).map(float)
@@ -112,7 +112,7 @@ def test_what_integers_say_of_a_sheet_and_its_copy_is_known_by_hand() -> None:
 
 
 def test_a_part_of_the_self_check_agrees() -> None:
-    """All kinds of scenes, and ties, exact decisions and proofs among the pixels."""
+    """The views cover all kinds of scenes, and ties, exact decisions and proofs among the pixels."""
     check = selfcheck(quick=True)
     assert check.agrees, table(check)
     assert check.total("wrong") == 0
@@ -216,7 +216,7 @@ def test_a_giant_is_refused_and_says_why() -> None:
 
 
 def test_no_line_from_a_spheres_center_misses_it() -> None:
-    """Through all vertices and all middles of edges; every vertex is shared by just its own triangles."""
+    """Lines through all vertices and middles of edges; a vertex is shared by exactly its own triangles."""
     check = check_sphere(quick=True)
     assert (check.triangles, check.vertices, check.edges) == (5120, 2562, 7680)
     assert check.agrees

@@ -19,9 +19,9 @@ from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.raster.device.numbered_mesh import number_triangles
 from xfrustum.raster.plate.clusters import Boxes, clip_planes, reached, runs
+from xfrustum.raster.plate.plain_loop import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.raster.plate.submissions import MOST_HOGELS
-from xfrustum.raster.races.plain_loop import PlainLoop
+from xfrustum.raster.plate.submissions import MAX_HOGELS
 from xfrustum.scenes import (
     Aperture,
     Camera,
@@ -51,7 +51,7 @@ OPTIONS = [
 
 
 def some_apertures(scene: Scene) -> list[Aperture]:
-    """Two neighbors, so that they share a submission, the corners and one in between."""
+    """The apertures: two neighbors, so that they share a submission, the corners and one in between."""
     column, row = scene.plate.middle.index
     between = scene.plate.aperture(column // 2, row // 3)
     return [scene.plate.middle, scene.plate.aperture(column + 1, row), *scene.plate.corners, between]
@@ -63,7 +63,7 @@ def same_as_one_by_one(
     apertures: Sequence[Aperture],
     effects: frozenset[Effect] | None = None,
 ) -> float:
-    """Assert that every image is the rasterizer's own, and return how much of them shows surfaces."""
+    """Assert that every image is the rasterizer's own, and return the share of pixels with surfaces."""
     covered = []
     content = replace(EVERYTHING, effects=effects)
     with PlateRenderer(scene, chosen, content) as plate, Rasterizer(scene, effects) as rasterizer:
@@ -79,7 +79,7 @@ def same_as_one_by_one(
 
 @pytest.mark.parametrize(("depth", "mapping"), DEPTHS)
 def test_every_depth_buffer_decides_as_for_a_single_hogel(depth: DepthFormat, mapping: DepthMapping) -> None:
-    """A near plane at 1e-4 of the reach: 16 bits leave many ties, which the drawing order decides."""
+    """With near at 1e-4 of the reach, 16 bits leave many ties, which the drawing order decides."""
     scene = view("asymmetric-recentered", (48, 36))
     chosen = DoubleFrustum(near=0.015, depth=depth, mapping=mapping)
     assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.1
@@ -115,7 +115,7 @@ def test_light_textures_and_mirrors_are_drawn_alike(name: str, effects: frozense
 )
 @pytest.mark.parametrize("name", ["asymmetric", "crossing"])
 def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
-    """Smooth and flat, colored and not, textured and not, three lights and mirrors on both sides."""
+    """The scene is smooth and flat, colored and not, textured and not, with three lights and mirrors."""
     scene = dressed_scene(name, (64, 48))
     assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
 
@@ -151,7 +151,7 @@ def assert_same(one: Sequence[PlateHogel], other: Sequence[PlateHogel]) -> None:
 
 
 def test_the_plain_loops_are_the_same_images_too() -> None:
-    """What the fast path is measured against does the same work."""
+    """The loop that the fast path is measured against does the same work."""
     scene, chosen = view("car-recentered", (32, 24)), reversed_d32f(0.01)
     apertures = some_apertures(scene)
     with PlateRenderer(scene, chosen, EVERYTHING) as plate:
@@ -246,7 +246,7 @@ RECENTERED = Frustum(
 
 
 def scattered(seed: int, count: int, size: float) -> Floats:
-    """Triangles of some size whose middles lie about the plate, (F, 3, 3)."""
+    """Return triangles (F, 3, 3) of some size whose middles lie around the plate."""
     random = np.random.default_rng(seed)
     middle = random.uniform(-1, 1, (count, 1, 3)) * (12, 12, 25)
     return np.asarray(middle + random.normal(scale=size, size=(count, 3, 3)))
@@ -262,14 +262,14 @@ def scattered(seed: int, count: int, size: float) -> Floats:
 def test_culling_loses_no_pixel_of_triangles_of_any_size(
     seed: int, size: float, frustum: Frustum, near: float
 ) -> None:
-    """Also of those that are far larger than everything, across the plate, behind the camera."""
+    """Triangles far larger than everything, across the plate and behind the camera, are kept as well."""
     scene = soup(scattered(seed, 60, size), frustum)
     apertures = [scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))]
     same_as_one_by_one(scene, reversed_d32f(near), apertures)
 
 
 def test_what_one_camera_cannot_see_is_not_drawn() -> None:
-    """Each triangle of the car goes to one camera, but for the few across the plate."""
+    """Each triangle of the car goes to one camera, except the few across the plate."""
     scene = view("car", (16, 12))
     with PlateRenderer(scene, DoubleFrustum(near=0.1)) as plate:
         lowest, highest = scene.height_ranges
@@ -280,10 +280,10 @@ def test_what_one_camera_cannot_see_is_not_drawn() -> None:
 
 @given(st.integers(0, 1 << 20), st.sampled_from([CENTERED, RECENTERED]))
 def test_clusters_outside_the_frustum_are_left_out(seed: int, frustum: Frustum) -> None:
-    """Points instead of boxes: reached are those that both definitions of the film put on it."""
+    """With points instead of boxes, the points found are those on the film by both its definitions."""
     scene = soup(scattered(seed, 20, 1.0), frustum)
     aperture = scene.plate.aperture(5, 9)
-    # So small a step back moves nothing by a visible amount, and float32 knows no far plane with it.
+    # A step back this small moves nothing visibly, and leaves no far plane that float32 could clip at.
     chosen = DoubleFrustum(near=1e-9)
     points = np.random.default_rng(seed).uniform(-1, 1, (200, 3)) * (40, 40, 20)
     boxes = Boxes.of(points, points)
@@ -335,6 +335,6 @@ def test_runs_cover_what_is_visible_and_bridge_single_gaps_only(rows: list[list[
 def test_a_submission_holds_as_many_hogels_as_stay_close_by() -> None:
     small, large = view("asymmetric", (16, 16)), view("asymmetric", (1024, 1024))
     with PlateRenderer(small, DoubleFrustum(near=0.1)) as plate:
-        assert plate.batching.hogels == MOST_HOGELS
+        assert plate.batching.hogels == MAX_HOGELS
     with PlateRenderer(replace(large, objects=()), DoubleFrustum(near=0.1)) as plate:
         assert plate.batching.hogels == 1

@@ -1,4 +1,4 @@
-"""The truth is exact: it agrees with rational arithmetic, and does not depend on how a scene is told."""
+"""The truth is exact: it agrees with rational arithmetic, whatever way a scene is described in."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
 
 
 class TestAgainstRationalNumbers:
-    """Corners exactly on lines and in the aperture, shared edges, coincident and flat triangles."""
+    """Corners lie exactly on lines and in the aperture; edges are shared, triangles coincide or are flat."""
 
     @settings(max_examples=150, deadline=None, derandomize=True)
     @given(exact_scenes())
@@ -158,7 +158,7 @@ def test_most_pixels_of_real_scenes_are_proven_and_none_unexamined() -> None:
 
 
 def test_twins_are_ties_and_the_first_of_them_is_shown() -> None:
-    """Every triangle of the asymmetric scene twice: where a surface shows, two triangles show."""
+    """Each triangle of the asymmetric scene is there twice: every pixel with a surface is a tie of two."""
     scene = view("asymmetric", (64, 64))
     doubled = replace(scene, objects=scene.objects * 2)
     once, twice = (Reference(s).trace(scene.plate.middle) for s in (scene, doubled))
@@ -206,7 +206,7 @@ def test_a_triangle_in_two_halves_is_the_same_surface(
 ) -> None:
     which %= len(corners)
     a, b, c = np.roll(corners[which], -edge, axis=0)
-    middle = (a + b) / 2  # of eighths: exact
+    middle = (a + b) / 2  # sums of eighths are exact
     split = np.concatenate([corners, [[middle, b, c]]])
     split[which] = [a, middle, c]
     one = Reference(soup(corners, frustum)).trace(aperture)
@@ -267,7 +267,7 @@ def test_a_scene_moved_about_the_plates_normal_gives_the_picture_moved(
 def test_the_unit_of_length_makes_no_difference(
     corners: Floats, frustum: Frustum, aperture: Aperture, exponent: int
 ) -> None:
-    """Scaling by a power of two rounds nothing: every bit of the image stays, but for the exponent."""
+    """Scaling by a power of two rounds nothing: every bit of the image but the exponent stays."""
     scale = 2.0**exponent
     screen = frustum.screen
     if screen is not None:

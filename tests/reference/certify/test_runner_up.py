@@ -1,4 +1,4 @@
-"""Gaps: how far behind each pixel's surface the same camera sees the next one."""
+"""Gaps: the distances behind each pixel's surface at which the same camera sees the next one."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from xfrustum.scenes.geometry.refine import refine
 from xfrustum.scenes.geometry.shapes import build_shape
 
 ALIKE = 1e-9
-"""Relative to the reach: far more than brute force rounds, far less than any gap here."""
+"""Largest difference of equal gaps as a part of the reach: far above rounding, far below any gap."""
 
 ROUNDED = 1e-13
-"""Relative to |z|, of two surfaces: a dozen roundings of 2^-53 in sums several times as large."""
+"""Rounding of two surfaces' heights relative to |z|: a dozen of 2^-53 in sums several times as large."""
 
 
 def level_squares(heights: list[float], half_size: float = 100.0) -> Floats:
@@ -67,7 +67,7 @@ FRUSTA = [
 def test_gaps_are_those_of_brute_force(
     frustum: Frustum, seed: int, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Loose triangles on both sides, through the plate, and around the aperture."""
+    """The triangles lie loose on both sides, through the plate, and around the aperture."""
     if not compiled:
         monkeypatch.setattr(module, "compiled", lambda: False)
     random = np.random.default_rng(seed)
@@ -133,7 +133,7 @@ def test_the_gap_of_a_sphere_is_its_chord() -> None:
 
 @pytest.mark.parametrize("name", ["car", "crossing", "asymmetric-recentered"])
 def test_refining_a_mesh_leaves_its_gaps(name: str) -> None:
-    """Neither edges of triangles nor their number change it: but where a line meets an edge exactly."""
+    """Neither edges of triangles nor their number change a gap, except where a line meets an edge exactly."""
     scene = view(name, (160, 120))
     aperture = scene.plate.middle
     coarse, fine = (Reference(s).gaps(aperture) for s in (scene, refine(scene, 1)))

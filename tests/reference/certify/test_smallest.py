@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.brute_force import exact_first
+from tests.support.scene_file import film, named
 from tests.support.views import at, lines_by_definition, soup
 from xfrustum.cli.main import main
 from xfrustum.compare.selfcheck.rational import first_by_brute_force
@@ -25,23 +26,12 @@ from xfrustum.scenes.plate.frustum import SMALLEST_SLOPE
 
 FRUSTUM = Frustum(resolution=(5, 4), reach=(1e30, 1e30), fov=(math.radians(60), math.radians(50)))
 
-BLOCK = """
-name = "tiny"
-[plate]
-size = [16.0, 16.0]
-hogels = [1, 1]
-[frustum]
-resolution = [8, 8]
-fov_deg = [60.0, 60.0]
-reach = [100.0, 100.0]
-[[object]]
-shape = "box"
-scale = SCALE
-"""
+FILM = film((16.0, 16.0), hogels=(1, 1), resolution=(8, 8), fov_deg=(60.0, 60.0), reach=(100.0, 100.0))
+BLOCK = named("tiny") + FILM + '[[object]]\nshape = "box"\n'
 
 
 def magnitudes(low: float, high: float) -> st.SearchStrategy[float]:
-    """Any size between two, either sign, few or many digits; and zero."""
+    """Return numbers of any size between two, with either sign and few or many digits; and zero."""
     size = st.floats(math.log2(low), math.log2(high)).map(lambda e: 2.0**e)
     short = st.integers(math.ceil(math.log2(low)), math.floor(math.log2(high))).map(lambda e: 2.0**e)
     value = st.one_of(size, short, st.sampled_from([low, high]))
@@ -50,7 +40,7 @@ def magnitudes(low: float, high: float) -> st.SearchStrategy[float]:
 
 @st.composite
 def extreme_triangles(draw: st.DrawFn) -> Floats:
-    """Triangles of coordinates of any size, of one or of many, some one step beside others."""
+    """Return triangles with coordinates of one or of many sizes, some one step beside others."""
     found: list[Floats] = []
     for _ in range(draw(st.integers(1, 4))):
         kind = draw(st.sampled_from(["any", "one size", "beside"]))
@@ -68,7 +58,7 @@ def extreme_triangles(draw: st.DrawFn) -> Floats:
             any_size = magnitudes(SMALLEST_COORDINATE, draw(st.sampled_from([1e-70, LONGEST])))
             found.append(np.array(draw(st.lists(any_size, min_size=9, max_size=9))).reshape(3, 3))
     triangles = np.array(found)
-    # A step may have led beyond the ends.
+    # One step may lead beyond the range.
     triangles[np.abs(triangles) > LONGEST] = LONGEST
     triangles[np.abs(triangles) < SMALLEST_COORDINATE] = 0.0
     return triangles
@@ -115,7 +105,7 @@ def test_the_truth_is_that_of_fractions_whatever_the_sizes(
 
 @pytest.mark.parametrize("size", [1e-76, 1e-106, 5e-324])
 def test_what_is_smaller_is_refused_beside_what_is_not_too(size: float) -> None:
-    """Where products of three underflow: 522 pixels of 16,384 were wrong, and 1,752 ties false, at 1e-106."""
+    """Products of three underflow at 1e-106: 522 pixels of 16,384 were wrong there, and 1,752 ties false."""
     near = np.array([[(-1.0, -1.0, -1.0), (2.0, -1.0, -1.0), (0.0, 2.0, -1.0)]])
     for triangles in (size * near, np.concatenate([size * near, near])):
         with pytest.raises(
@@ -132,11 +122,11 @@ def test_a_file_of_too_small_a_scale_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "tiny.toml"
-    file.write_text(BLOCK.replace("SCALE", "1e-106"))
+    file.write_text(BLOCK + "scale = 1e-106\n")
     assert main(["trace", str(file), "--out", str(tmp_path / "x.exr"), "--quiet"]) == 2
     error = capsys.readouterr().err
     assert "box has a coordinate of" in error and error.count("\n") == 1
-    file.write_text(BLOCK.replace("SCALE", "1e-70"))
+    file.write_text(BLOCK + "scale = 1e-70\n")
     assert main(["selfcheck", str(file), "--quiet"]) == 0
 
 
@@ -159,7 +149,7 @@ def test_zero_is_no_small_number() -> None:
 
 @pytest.mark.parametrize("size", [1.0, 1e-72, 1e29])
 def test_two_layers_of_triangles_are_told_apart_at_every_size(size: float) -> None:
-    """Half of these pixels were wrong, and nearly all of them ties, at 1e-106."""
+    """At 1e-106, half of these pixels were wrong, and nearly all of them ties."""
     layer = np.random.default_rng(1).normal(size=(20, 3, 3)) - (0.0, 0.0, 1.0)
     scene = soup(size * np.concatenate([layer, layer * (1.0, 1.0, 1.3)]), FRUSTUM)
     pencil = replace(crossed_frustum(FRUSTUM, at(0.0, 0.0)), resolution=(32, 32))

@@ -1,4 +1,4 @@
-"""The reference's light: formulas written a second time, closed forms, and what cannot change a picture."""
+"""The reference's light: formulas written a second time, closed forms, and changes without effect."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BEFORE = quad([(6, 2, 30), (4, 9, 34), (16, 12, 41), (18, 5, 37)], "paint")
 def phong(
     normal: Floats, eye: Floats, material: Material, lights: tuple[DirectionalLight, ...]
 ) -> list[float]:
-    """Radiance toward the eye; every vector by hand, R by a half turn of the light about the normal."""
+    """Return the radiance toward the eye, every vector by hand; R is the light turned about the normal."""
     if float(np.dot(normal, eye)) < 0:
         normal = -normal
     color = list(material.ambient)
@@ -33,7 +33,7 @@ def phong(
         cosine = float(np.dot(normal, light.direction))
         if cosine <= 0:
             continue
-        # Of the light, not of the eye: (2 (N.L) N - L).E is (2 (N.E) N - E).L.
+        # The light is reflected here instead of the eye: (2 (N.L) N - L).E is (2 (N.E) N - E).L.
         reflected = 2 * cosine * normal - np.array(light.direction)
         highlight = max(float(np.dot(reflected, eye)), 0.0) ** material.exponent
         for channel in range(3):

@@ -1,4 +1,4 @@
-"""Mirrors: what the reference sees in them, against closed forms."""
+"""Mirrors in the reference show the closed forms of their reflections."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class TestSphere:
         return np.asarray(0.75 * self.REFLECTIVITY * sky_radiance(mirrored))
 
     def map_error(self, normal: Floats, eye: Floats) -> Floats:
-        """Bound on bilinear interpolation, larger within the half row about each pole."""
+        """Return the bound on bilinear interpolation, larger within the half row around each pole."""
         step = math.pi / 32
         normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
         height = (2 * np.sum(normal * eye, axis=1, keepdims=True) * normal - eye)[:, 1]

@@ -1,4 +1,4 @@
-"""What surfaces are colored by, in the reference: textures, vertex colors; and what must not change a bit."""
+"""Colors of surfaces in the reference: textures, vertex colors; and changes that must not change a bit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ UV_ROUNDING = 1e-9
 
 
 def filling(z: float) -> Floats:
-    """Corners of the rectangle at a height that fills the film, as the viewer sees them from below left."""
+    """Return the corners of the rectangle at a height that fills the film, from the viewer's lower left."""
     assert CENTERED.fov is not None
     x, y = (abs(z) * np.tan(angle / 2) for angle in CENTERED.fov)
     ax, ay = MIDDLE.x, MIDDLE.y
@@ -39,7 +39,7 @@ def picture(height: int, width: int, seed: int = 5) -> Bytes:
 
 
 def decoded(texture: Bytes) -> Floats:
-    """Linear RGB of sRGB, by the standard's formula."""
+    """Return linear RGB of sRGB by the standard's formula."""
     value = texture[..., :3] / 255
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
@@ -71,7 +71,7 @@ class TestTextures:
         np.testing.assert_allclose(color, decoded(texture)[::-1, ::-1], rtol=ROUNDING, atol=UV_ROUNDING)
 
     def test_between_texels_the_decoded_light_is_mixed_and_edges_repeat(self) -> None:
-        """Against another implementation: spline of order one on a periodic grid."""
+        """Another implementation, a spline of order one on a periodic grid, gives the same colors."""
         texture = picture(7, 5)
         uv = UNIT * (2.3, -1.7) + (0.37, 12.4)
         color = color_of(lit(textured(filling(-50.0), uv, texture), glow=GLOW))
@@ -104,7 +104,7 @@ class TestTextures:
 
 
 def test_vertex_colors_are_linear_in_space() -> None:
-    """Not on the film: a color that is a linear function of place is that function of each visible point."""
+    """A vertex color that is linear in space is the same linear function of each visible point."""
     corners = np.array([(-40, -25, -35), (38, -20, -80), (43, 30, -75), (-35, 25, -30)], dtype=float)
     corners[3] = corners[0] + corners[2] - corners[1]
     linear = np.array([(0.004, 0.001, 0.0), (0.0, 0.006, -0.002), (-0.003, 0.0, 0.002)])
@@ -131,7 +131,7 @@ def test_a_triangle_whose_corner_has_no_normal_is_flat() -> None:
 
 
 class TestEffects:
-    """Only what a scene calls for is evaluated, and that is everything that shows."""
+    """Only effects that a scene calls for are evaluated, and these are all that show."""
 
     @pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "crossing", "truck", "beetle"])
     def test_all_effects_give_the_same_bits_as_the_needed_ones(self, name: str) -> None:
@@ -197,7 +197,7 @@ def same_bits(scene: Scene) -> None:
 
 
 class TestModel:
-    """What offset cameras would draw without rounding, in the colors of the same light."""
+    """The traced model has the colors that offset cameras would draw without rounding."""
 
     def test_flat_surfaces_keep_their_color_where_cameras_step_back(self) -> None:
         """Pivot aperture, fit angle: a pixel's drawn line is parallel to its true one."""

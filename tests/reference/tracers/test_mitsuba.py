@@ -53,7 +53,7 @@ def scene_at(name: str, width: int, height: int) -> Scene:
 
 
 def rays(scene: Scene, aperture: Aperture) -> tuple[Floats, Floats]:
-    """All lines of an aperture, from the viewer's end."""
+    """Return all lines of an aperture from the viewer's end."""
     pencil = crossed_frustum(scene.frustum, aperture)
     directions = pencil.directions().reshape(-1, 3)
     return np.asarray(pencil.center) + pencil.s_range[0] * directions, directions
@@ -99,14 +99,14 @@ def unexplained(scene: Scene, mine: Numbers, truth: Numbers, o: Floats, d: Float
 
 
 def edge_distance(point: Floats, corners: Floats) -> float:
-    """Distance of a point (1, 3) from the nearest edge of a triangle (3, 3)."""
+    """Return the distance of a point (1, 3) from the nearest edge of a triangle (3, 3)."""
     edges = np.stack([corners, np.roll(corners, -1, axis=0), corners], axis=1)
     return float(distance_to_triangles(np.repeat(point, 3, axis=0), edges).min())
 
 
 @pytest.fixture(scope="module")
 def sphere() -> Scene:
-    """A sphere of 20,480 triangles behind the plate, about its own center."""
+    """Return a sphere of 20,480 triangles behind the plate."""
     mesh = trimesh.creation.icosphere(subdivisions=5, radius=10.0)
     part = SceneObject(name="sphere", vertices=np.asarray(mesh.vertices), faces=np.asarray(mesh.faces))
     return dataclasses.replace(open_scene("empty"), objects=(part,))
@@ -240,7 +240,7 @@ def rendered(scene: Scene, aperture: Aperture, film: dict[str, Any] | None = Non
     direct = {"type": "direct", "hide_emitters": True}
     aovs = "position:position,normal:geo_normal,primitive:prim_index"
     integrator = mi.load_dict({"type": "aov", "aovs": aovs, "image": direct})
-    # R, G, B and A come first.
+    # Channels R, G, B and A come first.
     return np.array(mi.render(loaded, integrator=integrator, spp=1))[..., 3:]
 
 

@@ -1,4 +1,4 @@
-"""Light paths through Mitsuba: the double-precision light where no more is asked for, and closed forms."""
+"""Light paths through Mitsuba agree with the double-precision light, and with closed forms."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ PAINT = Material(
 )
 
 FALSE_ALARM = 1e-4
-"""Chance that a test of a whole picture fails although nothing is wrong. Seeds are fixed."""
+"""Chance that the test of a right picture fails. Seeds are fixed."""
 
 SEEN_OFTEN = 100
-"""Paths that find a lamp: of fewer, which are rare events, neither mean nor variance are near normal."""
+"""Smallest number of paths that find a lamp: with fewer, mean and variance are far from normal."""
 
 COLOR_ROUNDING = 3 * 2.0**-24
-"""Relative: the reference's color is rounded to float32; the rest is double precision."""
+"""Relative rounding of the reference's color to float32; the rest is double precision."""
 
 
 def everything() -> tuple[SceneObject, ...]:
-    """Smooth, flat, textured and colored surfaces on both sides of the plate, some behind others."""
+    """Return smooth, flat, textured and colored surfaces on both sides of the plate, some behind others."""
     uv = np.array([(0.0, 0.1), (3.3, 0.0), (3.0, 2.2), (0.0, 2.0)])
     picture = np.random.default_rng(8).integers(0, 256, (5, 7, 4), dtype=np.uint8)
     floor = replace(
@@ -164,7 +164,7 @@ class TestDirectLight:
         )
 
     def test_one_ray_at_a_time_gives_the_same(self) -> None:
-        """The scalar variant, which is all there is without LLVM."""
+        """The scalar variant, the only one without LLVM, gives the same light."""
         scene = lit(*everything(), frustum=replace(SMALL, resolution=(8, 6)), environment=sky(), paint=PAINT)
         asked = Transport(shadows=True, samples=2)
         expected = PathTracer(scene).render(APERTURE, asked).mean
@@ -188,7 +188,7 @@ HIGH = DirectionalLight(direction=(-0.25, 0.15, 1.0), color=(1.0, 0.8, 0.5))
 
 
 def shadow_scene(lights: tuple[DirectionalLight, ...]) -> tuple[Scene, SceneObject]:
-    """A floor far behind the plate and a card above it, before the plate."""
+    """Return a floor far behind the plate and a card above it, before the plate."""
     screen = card((3.0, -2.0, 12.0), (9.0, 6.0), "matt")
     matt = Material(ambient=(0.1, 0.1, 0.1), diffuse=(0.8, 0.6, 0.4))
     frustum = replace(CENTERED, resolution=(96, 72))
@@ -209,9 +209,9 @@ class TestShadows:
         light = np.array(HIGH.direction)
         arrives = point + (12.0 - point[:, 2:]) / light[2] * light
         low, high = screen.vertices.min(axis=0)[:2], screen.vertices.max(axis=0)[:2]
-        # How far inside the card's outline the line passes it; outside negative.
+        # Distance by which the line passes inside the card's outline; negative outside.
         inside = np.minimum(arrives[:, :2] - low, high - arrives[:, :2]).min(axis=1)
-        # Rays start off the surface, and are in float32.
+        # Rays start a little off the surface, and are in float32.
         blurred = 4 * CLEARANCE * SINGLE * np.abs(scene.vertices).max()
         dark, lit_up = inside > blurred, inside < -blurred
         assert np.count_nonzero(dark) > 50
@@ -222,7 +222,7 @@ class TestShadows:
         np.testing.assert_array_equal(shadowed[~floor], direct[~floor])
 
     def test_each_light_has_its_own(self) -> None:
-        """What two lights leave in the dark is the sum of what each of them does, above the ambient term."""
+        """The shadows of two lights add up, above the ambient term."""
         both, one, other = (
             PathTracer(shadow_scene(lights)[0]).render(PLATE.middle, Transport(shadows=True, samples=2)).mean
             for lights in ((HIGH, LAMP), (HIGH,), (LAMP,))
@@ -235,7 +235,7 @@ class TestShadows:
     def test_what_is_convex_throws_none_on_itself(
         self, center: tuple[float, float, float], smooth: bool
     ) -> None:
-        """What faces the light is lit whole, however its ray starts, and whichever way its facet looks."""
+        """A surface that faces the light is lit all over, however its rays start and its facets look."""
         part = ball(center, 0.3 * abs(center[2]), "paint", 4, smooth=smooth)
         frustum = replace(CENTERED, resolution=(64, 48), reach=(100.0, 2000.0))
         scene = lit(part, frustum=frustum, paint=PAINT)
@@ -266,12 +266,12 @@ LAMP_COLOR = (3.0, 2.0, 1.0)
 
 class TestInterreflection:
     def test_a_furnace_glows_as_the_sum_of_all_its_bounces(self) -> None:
-        """In a closed box whose walls glow with e and scatter the share d, everything shows e / (1 - d)."""
+        """A closed box with walls that glow with e and scatter the share d shows e / (1 - d) everywhere."""
         wall = Material(ambient=(0.2, 0.3, 0.1), diffuse=(0.5, 0.2, 0.8))
         corners = np.array([(x, y, z) for x in (-30, 34) for y in (-25, 27) for z in (-50, 20)], dtype=float)
         sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         box = [quad(corners[list(side)], "wall") for side in sides]
-        # Cut where the reach begins, so that the box is looked into.
+        # The reach cuts the box open, so that lines see its inside.
         frustum = replace(CENTERED, resolution=(16, 12), reach=(10.0, 60.0))
         scene = lit(*box, frustum=frustum, lights=(), wall=wall)
         estimate = PathTracer(scene).render(APERTURE, Transport(interreflection=True, samples=512))
@@ -308,7 +308,7 @@ class TestInterreflection:
         return np.abs(share)
 
     def inside(self, points: NDArray[np.floating], directions: Floats) -> Floats:
-        """Smallest barycentric coordinate of where lines meet the triangle's plane: negative outside."""
+        """Return the smallest barycentric coordinate of lines in a triangle's plane: negative outside."""
         edges = np.broadcast_arrays(*(self.TRIANGLE[1:] - self.TRIANGLE[0]), -directions)
         offset = points - self.TRIANGLE[0]
         solved = np.linalg.solve(np.stack(edges, axis=-1), offset[..., None])[..., 0]
@@ -332,7 +332,7 @@ class TestInterreflection:
         assert error < 0.01 * expected.mean()
 
     def test_a_mirror_shows_what_lies_in_the_mirrored_direction(self) -> None:
-        """The lamp where the mirrored line meets it, else the environment; without any noise."""
+        """The mirror shows the lamp where the mirrored line meets it, else the environment, without noise."""
         mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
         scene = self.under_the_triangle(mirror)
         image = Reference(scene).trace(APERTURE)
@@ -347,7 +347,7 @@ class TestInterreflection:
         np.testing.assert_allclose(estimate.mean[clear], shown[clear], rtol=COLOR_ROUNDING)
 
     def test_a_mirrored_direction_under_its_own_triangle_shows_the_environment(self) -> None:
-        """By a normal that leans far over, as the local model has it: no black rims on smooth mirrors."""
+        """A normal that leans far over mirrors as the local model has it: no black rims on mirrors."""
         mirror = Material(ambient=(0.0,) * 3, diffuse=(0.0,) * 3, reflectivity=(0.9, 0.5, 0.7))
         leaning = np.broadcast_to((0.9, 0.0, math.sqrt(0.19)), (4, 3))
         part = replace(card((0.0, 0.0, -40.0), (100.0, 90.0), "mirror"), vertex_normals=leaning)
@@ -399,7 +399,7 @@ class TestInterreflection:
 
 
 def test_a_highlight_that_dies_out_below_what_doubles_hold_is_dark() -> None:
-    """Powers that underflow are zero, and no infinity."""
+    """Powers that underflow are zero, and not infinite."""
     mi = backend().mitsuba
     base = np.concatenate(([0.0, 1e-300, 1.0], np.linspace(0.02, 0.04, 4001)))
     highlight = np.array(power(mi.Float64(base), mi.Float64(200.0)))

@@ -14,8 +14,16 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.reference import Reference
 from xfrustum.reference.devices.dr_jit import backend
-from xfrustum.reference.rates import CERTIFIED, EMBREE, MEANINGS, MITSUBA, TRIMESH, TRUTH, answers
-from xfrustum.reports.benchmarks.truth import Race, Rate, bench_truth, table
+from xfrustum.reports.benchmarks.truth import Race, Rate, benchmark_truth, table
+from xfrustum.reports.benchmarks.truth_contestants import (
+    CERTIFIED,
+    EMBREE,
+    MEANINGS,
+    MITSUBA,
+    TRIMESH,
+    TRUTH,
+    truth_contestants,
+)
 from xfrustum.scenes import NOTHING, HogelImage, InputError
 
 
@@ -56,7 +64,7 @@ def test_ratios_are_those_of_the_medians_and_open_where_one_is_missing() -> None
 
 
 def test_the_table_names_scene_machine_and_every_rate() -> None:
-    measured = bench_truth(view("crossing", (8, 8)), (8,), 1)
+    measured = benchmark_truth(view("crossing", (8, 8)), (8,), 1)
     lines = table(measured).splitlines()
     assert "crossing" in lines[0] and measured.machine["processor"] in lines[0]
     assert {line.split()[0] for line in lines if line} >= {
@@ -71,7 +79,7 @@ def test_all_contestants_answer_for_the_same_lines(name: str) -> None:
     """Where the truth is proven and no tracer was overruled, all see the same triangles."""
     scene = view(name, (40, 30))
     aperture = scene.plate.middle
-    found: dict[str, Callable[[], Any]] = dict(answers(scene, aperture))
+    found: dict[str, Callable[[], Any]] = dict(truth_contestants(scene, aperture))
     truth = found[TRUTH]()
     assert isinstance(truth, HogelImage) and truth.overruled is not None
     # The bare tracers know no far end: a hit beyond it is theirs alone.
@@ -102,4 +110,4 @@ def test_impossible_resolutions_are_refused_in_one_line(
 def test_a_scene_without_triangles_is_refused() -> None:
     empty = replace(view("crossing", (8, 8)), name="nothing", objects=())
     with pytest.raises(InputError, match="nothing"):
-        bench_truth(empty, (8,), 1)
+        benchmark_truth(empty, (8,), 1)

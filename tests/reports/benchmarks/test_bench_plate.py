@@ -13,20 +13,20 @@ import pytest
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster.light.reflection import reflecting
-from xfrustum.raster.races.plate_rates import BATCHED, MEANINGS
-from xfrustum.reports.benchmarks.plate import bench_plate, table
-from xfrustum.reports.benchmarks.table1 import PAPER, Database, bench_table1
+from xfrustum.reports.benchmarks.plate import benchmark_plate, table
+from xfrustum.reports.benchmarks.plate_contestants import BATCHED, MEANINGS
+from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
-from xfrustum.reports.common.timing import Spread, race
+from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import InputError, SceneObject
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
 
 
-def test_a_spread_is_the_median_and_the_ends() -> None:
-    assert Spread.of([5.0, 1.0, 3.0]) == Spread(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
-    assert Spread.of([8.0, 2.0]).divided_by(2) == Spread(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
+def test_a_timing_is_the_median_and_the_ends() -> None:
+    assert Timing.of([5.0, 1.0, 3.0]) == Timing(median=3.0, lowest=1.0, highest=5.0, repetitions=3)
+    assert Timing.of([8.0, 2.0]).divided_by(2) == Timing(median=2.5, lowest=1.0, highest=4.0, repetitions=2)
 
 
 def test_contestants_take_turns_and_the_first_turn_does_not_count() -> None:
@@ -56,14 +56,14 @@ def test_the_plates_json_carries_every_contestant_stage_and_ratio(
 
 
 def test_the_plates_table_names_every_contestant_and_stage() -> None:
-    lines = table(bench_plate(view("crossing"), 8, 1)).splitlines()
+    lines = table(benchmark_plate(view("crossing"), 8, 1)).splitlines()
     assert {line.split()[0] for line in lines if line} >= {*MEANINGS, "upload", "C", "C*", "read-back"}
     assert "crossing" in lines[0] and any(line.startswith(f"stages of {BATCHED}") for line in lines)
 
 
 def test_a_scene_without_triangles_is_refused() -> None:
     with pytest.raises(InputError, match="empty"):
-        bench_plate(view("empty"), 8, 1)
+        benchmark_plate(view("empty"), 8, 1)
 
 
 @pytest.mark.parametrize("paper", PAPER, ids=lambda paper: str(paper.polygons))
@@ -74,7 +74,7 @@ def test_the_car_has_the_papers_counts_and_the_same_surface(paper: Database) -> 
     assert car.reflective[: np.count_nonzero(car.reflective)].all()
     for part, original in zip(car.scene.objects, builtin.build("car").objects, strict=True):
         assert area(part) == pytest.approx(area(original), rel=1e-12)
-        # Neither cracks nor vertices in the middle of somebody's edge.
+        # The mesh has neither cracks nor vertices in the middle of an edge.
         assert boundary(part) == pytest.approx(boundary(original), rel=1e-12)
         assert euler(part) == euler(original)
 
@@ -91,7 +91,7 @@ def edges_of(part: SceneObject) -> tuple[np.ndarray, np.ndarray]:
 
 
 def boundary(part: SceneObject) -> float:
-    """Length of all edges that bound one face only."""
+    """Return the length of all edges that bound one face only."""
     edges, uses = edges_of(part)
     ends = part.vertices[edges[uses == 1]]
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum())
@@ -117,13 +117,13 @@ def test_table_1_is_measured_in_the_papers_terms(capsys: pytest.CaptureFixture[s
         assert set(row["paper"]) == {"RealityEngine2", "Maximum Impact"}
         for name, machine in row["paper"].items():
             assert row["factors"][name] == pytest.approx(rate / machine["frames_per_second"])
-        # Somewhere in the frusta, and nothing more than twice.
+        # Every triangle is somewhere in the frusta, and none is drawn more than twice.
         assert 0 < row["submitted_polygons_per_second"] < 2 * row["polygons_per_second"]
     assert found["antialiasing"] is False
 
 
 def test_table_1_as_text_sets_both_machines_beside_the_measurement() -> None:
-    text = table_1(bench_table1(8, 1, PAPER[:1]))
+    text = table_1(benchmark_table1(8, 1, PAPER[:1]))
     assert text.count("42,382") == 3
     assert re.search(r"RealityEngine2 \(1996\), antialiasing on", text)
     assert re.search(r"Maximum Impact \(1996\), antialiasing off", text)

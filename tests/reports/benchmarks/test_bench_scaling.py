@@ -1,4 +1,4 @@
-"""What growth and crossovers are, of curves that are known; how fast anything is, is no test's business."""
+"""Growth and crossovers of known curves are found; how fast anything is, is no test's business."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from xfrustum.cli.main import main
 from xfrustum.reference import Reference
-from xfrustum.reports.benchmarks.scaling import scaling as bench_scaling
+from xfrustum.reports.benchmarks.scaling import scaling
 from xfrustum.reports.benchmarks.scaling.contestants import (
     CONTESTANTS,
     RASTERIZERS,
@@ -26,7 +26,7 @@ from xfrustum.reports.benchmarks.scaling.page import scaling_figure, staged
 from xfrustum.reports.benchmarks.scaling.process import Job, Measured, measure, measure_apart, peak_mib
 from xfrustum.reports.benchmarks.scaling.scaling import LIMIT_MIB
 from xfrustum.reports.benchmarks.scaling.table import growth_sentence, runs_sentence, table
-from xfrustum.reports.common.timing import Spread
+from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes import NOTHING, InputError
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.library.globes import GLOBES, REACH, globes
@@ -71,8 +71,8 @@ def test_a_cost_of_zero_has_no_exponent(costs: tuple[float, ...], known: tuple[b
     assert ("an unknown number of times" in text) is not known[2]
 
 
-def runs(*medians: float, spread: float = 1.0) -> list[Spread]:
-    return [Spread.of([median / spread, median, median * spread]) for median in medians]
+def runs(*medians: float, spread: float = 1.0) -> list[Timing]:
+    return [Timing.of([median / spread, median, median * spread]) for median in medians]
 
 
 def test_curves_that_cross_do_so_where_the_power_laws_are_equal() -> None:
@@ -133,7 +133,7 @@ def test_every_contestant_has_an_expectation_along_each_of_its_axes() -> None:
 def test_globes_have_exactly_as_many_triangles_as_they_say(triangles: int) -> None:
     scene = globes(triangles, (8, 8))
     assert len(scene.faces) == triangles
-    # Neither slivers without area nor anything beyond the reach.
+    # There are neither slivers without area nor triangles beyond the reach.
     assert (np.linalg.norm(scene.normals, axis=1) > 0.5).all()
     assert np.abs(scene.vertices[:, 2]).max() < REACH
 
@@ -210,7 +210,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     def in_this_process(job: Job) -> Measured:
         return replace(measure(job), imported_mib=1.0)
 
-    monkeypatch.setattr(bench_scaling, "measure_apart", in_this_process)
+    monkeypatch.setattr(scaling, "measure_apart", in_this_process)
 
 
 @pytest.mark.usefixtures("here")
@@ -251,7 +251,7 @@ def test_quick_returns_all_there_is_as_json_and_as_a_page(
 
 @pytest.mark.usefixtures("here")
 def test_the_table_names_every_contestant_size_and_reason() -> None:
-    measured = bench_scaling.bench_scaling(replace(QUICK, axes=QUICK.axes[:1]))
+    measured = scaling.benchmark_scaling(replace(QUICK, axes=QUICK.axes[:1]))
     text = table(measured)
     lines = text.splitlines()
     for name, points in measured.axes[0].measured.items():
@@ -268,7 +268,7 @@ def test_the_table_names_every_contestant_size_and_reason() -> None:
 
 @pytest.mark.usefixtures("here")
 def test_the_page_says_what_its_numbers_are(tmp_path: Path) -> None:
-    measured = bench_scaling.bench_scaling(replace(QUICK, axes=QUICK.axes[:1]))
+    measured = scaling.benchmark_scaling(replace(QUICK, axes=QUICK.axes[:1]))
     with staged(tmp_path / "out") as write:
         write(replace(measured, extent=replace(FULL, axes=measured.extent.axes)))
     page = (tmp_path / "out" / "index.html").read_text()
@@ -297,7 +297,7 @@ def test_a_contestant_that_does_not_run_here_is_named_and_left_out(monkeypatch: 
         if job.contestant == "mitsuba":
             raise UnavailableError("not on this machine")
         return Measured(
-            seconds=Spread.of([1e-3 * (job.triangles or 1)]),
+            seconds=Timing.of([1e-3 * (job.triangles or 1)]),
             set_up_s=0.0,
             imported_mib=100.0,
             scene_mib=200.0,
@@ -306,10 +306,10 @@ def test_a_contestant_that_does_not_run_here_is_named_and_left_out(monkeypatch: 
             made_of={},
         )
 
-    monkeypatch.setattr(bench_scaling, "measure_apart", pretend)
-    measured = bench_scaling.bench_scaling(replace(QUICK, axes=QUICK.axes[:1]))
+    monkeypatch.setattr(scaling, "measure_apart", pretend)
+    measured = scaling.benchmark_scaling(replace(QUICK, axes=QUICK.axes[:1]))
     assert measured.unavailable == {"mitsuba": "not on this machine"}
-    # Size by size, and nobody is asked again who is not here.
+    # Sizes follow each other, and a missing contestant is not asked again.
     others = ["raster", "embree", "certified", "truth"]
     assert asked == ["raster", "embree", "mitsuba", "certified", "truth", *others]
     assert "mitsuba" not in measured.axes[0].measured

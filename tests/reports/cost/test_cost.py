@@ -1,4 +1,4 @@
-"""What accuracy costs: the front, the answers, and that nothing else can be had for less."""
+"""The cost of accuracy: the front, the answers, and that no other way has less error for less time."""
 
 from __future__ import annotations
 
@@ -19,28 +19,37 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.display import LEVELS, encoded
-from xfrustum.compare.metrics.pixel_bands import ALONE_PIXELS, BAND_PIXELS, in_bands
+from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, MAX_SERIAL_PIXELS, in_bands
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.reports.common.timing import CONFIDENCE, Spread
+from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.cost import ways as cost_ways
 from xfrustum.reports.error_report.images import _levels
-from xfrustum.reports.trade_off.trade_off import Option, answers, cheapest, pareto, rank, unsettled
+from xfrustum.reports.trade_off.trade_off import (
+    Configuration,
+    Option,
+    answers,
+    cheapest,
+    pareto,
+    rank,
+    unsettled,
+)
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.tolerances import MAX_WRONG
+from xfrustum.tolerances import MAX_WRONG
 
 
 def option(seconds: float, moved: float, wrong: float = 0.0, slowest: float = 0.0) -> Option:
     return Option(
         renderer="raster",
         label=f"{seconds} s",
-        configuration={},
+        family="family",
+        configuration=Configuration(),
         displacement_p99_px=moved,
         surface_fraction=wrong,
-        time_s=Spread(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
+        time_s=Timing(median=seconds, lowest=seconds, highest=max(seconds, slowest), repetitions=5),
     )
 
 
@@ -65,11 +74,11 @@ def test_the_cheapest_is_fast_enough_and_within_the_tolerance() -> None:
 def test_of_times_that_cannot_be_told_apart_the_least_error_is_named() -> None:
     noisy, better = option(1, 0.4, slowest=1.5), option(1.2, 0.1)
     assert cheapest([noisy, better], 0.5) is better
-    assert cheapest([noisy, replace(better, time_s=Spread.of([1.6] * 5))], 0.5) is noisy
+    assert cheapest([noisy, replace(better, time_s=Timing.of([1.6] * 5))], 0.5) is noisy
 
 
 def timed(label: str, milliseconds: list[float], moved: float) -> Option:
-    return replace(option(1, moved), label=label, time_s=Spread.of([ms / 1000 for ms in milliseconds]))
+    return replace(option(1, moved), label=label, time_s=Timing.of([ms / 1000 for ms in milliseconds]))
 
 
 def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
@@ -80,7 +89,7 @@ def test_one_slow_repetition_makes_a_tie_and_not_a_fastest_way() -> None:
     assert said.startswith("The fastest way to stay under 0.5 px is one of these 2, 43 to 99.5 ms a picture")
     assert "5 repetitions do not tell apart" in said
     assert ". The least error among them is that of careful, 99.5 ms" in said
-    # Further repetitions leave the outlier out of the interval.
+    # With further repetitions the interval leaves the outlier out.
     quick, careful = timed("quick", [43.0] * 8 + [120], 0.4), timed("careful", [99.5] * 9, 0.01)
     assert answers([careful, quick], 0.5)[0].sentence.startswith(
         "The fastest way to stay under 0.5 px: quick, 43 ms (43 to 43) a picture"
@@ -124,18 +133,18 @@ def test_equally_long_times_are_told_apart_by_chance_once_in_126_times_at_most(c
     orders = list(itertools.combinations(range(2 * count), count))
     apart = 0
     for order in orders:
-        one, other = Spread.of(order), Spread.of(sorted(set(range(2 * count)) - set(order)))
+        one, other = Timing.of(order), Timing.of(sorted(set(range(2 * count)) - set(order)))
         apart += one.told_below(other) or other.told_below(one)
     assert 0 < apart / len(orders) <= 1 / 126
 
 
 @given(st.lists(st.floats(0, 1e3), min_size=1, max_size=40))
 def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[float]) -> None:
-    spread = Spread.of(values)
+    spread = Timing.of(values)
     low, high = spread.interval
     assert spread.lowest <= low <= spread.median <= high <= spread.highest
-    # Of n distinct values the ends are the i-th smallest and largest: fewer than i heads of n, or of tails.
-    ordered = Spread.of(range(len(values)))
+    # The ends are the i-th smallest and largest of n distinct values: fewer than i heads of n, or of tails.
+    ordered = Timing.of(range(len(values)))
     outside = int(ordered.interval[0])
     beyond = 2 * sum(math.comb(len(values), heads) for heads in range(outside + 1)) / 2 ** len(values)
     assert beyond <= 1 - CONFIDENCE or len(values) < 6
@@ -143,7 +152,7 @@ def test_the_interval_of_a_median_holds_it_with_its_confidence(values: list[floa
 
 
 class Clock:
-    """A clock that goes on only when somebody works."""
+    """A clock that advances only while a worker works."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0.0
@@ -168,13 +177,13 @@ def test_turns_go_on_until_the_fastest_are_told_apart(monkeypatch: pytest.Monkey
     for _ in range(5):
         take_turn([quick, slow], seconds)
 
-    def open_places(spreads: Sequence[Spread]) -> list[bool]:
+    def open_places(spreads: Sequence[Timing]) -> list[bool]:
         pair = zip(spreads, (0.4, 0.3), strict=True)
         return unsettled([replace(option(1, moved), time_s=spread) for spread, moved in pair], 0.5)
 
-    assert open_places([Spread.of(taken) for taken in seconds]) == [True, True]
+    assert open_places([Timing.of(taken) for taken in seconds]) == [True, True]
     take_turns_until_settled([quick, slow], seconds, open_places, budget_s=1e6)
-    one, other = (Spread.of(taken) for taken in seconds)
+    one, other = (Timing.of(taken) for taken in seconds)
     assert one.told_below(other) and one.repetitions == other.repetitions == 9
 
 
@@ -228,7 +237,7 @@ def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach
 def test_bands_join_to_the_image_whether_one_thread_makes_them_or_many() -> None:
     scene = view("car", (64, 48))
     image = Reference(scene).trace(scene.plate.middle)
-    for copies in (1, ALONE_PIXELS // (64 * 48) + 1):
+    for copies in (1, MAX_SERIAL_PIXELS // (64 * 48) + 1):
         tall = replace(image, triangle=np.tile(image.triangle, (copies, 1)), companions=None, overruled=None)
         bands = in_bands(tall, tall, lambda truth, raster, rows: truth.triangle)
         np.testing.assert_array_equal(np.concatenate(bands), tall.triangle)
@@ -247,9 +256,9 @@ def test_levels_from_a_table_are_those_of_the_curve() -> None:
 def test_the_device_s_time_is_part_of_the_frame() -> None:
     scene = builtin.build("sheets")
     with Rasterizer(scene) as rasterizer:
-        rasterizer.render(scene.plate.middle, DoubleFrustum(near=1.0))
-        assert list(rasterizer.times) == ["draw", "read"]
-        assert rasterizer.times["draw"].gpu_s > 0
+        times = rasterizer.draw(scene.plate.middle, DoubleFrustum(near=1.0)).times
+        assert list(times) == ["draw", "read"]
+        assert times["draw"].gpu_s > 0
 
 
 def test_cost_prints_one_object_and_writes_a_page(
@@ -276,11 +285,11 @@ def test_cost_prints_one_object_and_writes_a_page(
 
 
 def test_all_that_are_not_clearly_slower_take_every_turn() -> None:
-    """A way told apart in one round may be fast in the next, and goes on; one thrice as slow does not."""
+    """A way that is slower in one round may be fast in the next, and goes on; one thrice as slow does not."""
     noisy, slow = [1.0, 1.0, 1.2, 1.0, 1.0], [1.4, 1.4, 1.5, 1.4, 1.4]
-    spreads = [Spread.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
+    spreads = [Timing.of(one) for one in (noisy, noisy[::-1], slow, [3.0] * 5)]
     assert spreads[0].told_below(spreads[2])
     assert open_races(spreads[:2], spreads) == [True, True, True, False]
     assert open_races(spreads[:1], spreads) == [False] * 4
-    steady = [Spread.of([1.0, 1.01, 1.0, 1.02, 1.01])] * 2
+    steady = [Timing.of([1.0, 1.01, 1.0, 1.02, 1.01])] * 2
     assert open_races(steady, steady) == [False, False]

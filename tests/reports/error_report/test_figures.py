@@ -1,4 +1,4 @@
-"""What figures promise: curves told apart, labels that can be read and stand where they belong."""
+"""Figures tell curves apart, and have readable labels in their right places."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import plotly.graph_objects as go
 import pytest
 
 from xfrustum.reports.common.figure_style import COLORS, MARKERS, error_bars, log_axis, look
-from xfrustum.reports.common.timing import Spread
-from xfrustum.reports.trade_off.trade_off import Option
+from xfrustum.reports.common.timing import Timing
+from xfrustum.reports.trade_off.trade_off import Configuration, Option
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 
 
@@ -17,10 +17,11 @@ def option(family: str, seconds: float, moved: float) -> Option:
     return Option(
         renderer="raster",
         label=family,
-        configuration={"family": family},
+        family=family,
+        configuration=Configuration(),
         displacement_p99_px=moved,
         surface_fraction=0.0,
-        time_s=Spread.of([0.5 * seconds, seconds, 3 * seconds]),
+        time_s=Timing.of([0.5 * seconds, seconds, 3 * seconds]),
     )
 
 
@@ -60,7 +61,7 @@ def test_the_line_of_the_front_goes_through_options_that_are_on_the_front() -> N
 
 
 def test_bars_of_repetitions_reach_from_the_lowest_to_the_highest() -> None:
-    bars = error_bars([Spread.of([1.0, 2.0, 5.0])], factor=1000)
+    bars = error_bars([Timing.of([1.0, 2.0, 5.0])], factor=1000)
     assert (bars["array"], bars["arrayminus"]) == ([3000.0], [1000.0])
     (points, _) = trade_off_figure([option("D24", 1.0, 1.0)], 0.5).data
     assert points.x == (1000,) and points.error_x.array == (2000,) and points.error_x.arrayminus == (500,)

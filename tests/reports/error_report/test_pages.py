@@ -12,26 +12,17 @@ from xml.etree import ElementTree
 
 import pytest
 
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.common.templates_environment import TEMPLATES, script_json
 
 EVIL = "<img src=x onerror=document.title=1></script><script>document.title=2</script>"
 
-SCENE = f"""
-name = "<script>document.title=3</script>\\u0007"
-units = "{EVIL}"
-[plate]
-size = [40.0, 30.0]
-hogels = [2, 2]
-[frustum]
-resolution = [12, 8]
-fov_deg = [60.0, 40.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "box"
-scale = 12.0
-translate = [3.0, 1.0, 25.0]
-"""
+SCENE = (
+    named("<script>document.title=3</script>\u0007", EVIL)
+    + film((40.0, 30.0), hogels=(2, 2), resolution=(12, 8), fov_deg=(60.0, 40.0), reach=(50.0, 60.0))
+    + part("box", 12.0, (3.0, 1.0, 25.0))
+)
 
 SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -1,8 +1,6 @@
-"""What a report recommends: a window of nears that nothing measured decides between, and where it ends."""
+"""A report recommends a window of nears between which no measurement decides."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -10,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from tests.reports.error_report.test_reports import MIDDLE
+from tests.reports.measurements.test_best import MIDDLE
+from tests.support.rows import PARTS, TIMES, comparison_numbers
 from xfrustum.compare.metrics.paired import CONFIDENCE, PixelSet, is_worse
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.measurements.best import (
-    SURFACE_TIE,
+    SURFACE_TIE_FRACTION,
     best_per_depth,
     best_setting,
     equally_good,
@@ -45,18 +44,11 @@ def judged(
     color: Mask | None = None,
 ) -> Measurement:
     wrong: dict[str, Mask] = {"surface": surface} | ({} if color is None else {"radiance": color})
-    comparison: Mapping[str, object] = {
-        "judged": PIXELS,
-        "covered": PIXELS,
-        "surface": {"fraction": float(surface.mean())},
-        "displacement_px": {"p99": p99, "rms": p99 / 2},
-        "radiance": None if color is None else {"above_step": float(color.mean())},
-    }
+    wrong_colors = None if color is None else float(color.mean())
     return Measurement(
         aperture=MIDDLE,
         settings=DoubleFrustum(near=near, depth=depth),
-        comparison=comparison,
-        certainty={},
+        comparison=comparison_numbers(PIXELS, PIXELS, float(surface.mean()), p99, wrong_colors),
         predicted=Prediction(
             displacement_px=None,
             silhouettes=0.0,
@@ -64,7 +56,8 @@ def judged(
             depth=0.0,
             separation=Separations(c=None, c_star=None),
         ),
-        times_s={},
+        times_s=TIMES,
+        parts_s=PARTS,
         wrong={name: PixelSet.of(mask) for name, mask in wrong.items()},
     )
 
@@ -86,7 +79,7 @@ def test_a_window_ends_where_more_pixels_are_wrong_beyond_chance() -> None:
 
 
 def test_a_difference_below_one_pixel_in_ten_thousand_is_none_however_surely_it_is_there() -> None:
-    few = int(SURFACE_TIE * PIXELS)
+    few = int(SURFACE_TIE_FRACTION * PIXELS)
     assert len(equally_good([judged(1e-3, some(0)), judged(2e-3, some(few))])) == 2
     assert is_worse(few + 10, 0)
     assert len(equally_good([judged(1e-3, some(0)), judged(2e-3, some(few + 10))])) == 1
@@ -145,13 +138,13 @@ def test_the_paired_test_is_the_exact_one_of_a_coin(here: int, there: int) -> No
     total = here + there
     certain = total > 0 and binomtest(here, total, alternative="greater").pvalue < 1 - CONFIDENCE
     assert is_worse(here, there) == (certain and here > there)
-    # Of many comparisons each has to be surer.
+    # With many comparisons each one has to be surer.
     assert is_worse(here, there) or not is_worse(here, there, comparisons=10)
 
 
 @pytest.mark.parametrize("comparisons", [1, 100])
 def test_equally_wrong_pictures_are_called_worse_no_more_often_than_it_says(comparisons: int) -> None:
-    """All throws of a coin, weighed: no sample, and no luck."""
+    """All outcomes of the coin are counted with their chances, so that the test depends on no sample."""
     total = 50
     chances = [binomtest(k, total, alternative="greater").pvalue for k in range(total + 1)]
     called = [p for k, p in enumerate(chances) if is_worse(k, total - k, comparisons)]

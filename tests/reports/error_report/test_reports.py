@@ -1,4 +1,4 @@
-"""The report: what is swept, which setting is called best, and files that are whole or absent."""
+"""The report: what is swept, what its pages and tables say, and files that are whole or absent."""
 
 from __future__ import annotations
 
@@ -15,24 +15,13 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from xfrustum.compare import Spread
-from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.compare.rounding.positions import largest_tolerance
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.timing import SharedStopwatch, Stopwatch
 from xfrustum.reports.error_report import figures, images, report, sweep
 from xfrustum.reports.error_report.report import ReportFiles, default_folder, make_report
-from xfrustum.reports.measurements.best import (
-    DISPLACEMENT_TIE_PX,
-    SURFACE_TIE,
-    best_per_depth,
-    best_setting,
-    sentence,
-)
-from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes import (
-    Aperture,
     DepthFormat,
     DepthMapping,
     DoubleFrustum,
@@ -236,16 +225,6 @@ def test_prediction_stands_beside_measurement_with_their_ratio(files: ReportFile
     assert min(files.content["rows"][0]["smallest_separation"].values()) > 0
 
 
-def test_a_ratio_needs_both_numbers_and_a_prediction_that_is_not_zero() -> None:
-    ratios = measured(1.0, 0.14, 0.5).measured_over_predicted
-    # Causes that know nothing of each other: 1 - 0.9 * 0.8.
-    assert ratios["surface"] == pytest.approx(0.14 / 0.28)
-    assert ratios["displacement_p99"] == 2.0
-    assert ratios["displacement_rms"] == 2.5
-    nothing = measured(1.0, 0.0, None).measured_over_predicted
-    assert nothing == {"displacement_rms": None, "displacement_p99": None, "surface": 0.0}
-
-
 def test_the_curves_of_surfaces_have_a_closed_form_for_every_depth_buffer(files: ReportFiles) -> None:
     html = files.html.read_text()
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
@@ -375,98 +354,6 @@ def test_by_default_reports_never_go_under_reports() -> None:
     assert default_folder(open_scene("car")) == Path("report/car")
     assert default_folder(replace(open_scene("car"), name="../ odd/name")).parts[0] == "report"
     assert ".." not in default_folder(replace(open_scene("car"), name="../..")).parts
-
-
-MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
-CORNER = Aperture(column=0, row=0, x=-1.0, y=1.0)
-
-
-def measured(
-    near: float,
-    surface: float,
-    p99: float | None,
-    *,
-    depth: DepthFormat = DepthFormat.D24,
-    aperture: Aperture = MIDDLE,
-) -> Measurement:
-    return Measurement(
-        aperture=aperture,
-        settings=DoubleFrustum(near=near, depth=depth),
-        comparison={
-            "judged": 3072,
-            "covered": 1000,
-            "surface": {"fraction": surface},
-            "displacement_px": None if p99 is None else {"p99": p99, "rms": p99 / 2},
-        },
-        certainty={},
-        predicted=Prediction(
-            displacement_px=Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3),
-            silhouettes=0.1,
-            snapped=0.0,
-            depth=0.2,
-            separation=Separations(c=1e-3, c_star=None),
-        ),
-        times_s={},
-    )
-
-
-def test_least_surface_error_is_best_whatever_the_displacement() -> None:
-    rows = [measured(1.0, 0.02, 0.1), measured(2.0, 0.01, 5.0)]
-    assert best_setting(rows).settings.near == 2.0
-
-
-def test_among_equal_surfaces_least_displacement_is_best() -> None:
-    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.01 + 0.9 * SURFACE_TIE, 0.05)]
-    assert best_setting(rows).settings.near == 0.1
-    # 30 and 90 of 3,072 pixels.
-    rows = [measured(1.0, 0.01, 0.5), measured(0.1, 0.03, 0.05)]
-    assert best_setting(rows).settings.near == 1.0
-
-
-def test_where_all_displacements_are_seen_those_equal_to_the_least_are_best() -> None:
-    rows = [
-        measured(1e-6, 0.01, 0.3),
-        measured(1e-5, 0.01, 0.3 + 0.9 * DISPLACEMENT_TIE_PX),
-        measured(1e-4, 0.01, 0.3 + 1.1 * DISPLACEMENT_TIE_PX),
-    ]
-    best = best_setting(rows)
-    assert (best.settings.near, best.window.low, best.window.high) == (1e-5, 1e-6, 1e-5)
-
-
-def test_at_equal_near_the_depth_buffer_listed_first_is_best() -> None:
-    rows = [measured(1.0, 0.01, 0.1, depth=depth) for depth in (DepthFormat.D24, DepthFormat.D32F)]
-    assert best_setting(rows).settings.depth == DepthFormat.D24
-
-
-def test_the_worst_aperture_counts() -> None:
-    rows = [
-        measured(1.0, 0.0, 0.1),
-        measured(0.1, 0.01, 0.1),
-        measured(1.0, 0.05, 0.1, aperture=CORNER),
-        measured(0.1, 0.02, 0.3, aperture=CORNER),
-    ]
-    best = best_setting(rows)
-    assert (best.settings.near, best.surface_fraction, best.displacement_p99_px) == (0.1, 0.02, 0.3)
-    assert "at the worst of 2 apertures" in sentence(rows, "mm", 150.0)
-
-
-def test_nothing_displaced_is_no_displacement() -> None:
-    assert best_setting([measured(1.0, 0.0, None)]).displacement_p99_px == 0.0
-
-
-def test_each_depth_buffer_has_a_best_of_its_own() -> None:
-    rows = [
-        measured(1.0, 0.3, 0.1, depth=DepthFormat.D16),
-        measured(0.1, 0.4, 0.1, depth=DepthFormat.D16),
-        measured(0.1, 0.0, 0.1, depth=DepthFormat.D24),
-    ]
-    assert [(b.settings.depth, b.settings.near) for b in best_per_depth(rows)] == [("d16", 1.0), ("d24", 0.1)]
-
-
-def test_the_sentence_names_near_format_surface_and_displacement() -> None:
-    said = sentence([measured(0.015, 0.00012, 0.25)], "mm", 150.0)
-    for words in ("near 0.015 mm", "0.0001 of the reach", "D24 standard", "0.012 %", "0.25 px"):
-        assert words in said
 
 
 def test_json_ready_turns_nan_and_infinity_into_none() -> None:

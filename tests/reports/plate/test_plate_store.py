@@ -188,7 +188,7 @@ def test_the_command_says_what_it_mended(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_zarrs_chunks_are_whole_and_no_beginning_of_one_is(tmp_path: Path) -> None:
-    """Whatever their size: of one byte, across all forms of the size in a frame, of several blocks."""
+    """Chunks of any size: one byte, all forms of the size in a frame, and several blocks."""
     chance = np.random.default_rng(3)
     chunk, part = tmp_path / "x" / "c" / "0", tmp_path / "part"
     for size in (1, 255, 256, 65_535, 65_536, 65_792, 300_000):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import random
@@ -22,7 +24,7 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.reports.plate.plate import WRITTEN_BEHIND, blocks_of_apertures, write_plate
+from xfrustum.reports.plate.plate import MAX_WAITING_HOGELS, blocks_of_apertures, write_plate
 from xfrustum.reports.plate.store import PlateStore
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Appearance
@@ -197,7 +199,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
         with pytest.raises(InputError, match="No space left on device"):
             write_plate(scene, SETTINGS, out)
     finished = len(chunks(out))
-    # Up to the one that failed; one that was under way behind it may have been written.
+    # All hogels before the failed one are there, and one after it that was under way may be.
     assert 23 <= finished < 35
     files = write_plate(scene, SETTINGS, out)
     assert (files.drawn, files.found) == (35 - finished, finished)
@@ -206,7 +208,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
 def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Drawn or asked for, and not yet written."""
+    """The hogels in memory are those asked for or drawn, and not yet written."""
     scene = replace(view("asymmetric", (16, 12)), plate=Plate(size=(80.0, 60.0), hogels=(40, 10)))
     taken, written, most = 0, 0, 0
     hogels, write = PlateRenderer.hogels, PlateStore.write
@@ -230,7 +232,7 @@ def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
     monkeypatch.setattr(PlateStore, "write", counted_write)
     write_plate(scene, SETTINGS, tmp_path / "x.zarr")
     with PlateRenderer(scene, SETTINGS) as renderer:
-        allowed = renderer.batching.hogels_in_memory + WRITTEN_BEHIND
+        allowed = renderer.batching.hogels_in_memory + MAX_WAITING_HOGELS
     assert written == taken == 400
     assert 1 < most <= allowed < 400
 
@@ -253,8 +255,9 @@ def killed(out: Path, rows: str, delay: float, *, from_first_hogel: bool) -> boo
 
 
 def resumed(out: Path, rows: str) -> dict[str, int]:
-    finished = subprocess.run(command(out, rows), capture_output=True, check=True, text=True)
-    found: dict[str, int] = json.loads(finished.stdout)
+    with contextlib.redirect_stdout(io.StringIO()) as written:
+        assert main(command(out, rows)[3:]) == 0
+    found: dict[str, int] = json.loads(written.getvalue())
     return found
 
 
@@ -264,7 +267,7 @@ def assert_kills_do_no_harm(tmp_path: Path, rows: str, count: int, delays: Itera
     kills = 0
     for number, delay in enumerate(delays):
         before = chunks(out)
-        # Sometimes while everything is still being set up.
+        # Some kills come while the command is still starting.
         kills += killed(out, rows, delay, from_first_hogel=number % 4 != 3)
         after = chunks(out)
         assert before.items() <= after.items(), "a finished hogel was lost or drawn again"

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import xfrustum
+from tests.support.scene_file import film, named, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare.extent import box
@@ -24,30 +25,13 @@ from xfrustum.reports.scene_check.picture_frame import PictureFrame, View
 from xfrustum.reports.scene_check.silhouettes import outlines
 from xfrustum.scenes import InputError, Scene, open_scene
 
-FILE = """
-name = "two & a <half>"
-units = "mm"
-[plate]
-size = [80.0, 60.0]
-hogels = [9, 7]
-[frustum]
-resolution = [16, 16]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 100.0]
-[[object]]
-shape = "sphere"
-scale = 60.0
-translate = [10.0, -5.0, -60.0]
-smooth = true
-[[object]]
-shape = "torus"
-scale = 40.0
-translate = [0.0, 0.0, 60.0]
-[[object]]
-shape = "box"
-scale = 1000.0
-translate = [0.0, 0.0, -8500.0]
-"""
+FILE = (
+    named("two & a <half>", "mm")
+    + film((80.0, 60.0), hogels=(9, 7), resolution=(16, 16), fov_deg=(60.0, 60.0), reach=(150.0, 100.0))
+    + part("sphere", 60.0, (10.0, -5.0, -60.0), smooth=True)
+    + part("torus", 40.0, (0.0, 0.0, 60.0))
+    + part("box", 1000.0, (0.0, 0.0, -8500.0))
+)
 
 
 @pytest.fixture

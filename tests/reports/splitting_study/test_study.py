@@ -21,7 +21,7 @@ from tests.conftest import CHECKOUT
 from xfrustum.cli.main import main
 from xfrustum.compare.planning.plan import plan
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH, Requirement
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.reference import Reference
 from xfrustum.reports.splitting_study import grid as study_grid
@@ -34,17 +34,17 @@ from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, Pi
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
 from xfrustum.reports.splitting_study.store import Store, origin_hash
 from xfrustum.reports.splitting_study.study import DATA, DOCUMENT, IMAGES, RESULTS, StudyFiles, make_study
-from xfrustum.reports.splitting_study.verdict import (
+from xfrustum.reports.splitting_study.suitability import (
     Case,
-    Verdict,
-    answers,
+    Suitability,
     case_of,
+    outcomes,
+    suitability,
     unbroken,
-    verdict,
 )
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 TINY = Grid(
     nears=(1e-2, 1e-3, 1e-4, 1e-6),
@@ -120,7 +120,7 @@ def test_the_sheets_are_ordered_alike_by_c_and_by_c_star(tiny: StudyFiles) -> No
     for key, row in by_side[Camera.C].items():
         other = by_side[Camera.C_STAR][key]
         assert row.predicted_separation == other.predicted_separation
-        assert (row.misordered > MISORDERED) == (other.misordered > MISORDERED)
+        assert (row.misordered > MAX_MISORDERED_FRACTION) == (other.misordered > MAX_MISORDERED_FRACTION)
 
 
 def test_no_depth_buffer_moves_the_picture(tiny: StudyFiles) -> None:
@@ -135,17 +135,17 @@ def test_the_bent_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> 
     for row in single(tiny.rows):
         in_corner = row.resolution / math.sqrt(2) * row.near / (FARTHEST / 1000 / row.ratio)
         if in_corner <= TOLERANCE_PX:
-            assert verdict(row) in {Verdict.ENOUGH, Verdict.STARVED}
+            assert suitability(row) in {Suitability.ENOUGH, Suitability.STARVED}
         if in_corner > 10 * TOLERANCE_PX:
-            assert verdict(row) in {Verdict.BENT, Verdict.BOTH}
+            assert suitability(row) in {Suitability.BENT, Suitability.BOTH}
 
 
 def test_the_starved_edge_of_a_window_follows_the_closed_form(tiny: StudyFiles) -> None:
     """Twice the smallest separation is ordered, half of it is not; between them anything may happen."""
     decided = [r for r in single(tiny.rows) if not 0.5 <= r.predicted_separation / ASKED_SEPARATION <= 2]
-    assert {row.misordered > MISORDERED for row in decided} == {True, False}
+    assert {row.misordered > MAX_MISORDERED_FRACTION for row in decided} == {True, False}
     for row in decided:
-        assert (row.misordered > MISORDERED) == (row.predicted_separation > ASKED_SEPARATION)
+        assert (row.misordered > MAX_MISORDERED_FRACTION) == (row.predicted_separation > ASKED_SEPARATION)
 
 
 def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> None:
@@ -156,7 +156,7 @@ def test_splitting_off_what_is_empty_leaves_rounding_alone(tiny: StudyFiles) -> 
         assert row.displacement_p99 is not None
         assert row.displacement_p99 < 1e-3
         assert row.predicted_p99 == 0
-    assert all(answer.one_pair or answer.slabs for answer in answers(tiny.rows).values())
+    assert all(outcome.one_pair or outcome.slabs for outcome in outcomes(tiny.rows).values())
 
 
 def test_the_study_asks_what_the_planner_asks() -> None:
@@ -175,9 +175,9 @@ def test_the_planner_cuts_as_often_and_draws_no_fewer_slabs(
     assert planned.within
     assert planned.settings is not None
     case = Case(side=Camera.C, ratio=ratio, resolution=resolution, buffer=buffer)
-    found = answers(tiny.rows)[case].slabs or ()
+    found = outcomes(tiny.rows)[case].slabs or ()
     assert len(planned.slabs) == len(found)
-    # Its first cut may lie a little above the nearest surface, and then the first slab is drawn too.
+    # The first cut may lie a little above the nearest surface; then the first slab is drawn too.
     drawn = drawing_order(scene, scene.plate.middle, replace(planned.settings, camera=Camera.C))
     assert len(drawn) >= max(1, len(found))
 
@@ -198,8 +198,8 @@ def test_displacement_grows_in_proportion_to_the_resolution() -> None:
 def test_refined_meshes_leave_the_map_where_it_was(levels: int, tiny: StudyFiles, tmp_path: Path) -> None:
     """The same surfaces in 4 and 16 times as many triangles: the same verdict in every cell."""
     finer = make_study(tmp_path, replace(TINY, refined=levels))
-    assert {case: (a.nears, a.slabs) for case, a in answers(finer.rows).items()} == {
-        case: (a.nears, a.slabs) for case, a in answers(tiny.rows).items()
+    assert {case: (a.nears, a.slabs) for case, a in outcomes(finer.rows).items()} == {
+        case: (a.nears, a.slabs) for case, a in outcomes(tiny.rows).items()
     }
 
 
@@ -220,31 +220,31 @@ def row_of(**changed: Any) -> StudyRow:
 @pytest.mark.parametrize(
     ("changed", "expected"),
     [
-        ({}, Verdict.ENOUGH),
-        ({"displacement_p99": 0.5}, Verdict.ENOUGH),
-        ({"displacement_p99": 0.51}, Verdict.BENT),
-        ({"depth_wrong": 10}, Verdict.ENOUGH),
-        ({"depth_wrong": 11}, Verdict.STARVED),
-        ({"misordered": 0.02}, Verdict.STARVED),
-        ({"misordered": 0.02, "displacement_p99": 9.0}, Verdict.BOTH),
-        ({"displacement_p99": None, "depth_wrong": 4_000}, Verdict.STARVED),
-        ({"surface_wrong": 400}, Verdict.ENOUGH),
+        ({}, Suitability.ENOUGH),
+        ({"displacement_p99": 0.5}, Suitability.ENOUGH),
+        ({"displacement_p99": 0.51}, Suitability.BENT),
+        ({"depth_wrong": 10}, Suitability.ENOUGH),
+        ({"depth_wrong": 11}, Suitability.STARVED),
+        ({"misordered": 0.02}, Suitability.STARVED),
+        ({"misordered": 0.02, "displacement_p99": 9.0}, Suitability.BOTH),
+        ({"displacement_p99": None, "depth_wrong": 4_000}, Suitability.STARVED),
+        ({"surface_wrong": 400}, Suitability.ENOUGH),
     ],
 )
-def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Verdict) -> None:
-    assert verdict(row_of(**changed)) is expected
+def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Suitability) -> None:
+    assert suitability(row_of(**changed)) is expected
 
 
-def test_the_fewest_slabs_that_are_enough_are_the_answer() -> None:
+def test_the_fewest_slabs_that_are_enough_are_the_outcome() -> None:
     rows = [
         row_of(misordered=1.0),
         row_of(slabs=(0.1,), misordered=1.0),
         row_of(slabs=(0.1, 0.2, 0.5)),
         row_of(slabs=(0.1, 0.3)),
     ]
-    answer = answers(rows)[case_of(rows[0])]
-    assert not answer.one_pair
-    assert answer.slabs == (0.1, 0.3)
+    outcome = outcomes(rows)[case_of(rows[0])]
+    assert not outcome.one_pair
+    assert outcome.slabs == (0.1, 0.3)
 
 
 def test_a_window_ends_at_its_first_gap() -> None:
@@ -323,7 +323,7 @@ def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> N
     found = results(folder)
     assert kept.items() <= found.items()
     assert set(measured).isdisjoint(kept)
-    # For each row a picture and sheets: in one scene no two rows share theirs.
+    # Each row has a picture and sheets of its own: in one scene no two rows share theirs.
     assert len(found) == 2 * len(uninterrupted)
     assert without_times(resumed.rows) == without_times(uninterrupted)
 
@@ -390,7 +390,7 @@ def test_the_command_prints_one_object_that_names_every_case(
     folder = tiny.data.parent
     assert main(["study", "splitting", "--quick", "--quiet", "--json", "--out", str(folder)]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert len(said["cases"]) == len(answers(tiny.rows))
+    assert len(said["cases"]) == len(outcomes(tiny.rows))
     assert all(case["one_pair"] == bool(case["nears"]) for case in said["cases"])
     assert {Path(file).stem for file in said["files"]["figures"]} == maps(tiny.rows).keys()
     assert without_times(read_parquet(folder / DATA)[0]) == without_times(tiny.rows)
@@ -404,9 +404,9 @@ def test_a_full_map_has_every_depth_buffer_and_a_quick_one_is_part_of_it() -> No
 
 def test_the_map_shows_the_verdicts_of_its_cells(tiny: StudyFiles) -> None:
     drawn = maps(tiny.rows)["when-to-split-c"]
-    colors = dict(zip(Verdict, (color for color, _ in drawn.legend), strict=True))
+    colors = dict(zip(Suitability, (color for color, _ in drawn.legend), strict=True))
     rows = [row for row in single(tiny.rows) if row.side is Camera.C]
-    expected = [[colors[verdict(row)] for row in rows if row.buffer == buffer] for buffer in TINY.buffers]
+    expected = [[colors[suitability(row)] for row in rows if row.buffer == buffer] for buffer in TINY.buffers]
     assert [list(line) for line in drawn.panels[0][0].lines] == expected
 
 
@@ -431,13 +431,13 @@ def test_the_published_data_are_the_full_map(published: tuple[tuple[StudyRow, ..
 def test_what_the_published_table_calls_enough_was_measured_to_be(
     published: tuple[tuple[StudyRow, ...], Origin],
 ) -> None:
-    found = answers(published[0])
+    found = outcomes(published[0])
     for row in published[0]:
         enough = row.near in found[case_of(row)].nears
         measured = (
             (row.displacement_p99 or 0) <= TOLERANCE_PX
             and row.depth_wrong <= MAX_DEPTH_WRONG * row.judged
-            and row.misordered <= MISORDERED
+            and row.misordered <= MAX_MISORDERED_FRACTION
         )
         assert row.slabs or enough == measured
 
@@ -448,6 +448,6 @@ def test_the_rule_of_thumb_is_never_too_hopeful_about_hyperbolic_depth(
     rows = published[0]
     facts = buffer_facts(rows)
     hopeful = {DepthMapping.STANDARD, DepthMapping.GL, DepthMapping.REVERSED}
-    for case, answer in answers(rows).items():
+    for case, outcome in outcomes(rows).items():
         if case.buffer[1] in hopeful and by_the_rule(case, facts):
-            assert answer.one_pair
+            assert outcome.one_pair

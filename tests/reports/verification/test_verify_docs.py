@@ -15,10 +15,11 @@ from typing import Any
 
 import pytest
 
+from tests.support.scene_file import film, named, part
 from xfrustum.compare.diagnosis import faults
 from xfrustum.compare.diagnosis.encodings import ENCODING_FAULTS
 
-# Untyped, and needed here only.
+# This library is untyped, and needed here only.
 yaml: Any = import_module("yaml")
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "verify.md"
@@ -66,27 +67,17 @@ from xfrustum import DoubleFrustum, Rasterizer, open_scene
 assert sys.argv[1::2] == ["--x", "--y", "--out"]
 x, y, out = sys.argv[2::2]
 scene = open_scene("tests/scene.toml")
-index = [(i, j) for j in (0, 1) for i in (0, 1)
+index = [(i, j) for j in (0,) for i in (0, 1)
          if (scene.plate.aperture(i, j).x, scene.plate.aperture(i, j).y) == (float(x), float(y))][0]
 with Rasterizer(scene) as rasterizer:
     number = rasterizer.render(scene.plate.aperture(*index), DoubleFrustum(near=1e-4)).triangle + 1
 Image.fromarray(np.stack((number >> 16, number >> 8 & 255, number & 255), -1).astype(np.uint8)).save(out)
 """
-SCENE = """
-name = "ball"
-units = "mm"
-[plate]
-size = [40.0, 40.0]
-hogels = [2, 2]
-[frustum]
-resolution = [32, 32]
-fov_deg = [60.0, 60.0]
-reach = [50.0, 60.0]
-[[object]]
-shape = "sphere"
-scale = 30.0
-translate = [-4.0, 2.0, -35.0]
-"""
+SCENE = (
+    named("ball", "mm")
+    + film((40.0, 40.0), hogels=(2, 1), resolution=(32, 32), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
+    + part("sphere", 30.0, (-4.0, 2.0, -35.0))
+)
 
 
 def steps_of_the_job() -> tuple[dict[str, Any], list[str]]:
@@ -97,7 +88,7 @@ def steps_of_the_job() -> tuple[dict[str, Any], list[str]]:
 
 
 def test_the_job_installs_from_a_repository_that_the_project_is() -> None:
-    """What pip fetches is a checkout; that a checkout installs and runs is tests/test_wheel.py's."""
+    """The job's pip fetches a checkout; tests/test_wheel.py tests that a checkout installs and runs."""
     environment, commands = steps_of_the_job()
     (install,) = [command for command in commands if "pip" in command]
     words = shlex.split(string.Template(install).substitute(environment))
@@ -132,7 +123,7 @@ def test_the_job_judges_a_renderer(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "Right: all 4 hogels" in done.stdout
+    assert "Right: all 2 hogels" in done.stdout
     kept = [step["with"]["path"] for step in uploads()]
     assert kept == ["verification\nverify.xml"]
     assert all((tmp_path / name).exists() for name in kept[0].split())

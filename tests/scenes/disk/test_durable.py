@@ -1,4 +1,4 @@
-"""What a file is put in the place of, and what killed processes leave behind."""
+"""Finished files replace old ones as a whole, and killed processes leave nothing in sight."""
 
 from __future__ import annotations
 
@@ -14,26 +14,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.reports.common.outputs import Staging, check_writable_file, write_output
 from xfrustum.scenes.disk.durable import Aside, NewFile, remove_abandoned, write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.images import read_image, write_image
 
-SCENE = """
-name = "small"
-[plate]
-size = [80.0, 60.0]
-hogels = [1, 1]
-[frustum]
-resolution = [16, 12]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 150.0]
-[[object]]
-shape = "square"
-scale = 60.0
-translate = [0.0, 0.0, -60.0]
-"""
+FILM = film((80.0, 60.0), hogels=(1, 1), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+SCENE = named("small") + FILM + part("square", 60.0, (0.0, 0.0, -60.0))
 
 VERIFY = "verify scene.toml {i}x{j}.exr --quiet --junit"
 
@@ -122,7 +111,7 @@ def test_a_pipe_is_written_into(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link"])
 def test_standard_output_is_written_into_whatever_it_is(name: str, folder: Path) -> None:
-    """A file that it is sent to keeps what was printed before and gets what is printed after."""
+    """A file that standard output goes to keeps all text, printed before and after."""
     (folder / "link").symlink_to("/dev/stdout")
     with (folder / "log").open("w") as log:
         log.write("before\n")
@@ -236,7 +225,7 @@ def test_a_new_folder_of_outputs_has_all_its_files_or_is_not_there_whenever_the_
 import os, signal, sys
 from pathlib import Path
 from xfrustum.reports.common.outputs import Staging
-left = int(sys.argv[1])
+left = 0
 def watched(event, arguments):
     global left
     if event == "os.rename":
@@ -244,17 +233,24 @@ def watched(event, arguments):
         if left < 0:
             os.kill(os.getpid(), signal.SIGKILL)
 sys.addaudithook(watched)
-with Staging(Path("new") / "out", "xyz") as staging:
-    for name in staging.names:
-        (staging.folder / name).write_text("whole")
-    staging.commit()
+for number, folder in enumerate(sys.argv[1:]):
+    if os.fork():
+        os.wait()
+        continue
+    left = number
+    os.chdir(folder)
+    with Staging(Path("new") / "out", "xyz") as staging:
+        for name in staging.names:
+            (staging.folder / name).write_text("whole")
+        staging.commit()
+    os._exit(0)
 """
-    found = []
-    for renames in range(4):
-        folder = tmp_path / str(renames)
+    folders = [tmp_path / str(renames) for renames in range(4)]
+    for folder in folders:
         folder.mkdir()
-        subprocess.run([sys.executable, "-c", program, str(renames)], cwd=folder, check=False)
-        found.append("".join(sorted(path.name for path in (folder / "new").glob("out/*"))))
+    # One process for each number of renames; they are forked, so that Python starts once.
+    subprocess.run([sys.executable, "-c", program, *folders], check=True)
+    found = ["".join(sorted(path.name for path in (f / "new").glob("out/*"))) for f in folders]
     assert set(found) == {"", "xyz"}
 
 
@@ -270,7 +266,7 @@ def test_a_new_folder_of_outputs_has_the_permissions_of_new_folders(tmp_path: Pa
 def test_nothing_has_its_name_before_it_is_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both its content and, once it is renamed, the folder that holds its name."""
+    """Both the content and, after the renaming, the folder with the name are forced to the disk."""
     path, seen = tmp_path / "x", []
     fsync = os.fsync
 

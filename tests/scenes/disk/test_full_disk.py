@@ -10,24 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.limited_disk import Outcome, run
+from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 
 UNLIMITED = 1 << 40
 
-SCENE = """
-name = "small"
-[plate]
-size = [80.0, 60.0]
-hogels = [2, 1]
-[frustum]
-resolution = [32, 24]
-fov_deg = [60.0, 60.0]
-reach = [150.0, 150.0]
-[[object]]
-shape = "square"
-scale = 60.0
-translate = [0.0, 0.0, -60.0]
-"""
+FILM = film((80.0, 60.0), hogels=(2, 1), resolution=(32, 24), fov_deg=(60.0, 60.0), reach=(150.0, 150.0))
+SCENE = named("small") + FILM + part("square", 60.0, (0.0, 0.0, -60.0))
 
 TRUTH, DRAWN = "trace scene.toml --quiet --out", "raster scene.toml --near 0.1 --out"
 
@@ -43,7 +32,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene, its truth, and what is drawn of it."""
+    """A folder with a scene, its truth, and its raster."""
     folder = tmp_path_factory.mktemp("disk")
     (folder / "scene.toml").write_text(SCENE)
     with pytest.MonkeyPatch.context() as patched:
@@ -106,7 +95,7 @@ def test_whole_or_absent_at_every_size(command: str, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_report_is_whole_or_absent(folder: Path) -> None:
-    """It tells times, so that no two are the same bytes."""
+    """A report has times, so that no two reports are the same bytes."""
     sizes = [0, 1000, 9000, 15_000, 20_000, 30_000, 100_000, 1_000_000, 4_000_000]
     for outcome in run(COMMANDS["report"].split(), [*sizes, UNLIMITED], folder):
         if outcome.status == 0:

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from tests.scenes.files.test_exr import a_camera, an_image
+from tests.support.scene_file import film
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.disk.input_files import allowed_memory, bounded_memory, input_memory
 from xfrustum.scenes.files.environment_file import read_environment
@@ -22,16 +23,8 @@ from xfrustum.scenes.files.openexr.header import check_header
 from xfrustum.scenes.files.openexr.images import read_image, write_image
 
 GIBIBYTE = 1 << 30
-SCENE = """
-[plate]
-size = [10.0, 10.0]
-hogels = [3, 3]
-[frustum]
-resolution = [16, 12]
-fov_deg = [60.0, 60.0]
-reach = [20.0, 20.0]
-[[object]]
-"""
+FILM = film((10.0, 10.0), hogels=(3, 3), resolution=(16, 12), fov_deg=(60.0, 60.0), reach=(20.0, 20.0))
+SCENE = FILM + "[[object]]\n"
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 
 

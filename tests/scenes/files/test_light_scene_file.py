@@ -1,4 +1,4 @@
-"""Light in the scene file: what it says is what the scene has, and every mistake is one line."""
+"""Light in the scene file: the scene has the light that it says, and every mistake is one line."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from tests.support.scene_file import film
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -26,7 +27,7 @@ from xfrustum.scenes.files.meshes.meshes import load_mesh
 
 DIFFUSE = 0.5
 FLOAT32_ROUNDING = 1e-5
-"""Relative: the rasterizer shades in some ten operations of 32-bit floats, 6e-8 each, far below."""
+"""Largest relative error: the rasterizer shades in some ten operations of 32-bit floats, 6e-8 each."""
 
 CORNERS = ((-40.0, -40.0, 0.0), (40.0, -40.0, 0.0), (40.0, 40.0, 0.0), (-40.0, 40.0, 0.0))
 COORDINATES = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
@@ -47,14 +48,8 @@ def sheet_scene(folder: Path, mesh: str, *, smooth: bool = False) -> Scene:
     """Return the scene of a mesh file that lies in a folder."""
     path = folder / "scene.toml"
     path.write_text(
-        f"""
-        [plate]
-        size = [8.0, 6.0]
-        hogels = [3, 3]
-        [frustum]
-        resolution = [9, 7]
-        fov_deg = [40.0, 30.0]
-        reach = [20.0, 20.0]
+        film((8.0, 6.0), hogels=(3, 3), resolution=(9, 7), fov_deg=(40.0, 30.0), reach=(20.0, 20.0))
+        + f"""
         [[object]]
         mesh = "{mesh}"
         translate = [0.0, 0.0, -10.0]
@@ -219,7 +214,7 @@ def test_a_material_library_gives_its_texture_and_not_its_colors(tmp_path: Path)
 
 
 def test_a_texture_that_looks_like_the_placeholder_is_a_texture(tmp_path: Path) -> None:
-    """What counts is that the file has it, not its pixels: 2 x 2 of 100 is what trimesh makes up."""
+    """A texture of 2 x 2 pixels of 100 counts if the file has one, although trimesh makes up the same."""
     Image.new("RGBA", (2, 2), (100, 100, 100, 255)).save(tmp_path / "gray.png")
     (tmp_path / "m.mtl").write_text("newmtl gray\nmap_Kd gray.png\n")
     name = write_obj(tmp_path / "gray.obj", coordinates=True, head="mtllib m.mtl", material="gray")

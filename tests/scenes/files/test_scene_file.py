@@ -1,4 +1,4 @@
-"""The scene file: what it says is what the scene is, and every mistake is one line that names the key."""
+"""The scene file: the scene is as the file says, and every mistake is one line that names the key."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_scene_without_objects_is_legal(tmp_path: Path) -> None:
 
 
 def test_scale_then_rotate_about_fixed_x_y_z_then_translate() -> None:
-    """By hand: (1, 2, 3) becomes (2, 4, 6), about x (2, -6, 4), about y (4, -6, -2), about z (6, 4, -2)."""
+    """By hand, (1, 2, 3) becomes (2, 4, 6), about x (2, -6, 4), about y (4, -6, -2), about z (6, 4, -2)."""
     matrix = placement(2.0, (90.0, 90.0, 90.0), (10.0, 20.0, 30.0))
     np.testing.assert_allclose(matrix @ [1, 2, 3, 1], [16, 24, 28, 1], atol=1e-13)
 

@@ -21,7 +21,7 @@ from xfrustum.scenes.geometry.bezier import evenly, normals, second_derivative_b
 from xfrustum.scenes.geometry.tessellation import cut, matched_steps, tessellate
 
 ROUNDING = 1e-12
-"""A few hundred operations of doubles on values of size ten."""
+"""Largest rounding of a few hundred operations of doubles on values of size ten."""
 
 PRINTED = math.sqrt(3) * 0.5e-6
 """A mesh file with six decimals moves a vertex by half a unit of the last one along each axis."""

@@ -262,7 +262,7 @@ def test_neither_place_in_the_file_nor_size_moves_a_bit(name: str, scale: float,
 @pytest.mark.parametrize("name", ["hard/steep", "hard/screen-near-plate", "hard/screen-near-plate-in-front"])
 @pytest.mark.parametrize("aperture", [MIDDLE, (0, 3)])
 def test_a_box_about_the_aperture_is_met_where_each_line_enters_it(name: str, aperture: Index) -> None:
-    """At the first of the planes x = +-24, y = +-24 and z = 20 that the way to the viewer meets."""
+    """Lines end at the first of the planes x = +-24, y = +-24 and z = 20 on the way to the viewer."""
     image = truth_of(name, aperture)
     where = scene_of(name).plate.aperture(*aperture)
     dx, dy = slopes(name, aperture)

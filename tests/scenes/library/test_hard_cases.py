@@ -1,4 +1,4 @@
-"""The suite of hard cases: what must come out of the truth, and that no answer ever breaks down."""
+"""The suite of hard cases: the truth is as expected, and no answer ever breaks down."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ VIEWS = [
 ]
 DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
 NEARS = (1e-3, 1e-6)
-"""As fractions of the reach."""
+"""Near offsets as fractions of the reach."""
 
 LINE_ROUNDING = 4 * 2.0**-53
 """Two roundings in a coordinate a + s d of a surface point, relative to its terms, doubled."""
@@ -177,14 +177,14 @@ def test_two_open_rasterizers_do_not_draw_into_each_other() -> None:
 
 
 def peak_memory(work: str) -> int:
-    """Return the most bytes that a process of its own needed for some work."""
+    """Return the largest memory, bytes, that a process of its own needed for some work."""
     measured = f"{work}\nimport resource\nprint(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
     done = subprocess.run([sys.executable, "-c", measured], capture_output=True, text=True, check=True)
     return int(done.stdout.splitlines()[-1]) * KIB
 
 
 BYTES_PER_TRIANGLE = 512
-"""Of a mesh with two triangles a vertex, 132 stay: vertices 12, faces 24, corners 72, normals 24.
+"""Largest memory: with two triangles a vertex, 132 stay: vertices 12, faces 24, corners 72, normals 24.
 
 Making the normals takes about as much again three times over. An image takes nothing beside that.
 """

@@ -127,7 +127,7 @@ def test_the_grating_is_finer_than_the_pitch_in_one_half_and_coarser_in_the_othe
 
 
 def test_the_grating_fills_the_film_where_it_is_compared() -> None:
-    """From -17 to 17 at the height of the bars in front, the film of 60 degrees; and the other beyond it."""
+    """The front bars fill the film of 60 degrees, -17 to 17 at their height; the others reach beyond it."""
     front, behind = open_scene("grating").objects
     half = math.tan(math.radians(30))
     assert np.ptp(front.vertices[:, 0]) > 2 * half * GRATING_HEIGHT

@@ -1,4 +1,4 @@
-"""What cannot be meant is refused where it is given, with one line that names it, and not drawn."""
+"""Arguments that cannot be meant are refused where they are given, with one line that names them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NONSENSE: tuple[Any, ...] = (
     *("banana", b"1", "1", None, True, math.nan, math.inf, -math.inf, -1.0, [], {}, object()),
     *((1.0,), (1.0, math.nan), ("a", "b"), (1, 2, 3, 4), np.nan),
 )
-"""Neither a positive number nor a pair nor a triple nor a name of anything."""
+"""Values that are neither a positive number nor a pair nor a triple nor a name."""
 
 PLATE = Plate(size=(8, 6), hogels=(3, 3))
 FRUSTUM = Frustum(resolution=(8, 6), reach=(10, 20), fov=(1.0, 1.0))
@@ -69,7 +69,7 @@ MEANT = {
     ("DoubleFrustum", "slabs"): lambda value: value in ([], {}) or value in ((1.0,), (1, 2, 3, 4)),
     ("Frustum", "screen"): lambda value: value is None,
 }
-"""Nonsense for all others that these fields can mean."""
+"""Values that make sense for these fields, although they are nonsense for all others."""
 
 
 @pytest.mark.parametrize(("owner", "name"), FIELDS, ids=str)

@@ -1,4 +1,4 @@
-"""What a scene calls for, and why: every effect turned on and off by the one fact that decides it."""
+"""The effects that a scene calls for: each is turned on and off by the one fact that decides it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.geometry.smoothing import smoothed
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed
-from xfrustum.scenes.model.slabs import slabs
+from xfrustum.scenes.model.slabs import slab_contents
 
 CORNERS = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
 DARK = Material(ambient=(0,) * 3, diffuse=(0,) * 3)
@@ -179,7 +179,7 @@ def test_slabs_follow_each_other_and_together_have_every_triangle_within_the_rea
     heights: list[float], cuts: list[int]
 ) -> None:
     asked = scene(*(sheet(z=z) for z in heights))
-    found = slabs(asked, DoubleFrustum(near=0.1, slabs=tuple(float(cut) for cut in cuts)))
+    found = slab_contents(asked, DoubleFrustum(near=0.1, slabs=tuple(float(cut) for cut in cuts)))
     signed = [
         (-slab.heights[1], -slab.heights[0]) if slab.camera is Camera.C else slab.heights for slab in found
     ]

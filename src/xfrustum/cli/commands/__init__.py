@@ -1,11 +1,12 @@
 """The commands, a module for each use.
 
-checks   Commands that examine: where an error comes from, whether the truth is true, and what it costs
+checks   Commands that examine causes of errors (`budget`), the truth (`selfcheck`) and speed (`bench`)
 cost     The command about time: what accuracy costs
-explain  `explain`: what a scene calls for, before anything is simulated
-plan     The command that plans: which settings keep what is required
+explain  The command `explain`: the effects that a scene calls for, said before anything is simulated
+figure7  The command that draws C alone, C* alone and both, as in the paper's figure 7
+plan     The command that plans the settings that keep what is required
 plate    The command that draws whole plates
-scene    Commands about scene files themselves: one that fits a mesh, and whether a scene makes sense
-study    Commands that study: answers over many scenes and settings, not about one
+scene    Commands about scene files: `new` writes one that fits a mesh, `check` looks for mistakes in one
+study    Commands that study many scenes and settings instead of one
 verify   The command that judges renderers of other people
 """

@@ -1,7 +1,8 @@
-"""Commands that examine: where an error comes from, whether the truth is true, and what it costs."""
+"""Commands that examine causes of errors (`budget`), the truth (`selfcheck`) and speed (`bench`)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,12 +10,28 @@ import click
 
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
+from xfrustum.cli.options import Command
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 LIMIT_EXCEEDED = 1
+"""Exit status of a command that was done and whose result is no: a limit exceeded, a pixel that differs."""
+
+
+def _timed_option(repeat: int) -> Callable[[Command], Command]:
+    """Return the option for the number of timed repetitions."""
+    return click.option(
+        "--repeat", type=click.IntRange(1), default=repeat, show_default=True, help="Timed, after a warm-up."
+    )
+
+
+def _side_option(pixels: int) -> Callable[[Command], Command]:
+    """Return the option for the side of a square image."""
+    return click.option(
+        "--resolution", type=click.IntRange(1), default=pixels, show_default=True, help="W = H."
+    )
 
 
 @click.command()
@@ -50,15 +67,16 @@ def budget(
     charged = budgeting.budget(opened, settings, chosen, progress=not quiet)
     if out is not None:
         write_budget(charged, out)
-    if as_json:
-        options.print_json(charged.summary())
-    else:
-        click.echo(f"{budgeting.table(charged.geometry)}\n{radiance_budgeting.table(charged.radiance)}")
+    options.tell(
+        as_json,
+        charged.summary,
+        lambda: f"{budgeting.table(charged.geometry)}\n{radiance_budgeting.table(charged.radiance)}",
+    )
 
 
 @click.command()
 @click.argument("scenes", metavar="[SCENE]...", nargs=-1)
-@click.option("--quick", is_flag=True, help="A part of it, in less than a minute.")
+@click.option("--quick", is_flag=True, help="Fewer scenes and pixels, in less than a minute.")
 @options.quiet_option
 @options.json_option
 def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) -> int:
@@ -71,79 +89,61 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
     from xfrustum.compare.selfcheck.selfcheck import table
 
     check = compare_with_integers(scenes, quick=quick, progress=not quiet)
-    if as_json:
-        options.print_json(check.summary())
-    else:
-        click.echo(table(check))
+    options.tell(as_json, check.summary, lambda: table(check))
     return 0 if check.agrees else LIMIT_EXCEEDED
 
 
 @click.group(no_args_is_help=False)
 def bench() -> None:
-    """Measure speed, here and now."""
+    """Measure speed on this machine."""
 
 
 @bench.command("truth")
 @click.argument("scene", default="car")
 @click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 512,1024,2048]")
-@click.option(
-    "--repeat", type=click.IntRange(1), default=9, show_default=True, help="Timed, after a warm-up."
-)
+@_timed_option(9)
 @options.quiet_option
 @options.json_option
 def bench_truth(
     *, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool
 ) -> None:
-    """Race the certified truth against bare tracers, in million pixels per second."""
+    """Measure the certified truth beside bare tracers, in million pixels per second."""
     from xfrustum.reports.benchmarks import truth as benchmarks
 
     sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.bench_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(benchmarks.table(measured))
+    measured = benchmarks.benchmark_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
 @bench.command("plate")
 @click.argument("scene", default="car")
-@click.option("--resolution", type=click.IntRange(1), default=128, show_default=True, help="W = H.")
-@click.option(
-    "--repeat", type=click.IntRange(1), default=5, show_default=True, help="Timed, after a warm-up."
-)
+@_side_option(128)
+@_timed_option(5)
 @options.quiet_option
 @options.json_option
 def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
-    """Race one row of a plate, drawn many hogels at once, against plain loops."""
+    """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
     from xfrustum.reports.benchmarks import plate as benchmarks
 
-    measured = benchmarks.bench_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(benchmarks.table(measured))
+    measured = benchmarks.benchmark_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
 @bench.command("table1")
-@click.option("--resolution", type=click.IntRange(1), default=512, show_default=True, help="W = H.")
-@click.option(
-    "--repeat", type=click.IntRange(1), default=5, show_default=True, help="Timed, after a warm-up."
-)
+@_side_option(512)
+@_timed_option(5)
 @options.quiet_option
 @options.json_option
 def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
     """Measure table 1 of the paper on the project's own car."""
     from xfrustum.reports.benchmarks import table1 as benchmarks
 
-    measured = benchmarks.bench_table1(resolution, repeat, progress=not quiet)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(benchmarks.table(measured))
+    measured = benchmarks.benchmark_table1(resolution, repeat, progress=not quiet)
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
 @bench.command("scaling")
-@click.option("--quick", is_flag=True, help="Small sizes once, to see that everything runs.")
+@click.option("--quick", is_flag=True, help="Small sizes, measured once, to see that everything runs.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for a page of curves.")
 @options.quiet_option
 @options.json_option
@@ -155,9 +155,6 @@ def bench_scaling(*, quick: bool, out: Path | None, quiet: bool, as_json: bool) 
     from xfrustum.reports.benchmarks.scaling.extent import FULL, QUICK
 
     with scaling_page.staged(out) as write:
-        measured = benchmarks.bench_scaling(QUICK if quick else FULL, progress=not quiet)
+        measured = benchmarks.benchmark_scaling(QUICK if quick else FULL, progress=not quiet)
         write(measured)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(scaling_table.table(measured))
+    options.tell(as_json, measured.summary, lambda: scaling_table.table(measured))

@@ -1,4 +1,4 @@
-"""The command about time: what accuracy costs."""
+"""`cost`: error against time of many settings."""
 
 from __future__ import annotations
 
@@ -7,26 +7,18 @@ from pathlib import Path
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.numbers import Positive
-from xfrustum.scenes.tolerances import TOLERANCE_PX
 
 
 @click.command()
 @options.scene_argument
 @options.aperture_option
-@click.option(
-    "--tolerance-px",
-    type=Positive(),
-    default=TOLERANCE_PX,
-    show_default=True,
-    help="Displacement that 99 % may have.",
-)
+@options.tolerance_option
 @click.option(
     "--repeat",
     type=click.IntRange(1),
     default=5,
     show_default=True,
-    help="Pictures that are timed, after a warm-up.",
+    help="Timed pictures of each configuration, after a warm-up.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and cost.json.")
 @options.quiet_option
@@ -57,7 +49,4 @@ def cost(
     measured = measure_cost(opened, chosen, tolerance_px, repeat=repeat, progress=not quiet)
     if out is not None:
         write_cost(measured, out)
-    if as_json:
-        options.print_json(measured.summary())
-    else:
-        click.echo(table(measured))
+    options.tell(as_json, measured.summary, lambda: table(measured))

@@ -1,4 +1,4 @@
-"""`explain`: what a scene calls for, before anything is simulated."""
+"""The command `explain`: the effects that a scene calls for, said before anything is simulated."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     type=click.IntRange(0),
     default=6,
     show_default=True,
-    help="Measured pairs of images; 0: none.",
+    help="Measured pairs of images; 0 measures no cost.",
 )
 @options.quiet_option
 @options.json_option
@@ -53,7 +53,7 @@ def explain(
 
     opened = light.applied(options.open_scene(scene))
     settings = DoubleFrustum(
-        near=effects_plan.NEAR * opened.frustum.longest_reach,
+        near=effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach,
         slabs=slabs or (),
         camera=camera or Camera.BOTH,
     )
@@ -67,7 +67,4 @@ def explain(
         repeat=repeat,
         progress=not quiet,
     )
-    if as_json:
-        options.print_json(effects_table.summary(plan))
-    else:
-        click.echo(effects_table.table(plan))
+    options.tell(as_json, lambda: effects_table.summary(plan), lambda: effects_table.table(plan))

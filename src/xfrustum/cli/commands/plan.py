@@ -1,4 +1,4 @@
-"""The command that plans: which settings keep what is required."""
+"""The command that plans the settings that keep what is required."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS, TOLERANCE_PX
 
 if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Displacement that 99 % may have.",
 )
+@options.tolerance_option
 @click.option(
     "--separation",
     type=Positive(),
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     type=Positive(below=1),
     default=MAX_DEPTH_WRONG,
     show_default=True,
-    help="Limits the share of pixels wrong by depth.",
+    help="Largest share of pixels that are wrong by depth.",
 )
 @click.option("--depth", type=options.Name("DepthFormat"), help="Depth buffer format.  [default: any]")
 @click.option("--mapping", type=options.Name("DepthMapping"), help="Depth mapping.  [default: any]")
@@ -78,6 +79,7 @@ def plan(
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.compare.scouting.sample import RandomSample
+    from xfrustum.raster import require_room
     from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
 
     if aperture is not None and apertures is not None:
@@ -86,6 +88,8 @@ def plan(
         )
     requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
     opened = options.open_scene(scene)
+    # The plan is measured by drawing it, but only after a search that traces and predicts for long.
+    require_room(opened)
     chosen = None
     if aperture is not None:
         chosen = [options.chosen_aperture(opened, aperture)]
@@ -100,7 +104,5 @@ def plan(
         sample=RandomSample(hogels=sample, seed=seed),
         progress=not quiet,
     )
-    if as_json:
-        options.print_json(made.summary())
-    else:
-        click.echo(table(made, opened, chosen or [opened.plate.middle], requirement))
+    drawn = chosen or [opened.plate.middle]
+    options.tell(as_json, made.summary, lambda: table(made, opened, drawn, requirement))

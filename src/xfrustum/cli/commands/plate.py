@@ -1,4 +1,4 @@
-"""The command that draws whole plates."""
+"""`plate`: whole plates, drawn into a store."""
 
 from __future__ import annotations
 
@@ -52,7 +52,12 @@ def _span(text: str) -> Span:
 
 @click.command()
 @options.scene_argument
-@click.option("--apertures", "blocks", type=Blocks(), help="Such as 0-80,30;*,0-5.  [default: all]")
+@click.option(
+    "--apertures",
+    "blocks",
+    type=Blocks(),
+    help="Columns,rows of blocks, such as 0-80,30;*,0-5.  [default: all]",
+)
 @options.double_frustum_options
 @cli_light.light_options(*cli_light.RASTER)
 @click.option(
@@ -60,10 +65,10 @@ def _span(text: str) -> Span:
     type=click.Choice(["uint8", "float16", "float32"]),
     default="float16",
     show_default=True,
-    help="Type of linear RGB.",
+    help="Number type of the linear RGB.",
 )
-@click.option("--ids", is_flag=True, help="Triangle numbers too.")
-@click.option("--check", is_flag=True, help="Read through all that is there, and draw again what is damaged.")
+@click.option("--ids", is_flag=True, help="Store triangle numbers too.")
+@click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of a Zarr group.")
 @options.quiet_option
 @options.json_option
@@ -97,9 +102,8 @@ def plate(
     files = write_plate(opened, settings, out, chosen, content, check=check, progress=not quiet)
     for note in files.notes:
         say(f"note: {note}")
-    if as_json:
-        options.print_json(
-            {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged}
-        )
-    else:
-        click.echo(f"{files.drawn} hogels drawn, {files.found} found\n{files.out}")
+    options.tell(
+        as_json,
+        lambda: {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
+        lambda: f"{files.drawn} hogels drawn, {files.found} found\n{files.out}",
+    )

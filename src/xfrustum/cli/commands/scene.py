@@ -1,4 +1,4 @@
-"""Commands about scene files themselves: one that fits a mesh, and whether a scene makes sense."""
+"""Commands about scene files: `new` writes one that fits a mesh, `check` looks for mistakes in one."""
 
 from __future__ import annotations
 
@@ -14,13 +14,23 @@ from xfrustum.cli.numbers import Positive
 
 @click.command()
 @click.argument("mesh", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Scene file.  [default: NAME.toml, here]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Scene file.  [default: NAME.toml in this folder]"
+)
 @click.option("--units", help="Name of the length unit.  [default: m for glTF, else units]")
-@click.option("--size", type=Positive(), help="Scale its longest side to this.  [default: as it is]")
-@click.option("--through", "place", flag_value="through", default=True, help="Across the plate.  [default]")
-@click.option("--behind", "place", flag_value="behind", help="All of it behind the plate.")
-@click.option("--before", "place", flag_value="before", help="All of it on the viewer's side.")
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
+@click.option(
+    "--size", type=Positive(), help="Length to which the mesh's longest side is scaled.  [default: unscaled]"
+)
+@click.option(
+    "--through",
+    "place",
+    flag_value="through",
+    default=True,
+    help="Place the mesh across the plate.  [default]",
+)
+@click.option("--behind", "place", flag_value="behind", help="Place all of the mesh behind the plate.")
+@click.option("--before", "place", flag_value="before", help="Place all of the mesh on the viewer's side.")
+@click.option("--force", is_flag=True, help="Replace a scene file that exists.")
 @options.json_option
 def new(
     *,
@@ -36,10 +46,7 @@ def new(
     from xfrustum.reports.scene_check.new_scene import new_scene
 
     written = new_scene(mesh, out, units=units, size=size, place=place, force=force)
-    if as_json:
-        options.print_json({**asdict(written), "path": str(written.path)})
-    else:
-        click.echo(written.sentence)
+    options.tell(as_json, lambda: {**asdict(written), "path": str(written.path)}, lambda: written.sentence)
 
 
 @click.command()
@@ -62,8 +69,9 @@ def check(scene: str, out: Path | None, as_json: bool) -> int:
     files = () if out is None else write_check(found, out)
     for warning in found.warnings:
         options.warn(warning)
-    if as_json:
-        options.print_json({**found.summary(), "files": [str(file) for file in files]})
-    else:
-        click.echo("\n".join([table(found), *([""] if files else []), *map(str, files)]))
+    options.tell(
+        as_json,
+        lambda: {**found.summary(), "files": [str(file) for file in files]},
+        lambda: "\n".join([table(found), *([""] if files else []), *map(str, files)]),
+    )
     return 0 if found.seen else LIMIT_EXCEEDED

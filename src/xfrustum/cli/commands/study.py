@@ -1,4 +1,4 @@
-"""Commands that study: answers over many scenes and settings, not about one."""
+"""Commands that study many scenes and settings instead of one."""
 
 from __future__ import annotations
 
@@ -24,11 +24,9 @@ def splitting(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None
 
     What is measured is kept at once in measurements.sqlite: a run that was stopped goes on from there.
     """
+    from xfrustum.reports.splitting_study.document import sentence
     from xfrustum.reports.splitting_study.grid import FULL, QUICK
     from xfrustum.reports.splitting_study.study import make_study
 
     files = make_study(out, QUICK if quick else FULL, progress=not quiet)
-    if as_json:
-        options.print_json(files.content)
-    else:
-        click.echo(f"{files.sentence}\n{files.document}")
+    options.tell(as_json, files.summary, lambda: f"{sentence(files.rows)}\n{files.document}")

@@ -1,4 +1,4 @@
-"""The command that judges renderers of other people."""
+"""`verify`: foreign renderers are diagnosed and judged."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.numbers import Positive
-from xfrustum.scenes.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 
 class Share(click.ParamType[float]):
@@ -69,49 +69,55 @@ class LimitInPixels(click.ParamType["float | None"]):
 @options.scene_argument
 @click.argument("source", required=False)
 @click.option(
-    "--command", help="Instead of SOURCE; run per aperture: 'my-renderer --x {x} --y {y} --out {out}'."
+    "--command", help="In place of SOURCE, run for each aperture: 'my-renderer --x {x} --y {y} --out {out}'."
 )
 @click.option(
     "--encoding",
     type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
-    help="What pictures mean; OpenEXR files say it themselves.  [default: rgb; of a command, OpenEXR]",
+    help="What pixels of pictures hold; not for OpenEXR.  [default: rgb; with --command, OpenEXR]",
 )
 @click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the whole plate]")
-@click.option("--near", type=float, help="The offset that the renderer is known to have.  [default: 0]")
+@click.option("--near", type=float, help="Near offset that the renderer is known to have.  [default: 0]")
 @click.option(
     "--accept",
     type=Conventions(),
-    help="Conventions that are no fault: orientation, order, shift, fov, pitch, near, encoding; or all.",
+    help="Conventions that are no faults: orientation, order, shift, fov, pitch, near, encoding; or all.",
 )
 @click.option(
     "--compare",
     type=click.Choice(["color", "geometry"]),
     default="color",
     show_default=True,
-    help="What plain pictures are judged by; geometry is coverage and outlines, in whatever shading.",
+    help="What plain pictures are judged by; geometry is coverage and outlines, in any shading.",
 )
 @click.option(
     "--max-wrong",
     type=Share(),
     default="1%",
     show_default=True,
-    help="Limits wrong surfaces, as a share of the pixels of a hogel that show something; of plain pictures "
-    "wrong colors or outlines.",
+    help="Limit of wrong surfaces, as a share of the pixels of a hogel that show something; for plain "
+    "pictures of wrong colors or outlines.",
 )
 @click.option(
     "--max-displacement-px",
     type=LimitInPixels(),
     default=str(TOLERANCE_PX),
     show_default=True,
-    help="Limits how far 99 of 100 surface points or outlines are off. Unknown is too far, but with none.",
+    help="Limit of how far 99 of 100 surface points or outlines are off; an unknown displacement exceeds "
+    "every limit but none.",
 )
 @click.option(
     "--max-color",
     type=float,
-    help="Difference of linear radiance that makes a color wrong.  [default: what 8 bits round, 0.009]",
+    help="Difference of linear radiance that makes a color wrong.  [default: 0.009, rounding to 8 bits]",
 )
 @click.option(
-    "--timeout", "timeout_s", type=Positive(), default=60.0, show_default=True, help="Seconds, per run."
+    "--timeout",
+    "timeout_s",
+    type=Positive(),
+    default=60.0,
+    show_default=True,
+    help="Seconds that one run may take.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
 @click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
@@ -147,8 +153,5 @@ def verify(
         write_verification(found, out)
     if junit is not None:
         write_junit(found, junit)
-    if as_json:
-        options.print_json(found.summary())
-    else:
-        click.echo(table(found))
+    options.tell(as_json, found.summary, lambda: table(found))
     return 0 if found.passed else LIMIT_EXCEEDED

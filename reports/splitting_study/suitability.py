@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import dropwhile, takewhile
 
-from xfrustum.compare.prediction.depth import MISORDERED
+from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.reports.splitting_study.grid import DepthBuffer
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
 from xfrustum.scenes.plate.double_frustum import Camera
-from xfrustum.scenes.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 
-class Verdict(StrEnum):
-    """Why one setting will do, or will not."""
+class Suitability(StrEnum):
+    """Whether one setting is enough, and if it is not, why."""
 
     ENOUGH = "enough"
     BENT = "bent"
@@ -23,7 +23,7 @@ class Verdict(StrEnum):
     BOTH = "both"
 
 
-def verdict(row: StudyRow) -> Verdict:
+def suitability(row: StudyRow) -> Suitability:
     """Judge one cell by what was measured.
 
     It is bent where displacement exceeds `TOLERANCE_PX`, and starved of depth where more than
@@ -32,20 +32,20 @@ def verdict(row: StudyRow) -> Verdict:
     """
     # A picture in which nothing is left to be displaced has lost everything to depth.
     bent = row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX
-    starved = row.depth_fraction > MAX_DEPTH_WRONG or row.misordered > MISORDERED
+    starved = row.depth_fraction > MAX_DEPTH_WRONG or row.misordered > MAX_MISORDERED_FRACTION
     return _named(bent, starved)
 
 
-def predicted_verdict(row: StudyRow) -> Verdict:
+def predicted_suitability(row: StudyRow) -> Suitability:
     """Judge one cell by the closed forms alone: displacement, and the smallest ordered separation."""
     bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
     return _named(bent, row.predicted_separation > ASKED_SEPARATION)
 
 
-def _named(bent: bool, starved: bool) -> Verdict:
+def _named(bent: bool, starved: bool) -> Suitability:
     if bent:
-        return Verdict.BOTH if starved else Verdict.BENT
-    return Verdict.STARVED if starved else Verdict.ENOUGH
+        return Suitability.BOTH if starved else Suitability.BENT
+    return Suitability.STARVED if starved else Suitability.ENOUGH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,18 +59,18 @@ class Case:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class Outcome:
     """What is enough in a case.
 
     Attributes
     ----------
     case
-        The question.
+        The case.
     nears
-        Offsets with which one pair of frusta is enough, largest first; empty where none is.
+        Offsets with which one pair of frusta is enough, largest first; empty where no offset is.
     slabs
-        Where none is: the heights at which fewest slabs were enough; None where no number tried was,
-        or none was tried.
+        Heights of the fewest slabs that were enough, where no offset is; None where no number of slabs that
+        was tried was enough, or none was tried.
     """
 
     case: Case
@@ -103,18 +103,18 @@ def case_of(row: StudyRow) -> Case:
     return Case(side=row.side, ratio=row.ratio, resolution=row.resolution, buffer=row.buffer)
 
 
-def answers(rows: Iterable[StudyRow]) -> dict[Case, Answer]:
+def outcomes(rows: Iterable[StudyRow]) -> dict[Case, Outcome]:
     """Return what is enough in each case, in the order in which cases first appear."""
     grouped: dict[Case, list[StudyRow]] = {}
     for row in rows:
         grouped.setdefault(case_of(row), []).append(row)
-    return {case: _answer(case, group) for case, group in grouped.items()}
+    return {case: _outcome(case, group) for case, group in grouped.items()}
 
 
-def _answer(case: Case, rows: Sequence[StudyRow]) -> Answer:
-    good = [row for row in rows if verdict(row) is Verdict.ENOUGH]
+def _outcome(case: Case, rows: Sequence[StudyRow]) -> Outcome:
+    good = [row for row in rows if suitability(row) is Suitability.ENOUGH]
     cuts = sorted((row.slabs for row in good if row.slabs), key=len)
-    return Answer(
+    return Outcome(
         case=case,
         nears=tuple(sorted((row.near for row in good if not row.slabs), reverse=True)),
         slabs=cuts[0] if cuts else None,

@@ -1,9 +1,10 @@
-"""What is asked of a picture where nobody asks for something else: the one place for these numbers."""
+"""Limits that pictures are held to where nobody states others: the one place for these numbers."""
 
 from __future__ import annotations
 
 TOLERANCE_PX = 0.5
-"""Largest 99th percentile of displacement in pixels: what moved by less stays within its pixels."""
+"""Largest 99th percentile of displacement, in pixels: a point that moves by less than half a pixel mostly
+stays within its pixel."""
 
 MAX_WRONG = 1e-2
 """Largest share of pixels with a wrong surface. Displacement is judged by its 99th percentile, which leaves

@@ -1,4 +1,4 @@
-"""Who answers how fast: the certified truth beside what others would have called one.
+"""Contestants for a race to the truth: the certified one, and what others would have called one.
 
 All answer for the same pixels of one aperture. What they answer differs, and so does what it
 costs: a triangle number in float32, a point, or a number, a place along the line and a proof.
@@ -15,16 +15,14 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.bare_mitsuba import bare_intersection
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.entry import ray_origins
-from xfrustum.reference.tracers.mitsuba_tracer import triangle_mesh
-from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.reference.truth import Reference
-from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-Answer = Callable[[], object]
+Run = Callable[[], object]
 """Answers for all pixels of an image, and returns when that is done."""
 
 MITSUBA, EMBREE, TRIMESH = "mitsuba", "embree", "trimesh"
@@ -39,7 +37,7 @@ MEANINGS = {
 """All contestants, in the order in which they are listed."""
 
 
-def answers(scene: Scene, aperture: Aperture) -> dict[str, Answer]:
+def truth_contestants(scene: Scene, aperture: Aperture) -> dict[str, Run]:
     """Return the contestants that there are here, by the names in `MEANINGS`.
 
     Acceleration structures are built, and rays aimed, here or at the first call, which no clock
@@ -48,9 +46,9 @@ def answers(scene: Scene, aperture: Aperture) -> dict[str, Answer]:
     Parameters
     ----------
     scene
-        With at least one triangle.
+        Scene with at least one triangle.
     aperture
-        Whose crossed frustum is answered for, from the viewer's end to the back.
+        Aperture whose crossed frustum is answered for, from the viewer's end to the back.
 
     Returns
     -------
@@ -62,14 +60,14 @@ def answers(scene: Scene, aperture: Aperture) -> dict[str, Answer]:
     origins = ray_origins(scene, np.asarray(pencil.center), directions, pencil.s_range[0])
     embree, reference = EmbreeTracer(scene), Reference(scene)
     mesh = RayMeshIntersector(Trimesh(scene.vertices, scene.faces, process=False))
-    found: dict[str, Answer] = {
+    found: dict[str, Run] = {
         EMBREE: lambda: embree.first_hits(origins, directions),
         TRIMESH: lambda: mesh.intersects_location(origins, directions, multiple_hits=False),
         CERTIFIED: lambda: list(reference.decide(aperture)),
         TRUTH: lambda: reference.trace(aperture),
     }
     if not backend().scalar:
-        found[MITSUBA] = _bare_mitsuba(scene, origins, directions)
+        found[MITSUBA] = bare_intersection(scene, origins, directions)
     return {name: found[name] for name in MEANINGS if name in found}
 
 
@@ -77,25 +75,3 @@ def versions() -> dict[str, str]:
     """Return names and versions of what the contestants are made of."""
     libraries = {name: version(name) for name in ("drjit", "embreex", "trimesh")}
     return {**backend().versions, **libraries}
-
-
-def _bare_mitsuba(scene: Scene, origins: Floats, directions: Floats) -> Answer:
-    mi, dr = backend().mitsuba, backend().drjit
-    scale = unit_scale(scene.vertices)
-    mesh = triangle_mesh("scene", scene.vertices * scale, scene.faces)
-    loaded = mi.load_dict(
-        {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}, optimize=False
-    )
-    o, d = (np.ascontiguousarray(v.astype(np.float32).T) for v in (origins * scale, directions))
-    ray = mi.Ray3f(mi.Point3f(o), mi.Vector3f(d))
-    # Rays in NumPy's own memory would be traced from there; the bare rate begins on the device.
-    dr.make_opaque(ray)
-    dr.sync_thread()
-
-    def trace() -> object:
-        met = loaded.ray_intersect_preliminary(ray, coherent=True)
-        dr.eval(met)
-        dr.sync_thread()
-        return met
-
-    return trace

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from xfrustum.raster.device.timer import StageTime
+from xfrustum.raster.plate.plain_loop import PlainLoop
 from xfrustum.raster.plate.renderer import PlateRenderer
-from xfrustum.raster.races.plain_loop import PlainLoop
 from xfrustum.scenes.model.effects import Effect, needed
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
@@ -36,25 +36,44 @@ Run = Callable[[], object]
 """Draws the whole row once."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlateContestants:
+    """All contestants, ready to run.
+
+    Attributes
+    ----------
+    runs
+        What draws the row, by the names in `MEANINGS`.
+    device
+        Name of the device that draws.
+    measure
+        Draws the row as `BATCHED` does, and returns the time of each stage.
+    """
+
+    runs: dict[str, Run]
+    device: str
+    measure: Callable[[], dict[str, StageTime]]
+
+
 @contextmanager
-def contestants(
+def plate_contestants(
     scene: Scene, settings: DoubleFrustum, apertures: Sequence[Aperture]
-) -> Iterator[tuple[dict[str, Run], str, Callable[[], dict[str, StageTime]]]]:
-    """Open all contestants; leaving frees them. With them come the device and what measures `BATCHED`.
+) -> Iterator[PlateContestants]:
+    """Open all contestants; leaving frees them.
 
     Parameters
     ----------
     scene
-        At least one triangle.
+        Scene with at least one triangle.
     settings
-        Of the double frustum.
+        Settings of the double frustum.
     apertures
         The row.
 
     Raises
     ------
     InputError
-        As `PlateRenderer`.
+        See `PlateRenderer`.
     """
     with ExitStack() as stack:
 
@@ -78,7 +97,11 @@ def contestants(
             BARE_NUMBERED: lambda: bare_numbered.draw_only(apertures),
             COLOR: lambda: exhaust(color.hogels(apertures)),
         }
-        yield runs, everything.device["renderer"], lambda: everything.measure(apertures)
+        yield PlateContestants(
+            runs=runs,
+            device=everything.device["renderer"],
+            measure=lambda: everything.measure(apertures),
+        )
 
 
 def exhaust(hogels: Iterable[PlateHogel]) -> int:

@@ -1,0 +1,267 @@
+"""How settings are measured at an aperture: truth, frames, comparisons, predictions, and their times."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from xfrustum.compare import Comparison, ErrorMaps, compare_images
+from xfrustum.compare.metrics.paired import PixelSet
+from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.prediction.predict import Prediction, Predictor
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, Stopwatch, Timing
+from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
+from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.shading import is_shaded
+from xfrustum.reports.measurements.measurement import (
+    Measurement,
+    RasterParts,
+    SettingPictures,
+    StageParts,
+    StageTimes,
+)
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""Number of processors that this process may run on."""
+
+MAX_CONCURRENT_PIXELS = 1 << 20
+"""Pixels of all images that are judged side by side; each needs about 200 bytes. A larger image is judged
+alone."""
+
+REPEAT_BUDGET_S = 20.0
+"""Largest number of wall seconds for drawing frames again to time them: a fifth of the time of a default
+report, of 125 settings, at 512 x 512 with a software renderer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TracedAperture:
+    """An aperture with its truth.
+
+    Attributes
+    ----------
+    aperture
+        Aperture that was traced.
+    truth
+        Its certified image.
+    gaps
+        (H, W) how far behind its surfaces others lie; see `Reference.gaps`.
+    trace_s
+        Wall seconds of tracing the truth.
+    picture
+        The truth as an encoded picture.
+    """
+
+    aperture: Aperture
+    truth: HogelImage
+    gaps: Floats
+    trace_s: float
+    picture: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredSetting:
+    """One setting at one aperture: its row and its pictures."""
+
+    row: Measurement
+    pictures: SettingPictures
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Drawn:
+    """A frame, the stopwatch of its row, and the device's own time."""
+
+    image: HogelImage
+    lap: Stopwatch
+    gpu_s: float
+
+
+class SettingMeasurer:
+    """The two renderers of a scene, which measure settings at its apertures.
+
+    Parameters
+    ----------
+    scene
+        Scene that is shown.
+    reference, rasterizer
+        The two renderers of this scene.
+    reduction
+        Image pixels per picture pixel, along each side.
+
+    Attributes
+    ----------
+    batch_size
+        About how many settings are judged side by side.
+    """
+
+    def __init__(self, scene: Scene, reference: Reference, rasterizer: Rasterizer, reduction: int) -> None:
+        self._frustum = scene.frustum
+        self._height_range = images.height_range(scene, scene.frustum.longest_reach)
+        self._shaded = is_shaded(scene)
+        self._reference = reference
+        self._rasterizer = rasterizer
+        self._reduction = reduction
+        images_at_once = MAX_CONCURRENT_PIXELS // math.prod(scene.frustum.resolution)
+        self.batch_size = max(1, min(2 * PROCESSORS, images_at_once))
+
+    def warm_up(self, aperture: Aperture, settings: Sequence[DoubleFrustum]) -> None:
+        """Draw once what compiles a program or allocates a target, which belongs to the time of no row."""
+        for setting in {(s.depth, s.mapping): s for s in settings}.values():
+            self._render(aperture, setting)
+
+    def trace(self, aperture: Aperture, watch: Stopwatch) -> TracedAperture:
+        """Trace an aperture, and how far behind its surfaces others lie."""
+        lap = Stopwatch()
+        with lap.stage("trace"):
+            truth = self._reference.trace(aperture)
+        with lap.stage("pictures"):
+            picture = images.picture(truth, self._reduction)
+        with lap.stage("predict"):
+            gaps = self._reference.gaps(aperture)
+        watch.add(lap.seconds)
+        return TracedAperture(
+            aperture=aperture, truth=truth, gaps=gaps, trace_s=lap.seconds["trace"], picture=picture
+        )
+
+    def measure(
+        self, traced: TracedAperture, batches: Iterable[Sequence[DoubleFrustum]], watch: Stopwatch
+    ) -> Iterator[list[MeasuredSetting]]:
+        """Measure batches of settings at an aperture, and yield the rows and pictures of each batch.
+
+        The settings of a batch are drawn one after the other, alone on the machine, and then judged side by
+        side.
+        """
+        predictor: Future[Predictor] | None = None
+        for settings in batches:
+            drawn = [self._draw(traced.aperture, setting) for setting in settings]
+            shared = SharedStopwatch()
+            with ThreadPoolExecutor(PROCESSORS) as pool:
+                if predictor is None:
+                    # The common part of an aperture's predictions is found once, while images are compared.
+                    predictor = pool.submit(self._predictor, traced, settings[0], watch, shared)
+                compared = [pool.submit(self._compare, traced.truth, each, shared) for each in drawn]
+                predicted = [pool.submit(_predict, predictor, each, shared) for each in drawn]
+                comparisons = [each.result() for each in compared]
+                predictions = [each.result() for each in predicted]
+                # Timed separately: encoding pictures is not measurement.
+                with watch.stage("pictures"):
+                    maps = (comparison.maps for comparison in comparisons)
+                    pictures = list(pool.map(self._encoded, (each.image for each in drawn), maps))
+            for each in drawn:
+                watch.add(each.lap.seconds)
+            yield [
+                MeasuredSetting(row=_row(traced, frame, comparison, prediction), pictures=own)
+                for frame, comparison, prediction, own in zip(
+                    drawn, comparisons, predictions, pictures, strict=True
+                )
+            ]
+
+    def repeat(self, rows: Sequence[Measurement], budget_s: float) -> dict[DoubleFrustum, Timing]:
+        """Draw the settings of some rows in turns until the fastest are told apart; return the times of each.
+
+        Nothing is repeated where not all settings could be drawn often enough in the time.
+
+        Parameters
+        ----------
+        rows
+            Rows of one aperture.
+        budget_s
+            Largest number of seconds.
+        """
+        settings = [row.settings for row in rows]
+        expected = sum(row.times_s.raster for row in rows)
+        if len(settings) < 2 or FEWEST_REPETITIONS * expected > budget_s:
+            return {}
+        aperture = rows[0].aperture
+        runs = [partial(self._render, aperture, setting) for setting in settings]
+        seconds: list[list[float]] = [[] for _ in settings]
+        for _ in range(FEWEST_REPETITIONS):
+            take_turn(runs, seconds)
+        left = budget_s - sum(map(sum, seconds))
+        take_turns_until_settled(runs, seconds, _unsettled, left)
+        return {setting: Timing.of(taken) for setting, taken in zip(settings, seconds, strict=True)}
+
+    def _render(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
+        return self._rasterizer.render(aperture, settings, normals=False, color=True)
+
+    def _draw(self, aperture: Aperture, settings: DoubleFrustum) -> _Drawn:
+        lap = Stopwatch()
+        with lap.stage("raster"):
+            drawn = self._rasterizer.draw(aperture, settings, normals=False, color=True)
+        return _Drawn(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
+
+    def _compare(self, truth: HogelImage, drawn: _Drawn, shared: SharedStopwatch) -> Comparison:
+        with shared.stage(drawn.lap, "compare"):
+            # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
+            return compare_images(
+                truth, drawn.image, self._reference, radiance=self._shaded, perceptual=self._shaded
+            )
+
+    def _predictor(
+        self, traced: TracedAperture, settings: DoubleFrustum, watch: Stopwatch, shared: SharedStopwatch
+    ) -> Predictor:
+        """Return the predictor of an aperture, with what all of its predictions share computed."""
+        with shared.stage(watch, "predict"):
+            bits = int(self._rasterizer.device["subpixel_bits"])
+            predictor = Predictor(traced.truth, traced.gaps, self._frustum, bits)
+            predictor.predict(settings)
+        return predictor
+
+    def _encoded(self, drawn: HogelImage, maps: ErrorMaps) -> SettingPictures:
+        return images.setting_pictures(
+            drawn, maps, self._frustum.longest_reach, self._height_range, self._reduction
+        )
+
+
+def _predict(predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatch) -> Prediction:
+    ready = predictor.result()
+    with shared.stage(drawn.lap, "predict"):
+        return ready.predict(_settings(drawn.image))
+
+
+def _row(
+    traced: TracedAperture, drawn: _Drawn, comparison: Comparison, prediction: Prediction
+) -> Measurement:
+    return Measurement(
+        aperture=traced.aperture,
+        settings=_settings(drawn.image),
+        comparison=comparison.numbers,
+        predicted=prediction,
+        times_s=StageTimes(trace=traced.trace_s, **drawn.lap.seconds),
+        parts_s=StageParts(raster=RasterParts(gpu=drawn.gpu_s)),
+        wrong=_wrong_pixels(comparison.maps),
+    )
+
+
+def _settings(drawn: HogelImage) -> DoubleFrustum:
+    settings = drawn.camera.settings
+    assert settings is not None, "the rasterizer says with which settings it drew"
+    return settings
+
+
+def _wrong_pixels(maps: ErrorMaps) -> dict[str, PixelSet]:
+    found = {}
+    if maps.surface is not None:
+        found["surface"] = PixelSet.of(maps.surface)
+    if maps.radiance is not None:
+        with np.errstate(invalid="ignore"):
+            found["radiance"] = PixelSet.of(np.abs(maps.radiance).max(axis=-1) > STEP)
+    return found
+
+
+def _unsettled(spreads: Sequence[Timing]) -> list[bool]:
+    """Return which settings take a further turn."""
+    fastest = min(spreads, key=lambda one: one.median)
+    return open_races([one for one in spreads if not fastest.told_below(one)], spreads)

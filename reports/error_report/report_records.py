@@ -1,0 +1,120 @@
+"""What report.json and measurements.parquet hold: one dataclass for each of their objects and rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from xfrustum.compare import Spread
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.compare.prediction.predict import Separations
+from xfrustum.reports.common.json_ready import INLINED
+from xfrustum.reports.common.records import named_columns
+from xfrustum.reports.error_report.shading import ShadingRecord
+from xfrustum.reports.measurements.best import Window
+from xfrustum.reports.measurements.measurement import Ratios, StageParts, StageTimes, SweepCost
+from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneRecord:
+    """The scene that was measured."""
+
+    name: str
+    source: str
+    hash: str
+    units: str
+    objects: int
+    triangles: int
+    plate: Plate
+    frustum: Frustum
+
+
+@dataclass(frozen=True, kw_only=True)
+class BestRecord:
+    """The best setting of a depth buffer; see `best.Recommendation`."""
+
+    settings: DoubleFrustum = field(metadata=INLINED)
+    near_per_reach: float
+    surface_fraction: float
+    displacement_p99_px: float
+    radiance_fraction: float | None
+    window: Window
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecommendationRecord:
+    """The best setting of all, in words and numbers, with the command that draws with it."""
+
+    sentence: str
+    best: BestRecord = field(metadata=INLINED)
+    command: str
+    confidence: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedSurface:
+    """The predicted share of wrong surfaces, and its parts; see `Prediction`."""
+
+    fraction: float
+    silhouettes: float
+    snapped: float
+    depth: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowNumbers:
+    """Settings and numbers of one row: what a row of report.json and one of measurements.parquet share."""
+
+    settings: DoubleFrustum = field(metadata=named_columns("{}"))
+    near_per_reach: float
+    comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
+    predicted_displacement_px: Spread | None
+    predicted_surface: PredictedSurface
+    smallest_separation: Separations
+    measured_over_predicted: Ratios
+    times_s: StageTimes = field(metadata=named_columns("time_{}_s"))
+    parts_s: StageParts = field(metadata=named_columns("time_{}_s"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRow:
+    """One row of report.json; the aperture by its column and row."""
+
+    aperture: tuple[int, int]
+    numbers: RowNumbers = field(metadata=INLINED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableRow:
+    """One row of measurements.parquet, which names the scene and everything that made the numbers."""
+
+    aperture: Aperture
+    numbers: RowNumbers = field(metadata=INLINED)
+    scene_name: str
+    scene_source: str
+    scene_hash: str
+    units: str
+    versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
+    devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRecord:
+    """The object in report.json; see `Sweep`."""
+
+    scene: SceneRecord
+    apertures: tuple[Aperture, ...]
+    best: RecommendationRecord
+    best_per_depth: tuple[BestRecord, ...]
+    rows: tuple[ReportRow, ...]
+    versions: Mapping[str, str]
+    devices: Mapping[str, str]
+    times_s: Mapping[str, float]
+    parts_s: StageParts
+    cost: SweepCost
+    trade_off: TradeOffRecord
+    shading: ShadingRecord | None

@@ -1,0 +1,108 @@
+"""Figures of all hogels together, and figures of one hogel or of all in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from xfrustum.compare.judging.judged import (
+    SURFACES,
+    WRONG_WORDS,
+    ColorFigures,
+    HogelNumbers,
+    MeasuredBy,
+    SurfaceFigures,
+)
+
+DISPLACEMENT, COLORS = "displacement", "wrong colors"
+"""Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`
+names."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorstDisplacement:
+    """The 99th percentile of displacement of the hogel in which it is largest, pixels."""
+
+    worst_p99: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateNumbers:
+    """The numbers of all judged hogels together, as they are written; see `HogelNumbers`."""
+
+    hogels: int
+    by: str
+    shown: int
+    wrong: int
+    fraction: float
+    surface: SurfaceFigures | None
+    invalid: int
+    displacement_px: WorstDisplacement | None
+    displacement_by: str
+    radiance: ColorFigures | None
+    causes: dict[str, int] | None
+
+
+def totals(figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
+    """Return the figures of all hogels together, None where there are none."""
+    known = [one for one in figures if one is not None]
+    if not known:
+        return None
+    shown, wrong = sum(one.shown for one in known), sum(one.wrong for one in known)
+    surfaces = [one.surface.wrong for one in known if one.surface is not None]
+    spreads = [one.displacement_px.p99 for one in known if one.displacement_px is not None]
+    colored = [one.radiance.wrong for one in known if one.radiance is not None]
+    causes = [one.causes for one in known if one.causes is not None]
+    surface = None
+    if surfaces:
+        surface = SurfaceFigures(wrong=sum(surfaces), fraction=sum(surfaces) / max(shown, 1))
+    return PlateNumbers(
+        hogels=len(known),
+        by=" or ".join(sorted({one.by for one in known})),
+        shown=shown,
+        wrong=wrong,
+        fraction=wrong / shown if shown else 0.0,
+        surface=surface,
+        invalid=sum(one.invalid for one in known),
+        displacement_px=WorstDisplacement(worst_p99=max(spreads)) if spreads else None,
+        displacement_by=" or ".join(sorted({one.displacement_by for one in known})),
+        radiance=ColorFigures(wrong=sum(colored)) if colored else None,
+        causes={name: sum(one[name] for one in causes) for name in causes[0]} if causes else None,
+    )
+
+
+def percent(fraction: float) -> str:
+    """Return a share in percent, with three digits."""
+    return f"{100 * fraction:.3g} %"
+
+
+def figures_words(figures: HogelNumbers | PlateNumbers) -> str:
+    """Return figures of one hogel, or of all, in words; each says which wrong it counts."""
+    parts = [f"{figures.shown:,} pixels show something"]
+    if figures.surface is not None:
+        parts.append(f"{SURFACES} {figures.surface.wrong:,} ({percent(figures.surface.fraction)})")
+    counted = " or ".join(WRONG_WORDS[name] for name in figures.by.split(" or "))
+    parts.append(f"{counted} {figures.wrong:,} ({percent(figures.fraction)})")
+    if figures.invalid:
+        parts.append(f"{figures.invalid:,} claim what does not exist")
+    if figures.radiance is not None:
+        parts.append(f"{COLORS} on right surfaces {figures.radiance.wrong:,}")
+    text = ", ".join([*parts, _displacement_words(figures)])
+    if figures.causes is not None and figures.wrong:
+        causes = ", ".join(f"{name} {count:,}" for name, count in figures.causes.items())
+        text += f"; causes of {counted}: {causes}"
+    return text
+
+
+def _displacement_words(figures: HogelNumbers | PlateNumbers) -> str:
+    """Return the displacement in words, with what it was measured by."""
+    whole = isinstance(figures, PlateNumbers)
+    name = f"{DISPLACEMENT} (p99{' of the worst hogel' if whole else ''})"
+    spread = figures.displacement_px
+    if spread is None:
+        return f"{name} unknown"
+    p99 = spread.worst_p99 if isinstance(spread, WorstDisplacement) else spread.p99
+    means = figures.displacement_by.split(" or ")
+    by = " or ".join(one for one in means if one != MeasuredBy.NOTHING)
+    elsewhere = ", unknown of other hogels" if MeasuredBy.NOTHING in means else ""
+    return f"{name} {p99:.3g} px by {by}{elsewhere}"

@@ -1,0 +1,30 @@
+"""The command that draws C alone, C* alone and both, as in the paper's figure 7."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.numbers import Positive
+
+
+@click.command()
+@click.argument("scene", default="car-studio")
+@options.aperture_option
+@click.option("--near", type=Positive(), help="Offset of both cameras.  [default: 1e-6 of the reach]")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
+def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, out: Path | None) -> None:
+    """Draw C alone, C* alone and both, as in the paper's figure 7; write a page and three pictures."""
+    from xfrustum.reports.commands.figure7 import FILES, default_settings, draw_figure, write_figure
+    from xfrustum.reports.common.outputs import check_writable_folder
+    from xfrustum.reports.error_report.report import default_folder
+
+    opened = options.open_scene(scene)
+    chosen = options.chosen_aperture(opened, aperture)
+    folder = Path("figure7") / default_folder(opened).name if out is None else out
+    check_writable_folder(folder, FILES)
+    options.look_at(opened, [chosen])
+    write_figure(draw_figure(opened, chosen, default_settings(opened, near)), folder)
+    click.echo(folder / "index.html")

@@ -1,0 +1,162 @@
+"""Tables of records: columns and types follow from the dataclass of the rows, whatever the rows hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from tests.support.rows import PARTS, TIMES, comparison_numbers
+from xfrustum.compare import Spread
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.compare.metrics.noise import NoiseNumbers
+from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
+from xfrustum.compare.prediction.predict import Separations
+from xfrustum.reports.common.json_ready import INLINED, json_ready
+from xfrustum.reports.common.records import columns_of, named_columns, table_of
+from xfrustum.reports.error_report.report_records import PredictedSurface, RowNumbers, TableRow
+from xfrustum.reports.measurements.measurement import Ratios
+from xfrustum.scenes import Aperture, DoubleFrustum
+
+
+class Kind(StrEnum):
+    ROUND = "round"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    width: int
+    height: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thing:
+    name: str
+    kind: Kind
+    heavy: bool
+    size: Size | None
+    weights: tuple[float, ...]
+    inner: Size = field(metadata=INLINED)
+    times: Mapping[str, float] = field(metadata=named_columns("time_{}_s"))
+    label: Kind | float | None = None
+
+
+def thing(size: Size | None, times: Mapping[str, float]) -> Thing:
+    inner = Size(width=3, height=None)
+    return Thing(name="a", kind=Kind.ROUND, heavy=True, size=size, weights=(), inner=inner, times=times)
+
+
+def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
+    """Return a made-up row of measurements.parquet."""
+    nothing = Ratios(displacement_rms=None, displacement_p99=None, surface=None)
+    return TableRow(
+        aperture=Aperture(column=1, row=2, x=0.5, y=-0.5),
+        numbers=RowNumbers(
+            settings=DoubleFrustum(near=0.1),
+            near_per_reach=0.01,
+            comparison=comparison,
+            predicted_displacement_px=predicted,
+            predicted_surface=PredictedSurface(fraction=0.1, silhouettes=0.1, snapped=0.0, depth=0.0),
+            smallest_separation=Separations(c=None, c_star=None),
+            measured_over_predicted=nothing,
+            times_s=TIMES,
+            parts_s=PARTS,
+        ),
+        scene_name="scene",
+        scene_source="scene.toml",
+        scene_hash="0",
+        units="mm",
+        versions={"numpy": "2", "scikit-image": "1"},
+        devices={"OpenGL vendor": "somebody"},
+    )
+
+
+BARE = row(comparison_numbers(100, 50, 0.1, None), None)
+FULL = row(comparison_numbers(100, 50, 0.1, 0.5, 0.2), Spread(rms=1.0, p50=1.0, p95=1.0, p99=1.0, max=1.0))
+
+
+def test_every_field_has_its_column_and_its_type() -> None:
+    table = table_of(Thing, [thing(Size(width=1, height=2.0), {"a": 0.5})])
+    assert [(one.name, one.type) for one in table.schema] == [
+        ("name", pa.string()),
+        ("kind", pa.string()),
+        ("heavy", pa.bool_()),
+        ("size_width", pa.int64()),
+        ("size_height", pa.float64()),
+        ("weights", pa.list_(pa.float64())),
+        ("width", pa.int64()),
+        ("height", pa.float64()),
+        ("time_a_s", pa.float64()),
+        ("label", pa.string()),
+    ]
+
+
+def test_a_group_that_is_not_there_fills_its_columns_with_nulls_of_the_right_type() -> None:
+    full, bare = (table_of(Thing, [thing(size, {})]) for size in (Size(width=1, height=2.0), None))
+    assert full.schema == bare.schema
+    assert bare.to_pylist()[0]["size_width"] is None is bare.to_pylist()[0]["size_height"]
+
+
+def test_what_a_row_lacks_is_null_and_not_a_number_too() -> None:
+    rows = [thing(Size(width=1, height=float("inf")), {"a": 1.0}), thing(None, {"b": float("nan")})]
+    first, second = table_of(Thing, rows).to_pylist()
+    assert (first["time_a_s"], first["time_b_s"], first["size_height"]) == (1.0, None, None)
+    assert (second["time_a_s"], second["time_b_s"]) == (None, None)
+
+
+def test_json_inlines_what_a_table_inlines() -> None:
+    assert json_ready(thing(None, {"a": 1.0})) == {
+        "name": "a",
+        "kind": "round",
+        "heavy": True,
+        "size": None,
+        "weights": [],
+        "width": 3,
+        "height": None,
+        "times": {"a": 1.0},
+        "label": None,
+    }
+
+
+def test_a_type_that_no_column_holds_is_a_bug() -> None:
+    @dataclass(frozen=True)
+    class Odd:
+        value: complex
+
+    with pytest.raises(TypeError, match="complex"):
+        columns_of(Odd, [Odd(value=1j)])
+
+
+def test_a_report_has_the_same_columns_whatever_was_measured(tmp_path: Path) -> None:
+    """Files of shaded and unshaded scenes, of empty and full pictures, can be read as one table."""
+    read = []
+    for number, made in enumerate((BARE, FULL)):
+        pq.write_table(table_of(TableRow, [made]), tmp_path / f"{number}.parquet")
+        read.append(pq.read_table(tmp_path / f"{number}.parquet"))
+    assert read[0].schema == read[1].schema
+    assert not any(pa.types.is_null(one.type) for one in read[0].schema)
+    bare, full = (table.to_pylist()[0] for table in read)
+    groups = {
+        "displacement_px": Spread,
+        "predicted_displacement_px": Spread,
+        "radiance": RadianceSpread,
+    }
+    for group, kind in groups.items():
+        for one in fields(kind):
+            if one.name != "channels":
+                assert bare[f"{group}_{one.name}"] is None is not full[f"{group}_{one.name}"]
+    for kind, inlined in (
+        (ComparisonNumbers, ""),
+        (RadianceNumbers, "radiance_"),
+        (NoiseNumbers, "radiance_noise_"),
+    ):
+        for one in fields(kind):
+            assert any(f"{name}_".startswith(f"{inlined}{one.name}_") for name in full), one.name
+    assert full["radiance_channels_rms"] == [0.1, 0.1, 0.1]
+    assert full["version_scikit_image"] == "1" and full["device_opengl_vendor"] == "somebody"
+    assert full["time_raster_s"] == TIMES.raster and full["time_raster_gpu_s"] == PARTS.raster.gpu

@@ -1,0 +1,49 @@
+"""Rows of a report that are made up: numbers as a comparison and a stopwatch would give them."""
+
+from __future__ import annotations
+
+from xfrustum.compare import Spread
+from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share, SurfaceShare
+from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
+from xfrustum.reports.measurements.measurement import RasterParts, StageParts, StageTimes
+
+TIMES = StageTimes(trace=0.5, raster=0.01, compare=0.02, predict=0.03)
+PARTS = StageParts(raster=RasterParts(gpu=0.001))
+
+
+def comparison_numbers(
+    judged: int, covered: int, surface: float, p99: float | None, wrong_colors: float | None = None
+) -> ComparisonNumbers:
+    """Return a comparison with a share of wrong surfaces, a displacement, and a share of wrong colors."""
+    spread = None if p99 is None else Spread(rms=p99 / 2, p50=p99 / 3, p95=p99 / 1.5, p99=p99, max=2 * p99)
+    return ComparisonNumbers(
+        pixels=judged,
+        judged=judged,
+        covered=covered,
+        at_plate=0,
+        surface=SurfaceShare(wrong=round(surface * judged), fraction=surface, outside=0),
+        triangle=Share(wrong=0, fraction=0.0),
+        displacement_px=spread,
+        height=None,
+        radiance=None if wrong_colors is None else radiance_numbers(judged, wrong_colors),
+        certainty={"proven": judged, "exact": 0, "tie": 0, "unexamined": 0},
+    )
+
+
+def radiance_numbers(judged: int, wrong_colors: float) -> RadianceNumbers:
+    """Return a radiance error with a share of pixels that are off by more than a level."""
+    gray = (0.1, 0.1, 0.1)
+    return RadianceNumbers(
+        pixels=judged,
+        rms=0.1,
+        mean=0.0,
+        p99=0.1,
+        max=0.1,
+        above_step=wrong_colors,
+        channels=ChannelSpread(rms=gray, mean=gray, p99=gray, max=gray),
+        away_from_edges=None,
+        flip=0.1,
+        ssim=0.9,
+        pixels_per_degree=67.0,
+        noise=None,
+    )
