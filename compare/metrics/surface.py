@@ -4,9 +4,10 @@ Their number does not depend on how finely a mesh is tessellated: reports put it
 merely displaced shows no wrong surface.
 
 A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there is one, or
-that of another object (`other_surfaces`); or the point that it shows belongs outside the film; or it is hidden
-behind something else (`hidden_pixels`). The lines along which points are hidden depend on the question: here they are those of the true frustum, in
-`xfrustum.compare.judging.judged` those of a renderer's own cameras.
+that of another object (`other_surfaces`); or the point that it shows belongs outside the film; or that point
+is hidden behind something else (`hidden_pixels`). Lines along which points are hidden depend on the question:
+here they are those of the true frustum, in `xfrustum.compare.judging.judged` those of a renderer's own
+cameras.
 """
 
 from __future__ import annotations
