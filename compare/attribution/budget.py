@@ -5,39 +5,74 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import explain
-from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, RASTERIZATION, Chain
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.hogel_image import HogelImage
 
 RIGHT = -1
 """Value in a map of charges of a pixel that is right in the end, or not judged."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinkNumbers:
-    """What one link of the chain does, measured and predicted; None where nothing is displaced."""
+class CauseNumbers:
+    """What one link of the chain does, measured and predicted; None where nothing is displaced.
 
-    name: str
-    pixels: int
-    triangle: int
+    Attributes
+    ----------
+    surface, triangle
+        Numbers of judged pixels charged to it that show the wrong surface, and another triangle.
+    displacement_rms_px, displacement_p99_px
+        Root mean square and 99th percentile of what it adds to displacement, where every image of the chain
+        shows a surface off the plate.
+    predicted_displacement_rms_px, predicted_surface
+        The same by closed forms, where there are any.
+    """
+
     surface: int
+    triangle: int
     displacement_rms_px: float | None
-    height_rms: float | None
+    displacement_p99_px: float | None
     predicted_displacement_rms_px: float | None
     predicted_surface: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Named:
+    """The name of a link, one of `LINKS`."""
+
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause(CauseNumbers, _Named):
+    """A link of the chain by its name, and what it does."""
+
+    @property
+    def numbers(self) -> CauseNumbers:
+        """The numbers without the name."""
+        return CauseNumbers(**{one.name: getattr(self, one.name) for one in fields(CauseNumbers)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkNumbers(Cause):
+    """A cause, and what it does to heights; `pixels` is `triangle` by its older name."""
+
+    pixels: int
+    height_rms: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,54 +122,148 @@ class VectorBudget:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ChainStart:
+    """All images of a chain but the last: what the depth buffers of one pair of cameras share.
+
+    Attributes
+    ----------
+    reference
+        Truth of the scene.
+    images
+        T0 to R0 of one aperture (`Chain.images`).
+    subpixel_bits
+        Subpixel bits of the device that drew R0.
+    """
+
+    reference: Reference
+    images: tuple[HogelImage, ...]
+    subpixel_bits: int
+
+    @property
+    def truth(self) -> HogelImage:
+        """The true image."""
+        return self.images[0]
+
+    @cached_property
+    def judged(self) -> Mask:
+        """(H, W) pixels whose truth is no tie."""
+        return judged_pixels(self.truth)
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """(images, H, W) triangle numbers."""
+        return np.stack([image.triangle for image in self.images])
+
+    @cached_property
+    def wrong(self) -> Mask:
+        """(images, H, W) judged pixels with the wrong surface; images that are one are looked at once."""
+        found = {
+            id(image): wrong_surface(self.truth, image, self.reference) & self.judged for image in self.images
+        }
+        return np.stack([found[id(image)] for image in self.images])
+
+    @cached_property
+    def moved(self) -> Floats:
+        """(images, H, W, 2) displacement in pixels, NaN where an image shows no surface off the plate."""
+        return np.stack([displacement(image, self.truth.camera) for image in self.images])
+
+    @cached_property
+    def steps(self) -> Floats:
+        """(links, H, W) lengths of what each link but the last adds to displacement, pixels."""
+        return lengths(np.diff(self.moved, axis=0))
+
+    @cached_property
+    def rounding(self) -> Causes:
+        """Causes of what rasterization changed, with exact depth."""
+        return self.causes_of(RASTERIZATION, self.images[-1])
+
+    def causes_of(self, link: int, after: HogelImage) -> Causes:
+        """Return the causes of what a link that rounds has changed between two images."""
+        return explain(self.reference.scene, self.images[link], after, self.subpixel_bits)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Budget:
     """The error of one image, link by link.
 
     Attributes
     ----------
-    judged, wrong, cancelled
-        Number of pixels whose truth is no tie; of judged pixels that show another triangle in the end; of
-        judged pixels that are right although some link changed them.
+    start, drawn
+        The images of the chain: all but the last, and the last.
     charge
         (H, W) number of the link that each wrong pixel is charged to, else `RIGHT`.
     surface_charge
         (H, W) the same by surfaces: number of the link from which on the pixel shows a wrong surface.
     explanation
         Causes of the pixels charged to rasterization and depth.
-    displacement, height
-        Budgets of both, in pixels (columns and rows) and in scene units.
     predicted
         Prediction of each link by closed forms.
     """
 
-    judged: int
-    wrong: int
-    cancelled: int
+    start: ChainStart
+    drawn: HogelImage
     charge: NDArray[np.int8]
     surface_charge: NDArray[np.int8]
     explanation: Causes
-    displacement: VectorBudget
-    height: VectorBudget
     predicted: tuple[LinkPrediction, ...]
+
+    @property
+    def judged(self) -> int:
+        """Number of pixels whose truth is no tie."""
+        return int(self.start.judged.sum())
+
+    @property
+    def wrong(self) -> int:
+        """Number of judged pixels that show another triangle in the end."""
+        return int((self.charge != RIGHT).sum())
+
+    @property
+    def cancelled(self) -> int:
+        """Number of judged pixels that are right in the end although some link changed them."""
+        changed = (self.start.numbers != self.start.numbers[0]).any(axis=0)
+        return int((self.start.judged & (self.charge == RIGHT) & changed).sum())
+
+    @cached_property
+    def displacement(self) -> VectorBudget:
+        """Budget of displacement: columns and rows, pixels."""
+        last = displacement(self.drawn, self.start.truth.camera)
+        return VectorBudget.of(np.concatenate((self.start.moved, last[None])))
+
+    @cached_property
+    def height(self) -> VectorBudget:
+        """Budget of height, scene units."""
+        images = (*self.start.images, self.drawn)
+        heights = [np.where(image.off_plate, image.height.astype(np.float64), np.nan) for image in images]
+        return VectorBudget.of(np.stack(heights)[..., None])
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """What each link does, in the order of `LINKS`."""
+        last = displacement(self.drawn, self.start.truth.camera) - self.start.moved[-1]
+        steps = [*self.start.steps, lengths(last)]
+        everywhere = np.isfinite(steps).all(axis=0)
+        return tuple(self._cause(link, step[everywhere]) for link, step in enumerate(steps))
+
+    def _cause(self, link: int, moved: Floats) -> Cause:
+        spread = Spread.of(moved)
+        return Cause(
+            name=LINKS[link],
+            surface=int((self.surface_charge == link).sum()),
+            triangle=int((self.charge == link).sum()),
+            displacement_rms_px=spread.rms if spread else None,
+            displacement_p99_px=spread.p99 if spread else None,
+            predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
+            predicted_surface=self.predicted[link].surface_pixels,
+        )
 
     @property
     def numbers(self) -> BudgetNumbers:
         """The numbers alone, without the images."""
         counts = self.explanation.counts()
         unexplained = counts.pop("unexplained")
-        moved, raised = self.displacement.rms(), self.height.rms()
         links = (
-            LinkNumbers(
-                name=name,
-                pixels=int((self.charge == link).sum()),
-                triangle=int((self.charge == link).sum()),
-                surface=int((self.surface_charge == link).sum()),
-                displacement_rms_px=moved[link],
-                height_rms=raised[link],
-                predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
-                predicted_surface=self.predicted[link].surface_pixels,
-            )
-            for link, name in enumerate(LINKS)
+            LinkNumbers(**vars(cause), pixels=cause.triangle, height_rms=raised)
+            for cause, raised in zip(self.causes, self.height.rms(), strict=True)
         )
         return BudgetNumbers(
             judged=self.judged,
@@ -153,57 +282,44 @@ class Budget:
 
 
 def make_budget(reference: Reference, chain: Chain) -> Budget:
-    """Charge every wrong pixel of a chain's last image to one link.
+    """Charge every wrong pixel of a chain's last image to one link; see `charged`."""
+    start = ChainStart(reference=reference, images=chain.images[:-1], subpixel_bits=chain.subpixel_bits)
+    gaps = reference.gaps(start.truth.camera.aperture)
+    predictor = Predictor(start.truth, gaps, reference.scene.frustum, chain.subpixel_bits)
+    return charged(start, chain.images[-1], predictor.links(chain.settings))
+
+
+def charged(start: ChainStart, drawn: HogelImage, predicted: tuple[LinkPrediction, ...]) -> Budget:
+    """Charge every wrong pixel of a drawn image to one link of its chain.
 
     A pixel is charged to the last link that changed its triangle: the smallest for which every
-    later link agrees with the final image.
+    later link agrees with the final image. By surfaces, it is charged to the link from which on it is wrong.
+
+    Parameters
+    ----------
+    start
+        All images of the chain but the last.
+    drawn
+        The last image: R1.
+    predicted
+        Prediction of each link.
     """
-    truth = chain.images[0]
-    judged = judged_pixels(truth)
-    numbers = np.stack([image.triangle for image in chain.images])
-    changed = numbers[1:] != numbers[:-1]
-    wrong = judged & (numbers[-1] != numbers[0])
-    charge = np.where(wrong, _last(changed), RIGHT).astype(np.int8)
-    moved = np.stack([displacement(image, truth.camera) for image in chain.images])
-    heights = np.stack(
-        [np.where(image.off_plate, image.height.astype(np.float64), np.nan) for image in chain.images]
-    )
+    numbers = np.concatenate((start.numbers, drawn.triangle[None]))
+    differs = start.judged & (drawn.triangle != start.truth.triangle)
+    charge = np.where(differs, _last(numbers[1:] != numbers[:-1]), RIGHT).astype(np.int8)
+    wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
+    by_rasterizing = start.rounding.within(charge == RASTERIZATION)
+    by_depth = start.causes_of(DEPTH, drawn).within(charge == DEPTH)
     return Budget(
-        judged=int(judged.sum()),
-        wrong=int(wrong.sum()),
-        cancelled=int((judged & ~wrong & changed.any(axis=0)).sum()),
+        start=start,
+        drawn=drawn,
         charge=charge,
-        surface_charge=_surface_charge(reference, chain, judged),
-        explanation=_explained(reference.scene, chain, charge),
-        displacement=VectorBudget.of(moved),
-        height=VectorBudget.of(heights[..., None]),
-        predicted=_predicted(reference, chain),
+        surface_charge=np.where(wrong, _last(~start.wrong), RIGHT).astype(np.int8),
+        explanation=by_rasterizing.joined(by_depth),
+        predicted=predicted,
     )
-
-
-def _predicted(reference: Reference, chain: Chain) -> tuple[LinkPrediction, ...]:
-    truth = chain.images[0]
-    gaps = reference.gaps(truth.camera.aperture)
-    predictor = Predictor(truth, gaps, reference.scene.frustum, chain.subpixel_bits)
-    return predictor.links(chain.settings)
 
 
 def _last(changed: Mask) -> Indices:
     """Return the last link that changed each pixel (links, H, W); any where none did."""
     return np.asarray(len(changed) - 1 - np.argmax(changed[::-1], axis=0))
-
-
-def _surface_charge(reference: Reference, chain: Chain, judged: Mask) -> NDArray[np.int8]:
-    truth = chain.images[0]
-    wrong = np.stack([wrong_surface(truth, image, reference) & judged for image in chain.images])
-    return np.where(wrong[-1], _last(~wrong[:-1]), RIGHT).astype(np.int8)
-
-
-def _explained(scene: Scene, chain: Chain, charge: NDArray[np.int8]) -> Causes:
-    """Explain what rasterization did to the model, and depth to the rasterization."""
-    parts = []
-    for link in (RASTERIZATION, DEPTH):
-        before, after = chain.images[link], chain.images[link + 1]
-        explanation = explain(scene, before, after, chain.subpixel_bits)
-        parts.append(explanation.within(charge == link))
-    return parts[0].joined(parts[1])

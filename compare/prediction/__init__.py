@@ -7,6 +7,8 @@ depth         Closed form of the smallest separation of two surfaces that a dept
 displacement  Closed form of displacement: where each point is drawn, from the truth alone
 eye_error     The error of the bent eye vector at an image's surface points, predicted and measured
 eye_vector    The line on which a surface point is seen, truly and by its camera (docs/method.md, "Light")
+outside       Closed form of the pixels that show what belongs outside the film, from what the truth shows at
+              its border
 predict       Closed forms of every error, from the scene's geometry alone (docs/method.md)
 shading       The effect of a bent eye vector on highlights and reflections, to first order (docs/method.md,
               "Light")

@@ -8,15 +8,16 @@ from itertools import pairwise
 import numpy as np
 
 from xfrustum.compare.metrics.displacement import Spread, lengths
-from xfrustum.compare.prediction.chain import traced_settings
+from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
+from xfrustum.compare.prediction.outside import Border
 from xfrustum.compare.prediction.share import depth_wrong_share, slabs
 from xfrustum.compare.prediction.silhouettes import Silhouettes
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 
 
@@ -42,9 +43,10 @@ class Prediction:
     ----------
     displacement_px
         Spread of the displacement, px; None where no surface off the plate is drawn.
-    silhouettes, snapped, depth
+    silhouettes, snapped, depth, outside
         Shares of the judged pixels that show a wrong surface: along silhouettes because of
-        displacement, along silhouettes because edges snap to subpixels, and because of the depth buffer.
+        displacement, along silhouettes because edges snap to subpixels, because of the depth buffer, and
+        because they show what belongs outside the film.
     separation
         The smallest separations that the depth buffers still order.
     """
@@ -53,12 +55,13 @@ class Prediction:
     silhouettes: float
     snapped: float
     depth: float
+    outside: float
     separation: Separations
 
     @property
     def surface_fraction(self) -> float:
-        """Share of the judged pixels with a wrong surface, its three causes taken as independent."""
-        return 1 - (1 - self.silhouettes) * (1 - self.snapped) * (1 - self.depth)
+        """Share of the judged pixels with a wrong surface, its four causes taken as independent."""
+        return 1 - (1 - self.silhouettes) * (1 - self.snapped) * (1 - self.depth) * (1 - self.outside)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,23 +101,26 @@ class Predictor:
         self._points = TruePoints.of(truth).shown()
         self._stacks = Stacks.of(truth, gaps)
         self._silhouettes = Silhouettes(truth, frustum)
-        self._without_depth: dict[DoubleFrustum, tuple[Spread | None, float, float]] = {}
+        self._border = Border(truth, frustum)
+        self._without_depth: dict[DoubleFrustum, Prediction] = {}
+        self._links_without_depth: dict[DoubleFrustum, tuple[LinkPrediction, ...]] = {}
 
     def predict(self, settings: DoubleFrustum) -> Prediction:
         """Return the errors to be expected with some settings."""
         # The depth buffer displaces nothing: settings that differ only in depth share the other errors.
-        cameras = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
+        cameras = with_exact_depth(settings)
         if cameras not in self._without_depth:
-            moved = _spread(displacement_lengths(self._points, self._frustum, cameras))
             judged = max(self._stacks.judged, 1)
-            wrong = self._silhouettes.wrong_pixels(cameras) / judged
-            snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / judged
-            self._without_depth[cameras] = (moved, wrong, snapped)
-        displacement_px, silhouettes, snapped = self._without_depth[cameras]
-        return Prediction(
-            displacement_px=displacement_px,
-            silhouettes=silhouettes,
-            snapped=snapped,
+            self._without_depth[cameras] = Prediction(
+                displacement_px=_spread(displacement_lengths(self._points, self._frustum, cameras)),
+                silhouettes=self._silhouettes.wrong_pixels(cameras) / judged,
+                snapped=self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / judged,
+                depth=0.0,
+                outside=self._border.fraction(cameras),
+                separation=Separations(c=None, c_star=None),
+            )
+        return replace(
+            self._without_depth[cameras],
             depth=depth_wrong_share(self._stacks, self._frustum, settings),
             separation=self.separations(settings),
         )
@@ -124,19 +130,28 @@ class Predictor:
 
         Rasterization and depth displace nothing except by the rounding of positions.
         """
-        traced = traced_settings(settings, self._frustum)
+        cameras = with_exact_depth(settings)
+        if cameras not in self._links_without_depth:
+            self._links_without_depth[cameras] = self._undrawn_links(cameras)
+        share = depth_wrong_share(self._stacks, self._frustum, settings)
+        depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
+        return (*self._links_without_depth[cameras], depth)
+
+    def _undrawn_links(self, cameras: DoubleFrustum) -> tuple[LinkPrediction, ...]:
+        """Return the errors to be expected of all links but depth."""
+        traced = traced_settings(cameras, self._frustum)
         fields = [displacements(self._points, self._frustum, link) for link in traced]
         steps = [fields[0], *(after - before for before, after in pairwise(fields))]
-        moved = [_spread(lengths(step)) for step in steps]
-        share = depth_wrong_share(self._stacks, self._frustum, settings)
+        spreads = [_spread(lengths(step)) for step in steps]
+        moved = [spread.rms if spread else None for spread in spreads]
+        from_outside = [share * self._stacks.judged for share in self._border.charged_fractions(traced)]
         wrong = [
-            *self._silhouettes.charged_pixels(traced),
-            self._silhouettes.snapped_pixels(settings, self._subpixel_bits),
-            share * self._stacks.judged,
+            sum(both) for both in zip(self._silhouettes.charged_pixels(traced), from_outside, strict=True)
         ]
+        snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits)
         return tuple(
-            LinkPrediction(displacement_rms_px=spread.rms if spread else None, surface_pixels=pixels)
-            for spread, pixels in zip([*moved, None, None], wrong, strict=True)
+            LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels)
+            for rms, pixels in zip([*moved, None], [*wrong, snapped], strict=True)
         )
 
     def separations(self, settings: DoubleFrustum) -> Separations:

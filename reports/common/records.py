@@ -54,9 +54,9 @@ def columns_of(kind: type, rows: Sequence[Any]) -> list[Column]:
     """Return the columns of some records of one dataclass, in the order of its fields.
 
     A field that is a dataclass itself is a group, which has a column for each of its fields; these columns
-    exist, and are null, also where a row has no such group. A mapping has a column for each of its keys. Any
-    other field has one column: enumerations and texts are strings, tuples and lists are lists, and what may
-    have several types is written as text.
+    exist, and are null, also where a row has no such group. A mapping has a column or a group for each of
+    its keys. Any other field has one column: enumerations and texts are strings, tuples and lists are lists,
+    and what may have several types is written as text.
 
     Parameters
     ----------
@@ -94,7 +94,11 @@ def _columns(kind: type, rows: Sequence[Any], pattern: str) -> Iterator[Column]:
             _, hint = get_args(hint)
             for key in dict.fromkeys(key for value in values if value for key in value):
                 parts = [value.get(key) if value else None for value in values]
-                yield _column(group.format(_clean(key)), hint, parts)
+                if is_dataclass(hint):
+                    assert isinstance(hint, type), "hints name classes, not instances"
+                    yield from _columns(hint, parts, group.format(f"{_clean(key)}_{{}}"))
+                else:
+                    yield _column(group.format(_clean(key)), hint, parts)
         else:
             yield _column(pattern.format(field.name), hint, values)
 

@@ -12,8 +12,10 @@ from functools import partial
 import numpy as np
 
 from xfrustum.compare import Comparison, ErrorMaps, compare_images
+from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -48,7 +50,7 @@ report, of 125 settings, at 512 x 512 with a software renderer."""
 
 @dataclass(frozen=True, kw_only=True)
 class TracedAperture:
-    """An aperture with its truth.
+    """An aperture with its truth, and what all settings there have in common.
 
     Attributes
     ----------
@@ -144,17 +146,24 @@ class SettingMeasurer:
         side.
         """
         predictor: Future[Predictor] | None = None
+        start: ChainStart | None = None
         for settings in batches:
             drawn = [self._draw(traced.aperture, setting) for setting in settings]
             shared = SharedStopwatch()
+            if start is None or not _same_cameras(start, settings[0]):
+                # Traced once for all depth buffers of these cameras.
+                with watch.stage("causes"):
+                    start = self._chain_start(traced, drawn)
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:
                     # The common part of an aperture's predictions is found once, while images are compared.
                     predictor = pool.submit(self._predictor, traced, settings[0], watch, shared)
                 compared = [pool.submit(self._compare, traced.truth, each, shared) for each in drawn]
                 predicted = [pool.submit(_predict, predictor, each, shared) for each in drawn]
+                charges = [pool.submit(_charged, start, predictor, each, shared) for each in drawn]
                 comparisons = [each.result() for each in compared]
                 predictions = [each.result() for each in predicted]
+                budgets = [each.result() for each in charges]
                 # Timed separately: encoding pictures is not measurement.
                 with watch.stage("pictures"):
                     maps = (comparison.maps for comparison in comparisons)
@@ -162,9 +171,9 @@ class SettingMeasurer:
             for each in drawn:
                 watch.add(each.lap.seconds)
             yield [
-                MeasuredSetting(row=_row(traced, frame, comparison, prediction), pictures=own)
-                for frame, comparison, prediction, own in zip(
-                    drawn, comparisons, predictions, pictures, strict=True
+                MeasuredSetting(row=_row(traced, frame, comparison, prediction, budget), pictures=own)
+                for frame, comparison, prediction, budget, own in zip(
+                    drawn, comparisons, predictions, budgets, pictures, strict=True
                 )
             ]
 
@@ -219,6 +228,17 @@ class SettingMeasurer:
             predictor.predict(settings)
         return predictor
 
+    def _chain_start(self, traced: TracedAperture, drawn: Sequence[_Drawn]) -> ChainStart:
+        """Return the chain of the first frame's cameras up to the frame with exact depth."""
+        exact = with_exact_depth(_settings(drawn[0].image))
+        frames = [each.image for each in drawn if _settings(each.image) == exact]
+        if not frames:
+            frames = [self._rasterizer.render(traced.aperture, exact, normals=False, color=False)]
+        models = traced_models(self._reference, traced.aperture, exact)
+        bits = int(self._rasterizer.device["subpixel_bits"])
+        images = (traced.truth, *models, frames[0])
+        return ChainStart(reference=self._reference, images=images, subpixel_bits=bits)
+
     def _encoded(self, drawn: HogelImage, maps: ErrorMaps) -> SettingPictures:
         return images.setting_pictures(
             drawn, maps, self._frustum.longest_reach, self._height_range, self._reduction
@@ -231,13 +251,27 @@ def _predict(predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatc
         return ready.predict(_settings(drawn.image))
 
 
+def _charged(
+    start: ChainStart, predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatch
+) -> Budget:
+    ready = predictor.result()
+    with shared.stage(drawn.lap, "causes"):
+        return charged(start, drawn.image, ready.links(_settings(drawn.image)))
+
+
+def _same_cameras(start: ChainStart, settings: DoubleFrustum) -> bool:
+    return with_exact_depth(settings) == start.images[-1].camera.settings
+
+
 def _row(
-    traced: TracedAperture, drawn: _Drawn, comparison: Comparison, prediction: Prediction
+    traced: TracedAperture, drawn: _Drawn, comparison: Comparison, prediction: Prediction, budget: Budget
 ) -> Measurement:
     return Measurement(
         aperture=traced.aperture,
         settings=_settings(drawn.image),
         comparison=comparison.numbers,
+        causes=budget.causes,
+        unexplained=int(budget.explanation.unexplained.sum()),
         predicted=prediction,
         times_s=StageTimes(trace=traced.trace_s, **drawn.lap.seconds),
         parts_s=StageParts(raster=RasterParts(gpu=drawn.gpu_s)),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from xfrustum.compare import Spread
+from xfrustum.compare.attribution.budget import Cause, CauseNumbers
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.common.json_ready import INLINED
@@ -63,6 +64,7 @@ class PredictedSurface:
     silhouettes: float
     snapped: float
     depth: float
+    outside: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +74,7 @@ class RowNumbers:
     settings: DoubleFrustum = field(metadata=named_columns("{}"))
     near_per_reach: float
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
+    unexplained: int
     predicted_displacement_px: Spread | None
     predicted_surface: PredictedSurface
     smallest_separation: Separations
@@ -86,6 +89,7 @@ class ReportRow:
 
     aperture: tuple[int, int]
     numbers: RowNumbers = field(metadata=INLINED)
+    causes: tuple[Cause, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +98,7 @@ class TableRow:
 
     aperture: Aperture
     numbers: RowNumbers = field(metadata=INLINED)
+    causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
     scene_name: str
     scene_source: str
     scene_hash: str

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch
-from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S, SettingMeasurer
+from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S, MeasuredSetting, SettingMeasurer
 from xfrustum.reports.measurements.measurement import (
     Measurement,
     RasterParts,
@@ -159,20 +160,29 @@ def _run(
             traced = measurer.trace(aperture, watch)
             measured.truths.append(traced.picture)
             bar.update()
+            found: dict[DoubleFrustum, MeasuredSetting] = {}
             for some in measurer.measure(traced, _batches(settings, measurer.batch_size), watch):
-                label = some[-1].row.settings.depth_label
-                bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: {label}", refresh=False)
-                measured.rows.extend(one.row for one in some)
-                measured.pictures.extend(one.pictures for one in some)
+                near = f"near {some[-1].row.settings.near:.3g}"
+                bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: {near}", refresh=False)
+                found |= {one.row.settings: one for one in some}
                 bar.update(len(some))
+            measured.rows.extend(found[setting].row for setting in settings)
+            measured.pictures.extend(found[setting].pictures for setting in settings)
     return measured
 
 
 def _batches(settings: Sequence[DoubleFrustum], size: int) -> Iterator[Sequence[DoubleFrustum]]:
-    """Yield parts of about one size: a smaller remainder would leave processors idle."""
-    count = max(1, round(len(settings) / size))
-    for part in np.array_split(np.arange(len(settings)), count):
-        yield [settings[i] for i in part]
+    """Yield parts of about one size whose cameras are the same: these share the traced links of the chain.
+
+    A smaller remainder would leave processors idle, so that the parts of one pair of cameras are equal.
+    """
+    grouped: dict[DoubleFrustum, list[DoubleFrustum]] = {}
+    for setting in settings:
+        grouped.setdefault(with_exact_depth(setting), []).append(setting)
+    for group in grouped.values():
+        count = max(1, round(len(group) / size))
+        for part in np.array_split(np.arange(len(group)), count):
+            yield [group[i] for i in part]
 
 
 def _reduction(frustum: Frustum, count: int) -> int:

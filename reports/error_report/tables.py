@@ -43,7 +43,8 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
         ),
         best_per_depth=tuple(_best_record(best, reach) for best in best_per_depth(sweep.rows)),
         rows=tuple(
-            ReportRow(aperture=row.aperture.index, numbers=_row_numbers(row, reach)) for row in sweep.rows
+            ReportRow(aperture=row.aperture.index, numbers=_row_numbers(row, reach), causes=row.causes)
+            for row in sweep.rows
         ),
         versions=sweep.versions,
         devices=sweep.devices,
@@ -62,6 +63,7 @@ def measurement_table(sweep: Sweep) -> pa.Table:
         TableRow(
             aperture=row.aperture,
             numbers=_row_numbers(row, reach),
+            causes={cause.name: cause.numbers for cause in row.causes},
             scene_name=scene.name,
             scene_source=scene.source,
             scene_hash=scene.content_hash,
@@ -90,12 +92,14 @@ def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
         settings=row.settings,
         near_per_reach=row.settings.near / reach,
         comparison=row.comparison,
+        unexplained=row.unexplained,
         predicted_displacement_px=predicted.displacement_px,
         predicted_surface=PredictedSurface(
             fraction=predicted.surface_fraction,
             silhouettes=predicted.silhouettes,
             snapped=predicted.snapped,
             depth=predicted.depth,
+            outside=predicted.outside,
         ),
         smallest_separation=predicted.separation,
         measured_over_predicted=row.measured_over_predicted,

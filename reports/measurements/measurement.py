@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
@@ -26,12 +27,15 @@ class StageTimes:
         A frame with read-back.
     compare, predict
         Judging and predicting the frame: the row's share where rows are judged side by side.
+    causes
+        Charging its wrong pixels to causes: its share of what the frames of the same cameras have in common.
     """
 
     trace: float
     raster: float
     compare: float
     predict: float
+    causes: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +74,10 @@ class Measurement:
         What was drawn, and how.
     comparison
         How the image differs from the truth (CONVENTIONS.md, "Errors and their signs").
+    causes
+        The links of the error budget, which every wrong pixel is charged to one of.
+    unexplained
+        Number of wrong pixels charged to rounding whose cause is not known.
     predicted
         The error by closed forms, from the scene's geometry alone.
     times_s
@@ -84,6 +92,8 @@ class Measurement:
     aperture: Aperture
     settings: DoubleFrustum
     comparison: ComparisonNumbers
+    causes: tuple[Cause, ...]
+    unexplained: int
     predicted: Prediction
     times_s: StageTimes
     parts_s: StageParts

@@ -109,6 +109,7 @@ function predictions(row) {
     moved("99 %", "p99"),
     beside("pixels with the wrong surface", count(row.predicted_surface), c.surface.wrong.toLocaleString(), ratio(row.ratio.surface)),
     part("along silhouettes, displaced", p.silhouettes),
+    part("from outside the film", p.outside),
     part("edges snapped to subpixels", p.snapped),
     part("depth out of order, or lost", p.depth),
     beside("smallest separation in order, farthest surface of C", apart(p.separation.c), "", ""),

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from xfrustum.compare import Spread
+from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share, SurfaceShare
 from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
+from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reports.measurements.measurement import RasterParts, StageParts, StageTimes
 
-TIMES = StageTimes(trace=0.5, raster=0.01, compare=0.02, predict=0.03)
+TIMES = StageTimes(trace=0.5, raster=0.01, compare=0.02, predict=0.03, causes=0.04)
 PARTS = StageParts(raster=RasterParts(gpu=0.001))
+NO_CAUSES = tuple(
+    Cause(
+        name=name,
+        surface=0,
+        triangle=0,
+        displacement_rms_px=None,
+        displacement_p99_px=None,
+        predicted_displacement_rms_px=None,
+        predicted_surface=None,
+    )
+    for name in LINKS
+)
 
 
 def comparison_numbers(

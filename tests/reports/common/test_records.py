@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from tests.support.rows import PARTS, TIMES, comparison_numbers
+from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
 from xfrustum.compare import Spread
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.noise import NoiseNumbers
@@ -60,13 +60,17 @@ def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
             settings=DoubleFrustum(near=0.1),
             near_per_reach=0.01,
             comparison=comparison,
+            unexplained=0,
             predicted_displacement_px=predicted,
-            predicted_surface=PredictedSurface(fraction=0.1, silhouettes=0.1, snapped=0.0, depth=0.0),
+            predicted_surface=PredictedSurface(
+                fraction=0.1, silhouettes=0.1, snapped=0.0, depth=0.0, outside=0.0
+            ),
             smallest_separation=Separations(c=None, c_star=None),
             measured_over_predicted=nothing,
             times_s=TIMES,
             parts_s=PARTS,
         ),
+        causes={cause.name: cause.numbers for cause in NO_CAUSES},
         scene_name="scene",
         scene_source="scene.toml",
         scene_hash="0",

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from tests.reports.measurements.test_best import MIDDLE
-from tests.support.rows import PARTS, TIMES, comparison_numbers
+from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
 from xfrustum.compare.metrics.paired import CONFIDENCE, PixelSet, is_worse
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.measurements.best import (
@@ -49,11 +49,14 @@ def judged(
         aperture=MIDDLE,
         settings=DoubleFrustum(near=near, depth=depth),
         comparison=comparison_numbers(PIXELS, PIXELS, float(surface.mean()), p99, wrong_colors),
+        causes=NO_CAUSES,
+        unexplained=0,
         predicted=Prediction(
             displacement_px=None,
             silhouettes=0.0,
             snapped=0.0,
             depth=0.0,
+            outside=0.0,
             separation=Separations(c=None, c_star=None),
         ),
         times_s=TIMES,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.rows import PARTS, TIMES, comparison_numbers
+from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
 from xfrustum.compare import Spread
 from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.measurements.best import (
@@ -33,11 +33,14 @@ def measured(
         aperture=aperture,
         settings=DoubleFrustum(near=near, depth=depth),
         comparison=comparison_numbers(3072, 1000, surface, p99),
+        causes=NO_CAUSES,
+        unexplained=0,
         predicted=Prediction(
             displacement_px=Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3),
             silhouettes=0.1,
             snapped=0.0,
             depth=0.2,
+            outside=0.0,
             separation=Separations(c=1e-3, c_star=None),
         ),
         times_s=TIMES,
