@@ -133,13 +133,25 @@ def _part(
 
 
 def _stored_colors(geometry: trimesh.Trimesh) -> NDArray[np.generic] | None:
+    """Return the colors of vertices as the file stores them; None where there are none.
+
+    Raises
+    ------
+    ValueError
+        Vertices have different numbers of color channels, as in a damaged text file.
+    """
     visual: Any = geometry.visual
     colors = geometry.vertex_attributes.get("color")
     if colors is None:  # textured glTF keeps them here
         colors = getattr(visual, "vertex_attributes", {}).get("color")
     if colors is None and getattr(visual, "kind", None) == "vertex":
         colors = visual.vertex_colors
-    return None if colors is None else np.asarray(colors)
+    if colors is None:
+        return None
+    stored = np.asarray(colors)
+    if stored.dtype == np.object_:
+        raise ValueError("vertices have different numbers of color channels")
+    return stored
 
 
 def _texture_coordinates(geometry: trimesh.Trimesh) -> Floats | None:
