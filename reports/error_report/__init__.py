@@ -1,5 +1,7 @@
 """The error report: every setting of a scene drawn, judged and timed; page, JSON and Parquet.
 
+causes           Causes of wrong surfaces over near: a stacked figure for each depth buffer, and which one
+                 dominates
 figures          The curves of a report, as plotly figures: error against near, prediction drawn in, time
                  per stage
 images           Pictures for people: encoded, small, with scales that stay the same over a whole report

@@ -1,4 +1,4 @@
-"""Which cause makes most surfaces wrong at which near: a stacked figure for each depth buffer, and sentences."""
+"""Causes of wrong surfaces over near: a stacked figure for each depth buffer, and which one dominates."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Reign:
 
 
 def reigns(rows: Sequence[Measurement]) -> list[Reign]:
-    """Return the dominant causes of one depth buffer at one aperture, from the smallest near to the largest."""
+    """Return the dominant causes of one depth buffer at one aperture, the smallest near first."""
     ascending = sorted(rows, key=lambda row: row.settings.near)
     runs = [list(run) for _, run in groupby(ascending, key=dominant)]
     return [
@@ -136,13 +136,13 @@ def cause_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go.Fi
                 y=[100 * _count(row, name) / _wrong(row) for row in group],
                 customdata=[numbers[id(row)] for row in group],
                 text=[f"{_count(row, name):,} of {_wrong(row):,} wrong pixels" for row in group],
+                hovertemplate=hover(name),
                 name=name,
                 legendgroup=name,
                 showlegend=place == 1,
                 stackgroup=f"panel {place}",
                 line={"width": 0.5, "color": CAUSE_COLORS[name]},
                 fillcolor=CAUSE_COLORS[name],
-                hovertemplate=f"{name}<br>near %{{x:.3g}} of the reach<br>%{{y:.3g}} %: %{{text}}<extra></extra>",
                 row=place,
                 col=1,
             )
@@ -153,6 +153,11 @@ def cause_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go.Fi
     figure.update_xaxes(title_text="near, as a share of the reach", row=len(groups), col=1)
     figure.update_yaxes(range=[0, 100], ticksuffix=" %", nticks=3)
     return figure
+
+
+def hover(name: str) -> str:
+    """Return the words that a point of a cause shows under the cursor."""
+    return f"{name}, near %{{x:.3g}} of the reach<br>%{{y:.3g}} %: %{{text}}<extra></extra>"
 
 
 def _by_depth_buffer(rows: Sequence[Measurement]) -> dict[str, list[Measurement]]:

@@ -13,7 +13,7 @@ from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reports.common import formatting
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.error_report import figures, images, shading_page
+from xfrustum.reports.error_report import causes, figures, images, shading_page
 from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S
 from xfrustum.reports.error_report.shading import ShadingReport, milliseconds
 from xfrustum.reports.error_report.tables import recommended_command
@@ -131,6 +131,14 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "shading": shading_page.context(shading),
         "trade_off": trade_off.answers(options, recommended=recommended),
         "total_s": sweep.wall_s,
+        "dominant": [
+            (
+                aperture,
+                causes.sentences([row for row in sweep.rows if row.aperture == aperture], sweep.scene.units),
+            )
+            for aperture in sweep.apertures
+        ],
+        "unexplained": sum(row.unexplained for row in sweep.rows),
         "page_data": _page_data(sweep, shading),
     }
     filters = {
@@ -166,7 +174,9 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
 def _curves(sweep: Sweep, shading: ShadingReport | None, aperture: Aperture) -> dict[str, go.Figure | None]:
     """Return the figures of an aperture by name; None for those without a point."""
     drawn = figures.curves(sweep, aperture) | shading_page.curves(shading, sweep, aperture)
-    return {name: None if figures.is_blank(figure) else figure for name, figure in drawn.items()}
+    curves = {name: None if figures.is_blank(figure) else figure for name, figure in drawn.items()}
+    numbered = [(number, row) for number, row in enumerate(sweep.rows) if row.aperture == aperture]
+    return curves | {"causes": causes.cause_figure(numbered, sweep.scene.frustum.longest_reach)}
 
 
 def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) -> PageRow:
