@@ -42,8 +42,14 @@ CASES = [
     ("teapot-recentered", (72, 96), (77, 60)),
 ]
 
+HALVED = [(name, (width // 2, height // 2), aperture) for name, (width, height), aperture in CASES]
+"""The same views on films of a quarter of the pixels, for every day."""
 
-@pytest.mark.parametrize(("name", "resolution", "aperture"), CASES)
+
+@pytest.mark.parametrize(
+    ("name", "resolution", "aperture"),
+    [*HALVED, *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES)],
+)
 def test_every_line_shows_what_brute_force_shows(
     name: str, resolution: tuple[int, int], aperture: tuple[int, int]
 ) -> None:

@@ -56,14 +56,12 @@ DISPLACED = frozenset(
 
 QUICK = {
     ("attic", "triangle-id"): (
-        *("right", "blue-red", "plus-none", "low-byte", "gray", "white", "black", "other-order"),
-        *("rolled", "resampled-nearest", "jpeg", "antialiased", "mirrored", "half-pixel", "every-second"),
-        *("one-hogel", "corners", "edge-to-edge", "moved-all", "tenth", "nearest", "no-front", "no-back"),
-        *("culled", "near", "fov"),
+        *("right", "blue-red", "gray", "black", "antialiased", "mirrored", "half-pixel", "one-hogel"),
+        *("corners", "moved-all", "tenth", "no-front", "culled", "near"),
     ),
     ("attic", "object-id"): ("right", "blue-red"),
-    ("attic", "rgb"): ("right", "rolled"),
-    ("harbor", "triangle-id"): ("right", "corners"),
+    ("attic", "rgb"): ("right",),
+    ("harbor", "triangle-id"): ("right",),
 }
 """Renderers that run every time; all else is slow. To register plain pictures takes seconds, numbers less."""
 

@@ -82,7 +82,7 @@ def rounded_scenes(draw: st.DrawFn) -> tuple[Scene, Aperture]:
 class TestAgainstRationalNumbers:
     """Corners lie exactly on lines and in the aperture; edges are shared, triangles coincide or are flat."""
 
-    @settings(max_examples=150, deadline=None, derandomize=True)
+    @settings(max_examples=60, deadline=None, derandomize=True)
     @given(exact_scenes())
     def test_every_pixel_shows_the_first_surface_and_names_every_tie(
         self, asked: tuple[Scene, Aperture]
@@ -92,7 +92,7 @@ class TestAgainstRationalNumbers:
         s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
         self.check(scene, image, [(np.array([aperture.x, aperture.y, 0.0]), s_range)], aperture)
 
-    @settings(max_examples=150, deadline=None, derandomize=True)
+    @settings(max_examples=60, deadline=None, derandomize=True)
     @given(rounded_scenes())
     def test_so_it_does_where_lines_and_edges_miss_by_one_rounding(
         self, asked: tuple[Scene, Aperture]
@@ -107,7 +107,7 @@ class TestAgainstRationalNumbers:
             assert image.triangle[row, column] == (first[0] if first else NOTHING)
             assert (image.certainty[row, column] == Certainty.TIE) == (len(first) > 1)
 
-    @settings(max_examples=75, deadline=None, derandomize=True)
+    @settings(max_examples=40, deadline=None, derandomize=True)
     @given(exact_scenes(), st.sampled_from([0.125, 1.0, 3.0]))
     def test_so_do_the_two_offset_cameras_overlaid(self, asked: tuple[Scene, Aperture], near: float) -> None:
         scene, aperture = asked
