@@ -7,7 +7,7 @@ shows the surface points that the image has. So each of these links tells what *
 costs, and the eye vector's bend, which belongs to a point and not to a pixel, is counted once, in a link
 of its own:
 
-    [light transport] -> [band limiting] -> near offset -> pivot and fit -> slabs -> rasterization -> depth
+    [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> rasterization -> depth
     -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
 
 Those in brackets are there where the scene asks for them.

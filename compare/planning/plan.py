@@ -32,9 +32,9 @@ class Plan:
         Format of the depth buffer, and what it stores; None where there is no plan and more than one
         was to be chosen from.
     predicted, measured
-        Of these settings, at the worst aperture; None where there is no plan.
+        Quality of these settings at the worst aperture; None where there is no plan.
     plate
-        What is known of it all over the plate; None where it was made for some apertures only.
+        Results all over the plate; None where the plan was made for some apertures only.
     within
         Whether everything that is required was measured to hold.
     reason

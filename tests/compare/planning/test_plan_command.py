@@ -51,8 +51,9 @@ def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
     assert (every.depth, every.mapping) == (DepthFormat.D24, DepthMapping.REVERSED)
     assert "the cheapest" in every.reason
     sixteen = plan(scene, [scene.plate.middle], choices=depth_buffers(DepthFormat.D16))
-    # Only what a fragment writes needs no cut in 16 bits: fewer slabs come first.
-    assert sixteen.slabs == () and sixteen.mapping is DepthMapping.LINEAR
+    # Only what a fragment writes needs no cut in 16 bits: fewer slabs come first, then the larger margin.
+    assert sixteen.slabs == () and sixteen.mapping is DepthMapping.LOGARITHMIC
+    assert "the most robust" in sixteen.reason
 
 
 @pytest.fixture
@@ -68,7 +69,18 @@ def small_scene(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", small_scene, "--depth", "d16", "--mapping", "gl", "--json", "--quiet"]) == 0
     made = json.loads(capsys.readouterr().out)
-    assert list(made) == ["near", "slabs", "depth", "mapping", "predicted", "measured", "within", "reason"]
+    assert list(made) == [
+        "near",
+        "slabs",
+        "depth",
+        "mapping",
+        "predicted",
+        "measured",
+        "within",
+        "reason",
+        "plate",
+    ]
+    assert made["plate"]["hogels"] == 41 * 31 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
     assert list(made["predicted"]) == list(made["measured"]) == KEYS
     assert made["within"] is True and made["depth"] == "d16" and made["mapping"] == "gl"
     assert all(isinstance(height, float) for height in made["slabs"])

@@ -44,7 +44,7 @@ def scouted(ball_behind_a_plate: Scene) -> Scout:
 
 
 def test_the_worst_aperture_lies_over_what_is_nearest_to_the_plate(scouted: Scout) -> None:
-    """Of 1,200 hogels a third is looked through; the worst are those right over the ball."""
+    """A third of the 1,200 hogels is looked through; the worst are those right over the ball."""
     worst = scouted.worst(1)[0]
     assert max(abs(worst.aperture.column - OVER[0]), abs(worst.aperture.row - OVER[1])) <= 1
     assert GAP <= worst.nearest < 1.2 * GAP

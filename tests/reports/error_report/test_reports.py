@@ -111,7 +111,7 @@ def test_the_parquet_has_one_row_per_aperture_and_setting_with_the_same_numbers(
 
 def test_times_of_every_stage_are_in_every_row_and_add_up(files: ReportFiles) -> None:
     rows, total = files.content["rows"], files.content["times_s"]
-    assert {"trace", "raster", "compare", "predict"} == set(rows[0]["times_s"])
+    assert {"trace", "raster", "compare", "predict", "causes"} == set(rows[0]["times_s"])
     for stage in ("raster", "compare"):
         assert sum(row["times_s"][stage] for row in rows) == pytest.approx(total[stage])
     assert total["trace"] == pytest.approx(
@@ -211,7 +211,7 @@ def test_prediction_stands_beside_measurement_with_their_ratio(files: ReportFile
     flat = pq.read_table(files.parquet).to_pylist()
     for row, columns in zip(files.content["rows"], flat, strict=True):
         surface, ratios = row["predicted_surface"], row["measured_over_predicted"]
-        causes = 1 - np.prod([1 - surface[cause] for cause in ("silhouettes", "snapped", "depth")])
+        causes = 1 - np.prod([1 - surface[cause] for cause in ("silhouettes", "snapped", "depth", "outside")])
         assert surface["fraction"] == pytest.approx(causes)
         assert ratios["surface"] == row["comparison"]["surface"]["fraction"] / surface["fraction"]
         predicted, measured = row["predicted_displacement_px"], row["comparison"]["displacement_px"]
@@ -285,6 +285,7 @@ def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
     # Where there is nothing to plot there is no plot; that no pixel is wrong is something.
     (curves,) = page_data(made.html)["curves"]
     assert {name for name, figure in curves.items() if figure is None} == {
+        "causes",
         "displacement_p99",
         "displacement_rms",
     }

@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.numbers import Positive
-from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 
 if TYPE_CHECKING:
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -31,13 +31,6 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Start of the random numbers."
-)
-@click.option(
-    "--tolerance-px",
-    type=Positive(),
-    default=TOLERANCE_PX,
-    show_default=True,
-    help="Displacement that 99 % may have.",
 )
 @options.tolerance_option
 @click.option(

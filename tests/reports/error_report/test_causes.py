@@ -1,0 +1,131 @@
+"""Causes over near: what dominates where, said and drawn."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
+from xfrustum.compare.attribution.budget import Cause
+from xfrustum.compare.prediction.chain import LINKS
+from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
+from xfrustum.reports.error_report.report import ReportFiles, make_report
+from xfrustum.reports.measurements.measurement import Measurement
+from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, open_scene
+
+MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
+JUDGED = 10_000
+
+
+def row(near: float, buffer: DepthFormat = DepthFormat.D24, **surface: int) -> Measurement:
+    """Return a made-up row whose causes have numbers of wrong surfaces; _ stands for a space."""
+    named = {name.replace("_", " "): count for name, count in surface.items()}
+    causes = tuple(replace(cause, surface=named.get(cause.name, 0)) for cause in NO_CAUSES)
+    return Measurement(
+        aperture=MIDDLE,
+        settings=DoubleFrustum(near=near, depth=buffer),
+        comparison=comparison_numbers(JUDGED, JUDGED, sum(surface.values()) / JUDGED, 0.1),
+        causes=causes,
+        unexplained=0,
+        predicted=Prediction(
+            displacement_px=None,
+            silhouettes=0.0,
+            snapped=0.0,
+            depth=0.0,
+            outside=0.0,
+            separation=Separations(c=None, c_star=None),
+        ),
+        times_s=TIMES,
+        parts_s=PARTS,
+    )
+
+
+def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
+    rows = [
+        row(1.0, near_offset=500),
+        row(1e-6, depth=900, near_offset=3),
+        row(1e-2, rasterization=1),
+        row(0.1, near_offset=50, depth=20),
+        row(1e-4, depth=40),
+    ]
+    assert [(one.cause, one.low, one.high) for one in reigns(rows)] == [
+        ("depth", 1e-6, 1e-4),
+        (None, 1e-2, 1e-2),
+        ("near offset", 0.1, 1.0),
+    ]
+    (said,) = sentences(rows, "mm")
+    assert said == (
+        "D24 standard: from n = 1e-6 to 1e-4 mm the depth buffer dominates; at n = 0.01 mm hardly a surface "
+        "is wrong; from n = 0.1 to 1 mm the near offset dominates."
+    )
+
+
+def test_areas_are_shares_of_the_wrong_pixels_and_add_up() -> None:
+    rows = [row(1.0, near_offset=30, pivot=60, depth=10), row(0.1, near_offset=1), row(0.01)]
+    figure = cause_figure(list(enumerate(rows)), 10.0)
+    assert figure is not None
+    stacked = {trace.name: dict(zip(trace.x, trace.y, strict=True)) for trace in figure.data}
+    assert stacked["near offset"] == {0.01: 100.0, 0.1: 30.0}
+    assert stacked["pivot"] == {0.01: 0.0, 0.1: 60.0}
+    assert sum(area[0.1] for area in stacked.values()) == pytest.approx(100.0)
+    assert cause_figure([(0, row(1.0))], 10.0) is None
+
+
+def test_each_depth_buffer_has_a_panel() -> None:
+    rows = [row(1.0, near_offset=3), row(1.0, DepthFormat.D16, depth=3)]
+    figure = cause_figure(list(enumerate(rows)), 10.0)
+    assert figure is not None
+    assert [note.text for note in figure.layout.annotations] == ["D24 standard", "D16 standard"]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    scene = open_scene("asymmetric-recentered")
+    scene = replace(scene, frustum=replace(scene.frustum, resolution=(64, 48)))
+    return make_report(
+        scene,
+        tmp_path_factory.mktemp("report"),
+        nears=[1e-5, 0.1, 10.0],
+        apertures=[scene.plate.aperture(3, 4)],
+    )
+
+
+def test_causes_add_up_to_the_wrong_pixels_in_every_row(files: ReportFiles) -> None:
+    rows = json.loads(files.json.read_text())["rows"]
+    assert len(rows) == 15
+    for one in rows:
+        assert [cause["name"] for cause in one["causes"]] == list(LINKS)
+        for kind in ("surface", "triangle"):
+            assert sum(cause[kind] for cause in one["causes"]) == one["comparison"][kind]["wrong"]
+        assert one["unexplained"] == 0
+    assert any(cause["surface"] for one in rows for cause in one["causes"])
+
+
+def test_causes_are_columns_of_the_table(files: ReportFiles) -> None:
+    rows = json.loads(files.json.read_text())["rows"]
+    flat = pq.read_table(files.parquet).to_pylist()
+    for one, columns in zip(rows, flat, strict=True):
+        for cause in one["causes"]:
+            stem = "cause_" + cause.pop("name").replace(" ", "_")
+            assert {name: columns[f"{stem}_{name}"] for name in cause} == cause
+
+
+def test_near_offset_moves_what_its_closed_form_says(files: ReportFiles) -> None:
+    """The paper's shear has no error of its own: of these links only the near offset displaces."""
+    for one in json.loads(files.json.read_text())["rows"]:
+        causes = {cause["name"]: cause for cause in one["causes"]}
+        for name in ("pivot", "fit", "slabs"):
+            assert causes[name]["displacement_rms_px"] in (0.0, None)
+        if one["settings"]["near"] == 0.1 and one["settings"]["depth"] == "d32f":
+            moved = causes["near offset"]
+            expected = moved["predicted_displacement_rms_px"]
+            assert moved["displacement_rms_px"] == pytest.approx(expected, rel=0.1)
+
+
+def test_a_cause_is_its_name_and_its_numbers() -> None:
+    cause: Cause = NO_CAUSES[0]
+    assert cause.name == "near offset" and cause.numbers.surface == 0
