@@ -5,7 +5,7 @@ diagnosis/       What a foreign renderer does otherwise than asked, and whether 
 extent/          Where the objects of a scene lie, and which apertures see them
 judging/         One hogel of a foreign renderer, judged
 metrics/         Truth against image: what is measured, pixel by pixel and in numbers
-planning/        The planner: settings to draw with, the fewest slabs, then the largest near
+planning/        The planner: settings to draw with, the fewest slabs, then the largest margin
 prediction/      Closed forms of every error, from the truth's geometry alone
 renderer_model/  A model of somebody else's renderer: conventions, geometry, what it draws
 rounding/        How exactly a rasterizer can know edges, depths and positions, and what may be wrong

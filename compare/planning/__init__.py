@@ -1,4 +1,4 @@
-"""The planner: settings to draw with, the fewest slabs, then the largest near.
+"""The planner: settings to draw with, the fewest slabs, then the largest margin.
 
 cuts          Where to cut: each height as near to the plate as a separation allows
 displacement  How far the drawn picture is displaced, from the truth: a bound in closed form, and the
@@ -7,7 +7,7 @@ hogels        How well settings do at single hogels, measured, and what that say
 measure       Is a requirement met? Measured, by drawing the scene, and sheets at its farthest visible
               surfaces
 numbers       Lengths of three significant digits: what a plan is made of, so that it can be read and typed
-plan          The planner: the fewest slabs, and then the largest near, that keep what is required
+plan          The planner: the fewest slabs, and then the largest margin, that keep what is required
 plate         A plan that holds for the plate: made from its worst apertures, measured at these and at a
               random sample
 reason        Reasons of a plan, or for having none, in words

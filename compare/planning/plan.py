@@ -1,4 +1,4 @@
-"""The planner: the fewest slabs, and then the largest near, that keep what is required."""
+"""The planner: the fewest slabs, and then the largest margin, that keep what is required."""
 
 from __future__ import annotations
 

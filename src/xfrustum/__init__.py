@@ -12,7 +12,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
     budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
-    plan(scene, apertures, Requirement())    the fewest slabs and the largest near that do -> Plan
+    plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin    -> Plan
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
     explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification

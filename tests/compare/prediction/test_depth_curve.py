@@ -52,7 +52,10 @@ def curves() -> dict[str, Curve]:
                 )
                 drawn = raster.render(scene.plate.middle, settings, normals=False, color=False)
                 judged = compare_images(truth, drawn, reference).summary()
-                found[name].surface[near] = judged["surface"]["fraction"]
+                # What belongs outside the film is wrong from half a pixel of displacement on.
+                surface = judged["surface"]
+                inside = surface["wrong"] - surface["outside"]
+                found[name].surface[near] = inside / judged["judged"]
                 found[name].triangle[near] = judged["triangle"]["fraction"]
     return found
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.views import SHARED_SCENES, at, view
 from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
 from xfrustum.compare.prediction.contours import Contours, Kind, contours
 from xfrustum.compare.prediction.displacement import displacement_field
@@ -58,6 +58,13 @@ ENOUGH_PIXELS = 40
 """Smallest number of pixels, predicted or measured, that is compared: forty vary by 16 %."""
 DISPLACED_PX = (0.1, 5.0)
 """99th percentile of displacement, px, at which the first-order prediction holds and enough pixels change."""
+
+
+def wrong_inside(truth: HogelImage, raster: HogelImage, reference: Reference) -> int:
+    """Return the number of wrong surfaces but for those from outside the film, which are no contour's."""
+    maps = compare_images(truth, raster, reference).maps
+    assert maps.surface is not None and maps.outside is not None
+    return int((maps.surface & ~maps.outside).sum())
 
 
 def part(corners: Any) -> SceneObject:
@@ -175,7 +182,7 @@ def test_a_sheet_before_another_is_wrong_where_the_certified_cameras_say_so(
     reference = Reference(scene)
     truth = reference.trace(AXIS)
     assert set(contours(truth).kind) == {Kind.OCCLUSION if one else Kind.OBJECTS}
-    measured = compare_images(truth, reference.trace_model(AXIS, settings), reference).surface_wrong
+    measured = wrong_inside(truth, reference.trace_model(AXIS, settings), reference)
     assert measured is not None
     predicted = Silhouettes(truth, scene.frustum).wrong_pixels(settings)
     # A strip of pixels is counted to a pixel at each end, and its area to the square root of its length.
@@ -205,8 +212,8 @@ def test_a_cut_opens_a_gap_where_the_slabs_do_not_fit() -> None:
     truth = reference.trace(AXIS)
     silhouettes = Silhouettes(truth, scene.frustum)
     apart = DoubleFrustum(near=1.0, slabs=(40.0,), fit=Fit.ANGLE)
-    measured = compare_images(truth, reference.trace_model(AXIS, apart), reference).surface_wrong
-    assert measured is not None and measured > 300
+    measured = wrong_inside(truth, reference.trace_model(AXIS, apart), reference)
+    assert measured > 300
     assert silhouettes.wrong_pixels(apart) == pytest.approx(measured, rel=STAIRS + 1 / 30)
     fitted = DoubleFrustum(near=1.0, slabs=(40.0,))
     assert silhouettes.wrong_pixels(fitted) < 1
@@ -225,8 +232,8 @@ def test_what_no_camera_draws_is_wrong_pixel_by_pixel() -> None:
         DoubleFrustum(near=1.5 * nearest, offset=Offset.NONE),
     ):
         drawn = reference.trace_model(scene.plate.middle, settings)
-        measured = compare_images(truth, drawn, reference).surface_wrong
-        assert measured is not None and measured > 10
+        measured = wrong_inside(truth, drawn, reference)
+        assert measured > 10
         assert silhouettes.wrong_pixels(settings) == pytest.approx(measured, abs=1e-2 * measured)
 
 
@@ -237,9 +244,9 @@ def test_a_surface_through_the_aperture_itself_is_not_shown(near: float) -> None
     truth = reference.trace(scene.plate.middle)
     assert (truth.height == 0).mean() > 0.5
     settings = DoubleFrustum(near=near)
-    measured = compare_images(
-        truth, reference.trace_model(scene.plate.middle, settings), reference
-    ).surface_wrong
+    drawn = reference.trace_model(scene.plate.middle, settings)
+    # What is drawn instead comes from everywhere, also from outside the film.
+    measured = compare_images(truth, drawn, reference).surface_wrong
     assert Silhouettes(truth, scene.frustum).wrong_pixels(settings) == pytest.approx(measured, rel=STAIRS)
 
 
@@ -263,7 +270,7 @@ def test_predicted_and_measured_agree_on_every_scene(name: str) -> None:
         moved = moved[np.isfinite(moved)]
         if not (moved.size and DISPLACED_PX[0] <= np.percentile(moved, 99) <= DISPLACED_PX[1]):
             continue
-        measured = compare_images(truth, reference.trace_model(aperture, settings), reference).surface_wrong
+        measured = wrong_inside(truth, reference.trace_model(aperture, settings), reference)
         assert measured is not None
         predicted = silhouettes.wrong_pixels(settings)
         if max(predicted, measured) < ENOUGH_PIXELS:
@@ -282,8 +289,8 @@ def test_what_is_swept_over_twice_is_wrong_once(near: float) -> None:
     reference, settings = Reference(scene), DoubleFrustum(near=near)
     truth = reference.trace(scene.plate.middle)
     drawn = reference.trace_model(scene.plate.middle, settings)
-    measured = compare_images(truth, drawn, reference).surface_wrong
-    assert measured is not None and measured > 5000
+    measured = wrong_inside(truth, drawn, reference)
+    assert measured > 5000
     assert (
         measured / FACTOR <= Silhouettes(truth, scene.frustum).wrong_pixels(settings) <= truth.triangle.size
     )
@@ -299,7 +306,8 @@ def test_each_link_is_charged_with_what_stays_wrong_from_it_on(name: str, option
     truth = reference.trace(aperture)
     chain = traced_settings(DoubleFrustum(near=1.0, **options), scene.frustum)
     images = [reference.trace_model(aperture, settings) for settings in chain]
-    wrong = np.stack([wrong_surface(truth, image, reference) & judged_pixels(truth) for image in images])
+    errors = [surface_errors(truth, image, reference) for image in images]
+    wrong = np.stack([one.wrong & ~one.outside & judged_pixels(truth) for one in errors])
     # A pixel that a later link puts right is charged to no link.
     to_the_end = [int(wrong[link:].all(axis=0).sum()) for link in range(len(chain))]
     measured = np.diff(to_the_end, prepend=0)
@@ -333,7 +341,7 @@ def test_snapping_edges_to_subpixels_costs_about_as_many_pixels_as_predicted(nam
         for near in (1e-5, 2e-5, 3e-5, 4e-5, 5e-5):
             settings = DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
             drawn = rasterizer.render(aperture, settings, normals=False, color=False)
-            measured += compare_images(truth, drawn, reference).surface_wrong or 0
+            measured += wrong_inside(truth, drawn, reference)
             predicted += silhouettes.snapped_pixels(settings, int(rasterizer.device["subpixel_bits"]))
     LOG.info(f"{name}: {predicted:.1f} predicted, {measured} measured")
     assert (

@@ -59,8 +59,8 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
     ]
     (said,) = sentences(rows, "mm")
     assert said == (
-        "D24 standard: from n = 1e-6 to 0.0001 mm the depth buffer dominates; at n = 0.01 mm hardly a surface "
-        "is wrong; from n = 0.1 to 1 mm the near offset dominates."
+        "D24 standard: from n = 1e-6 to 0.0001 mm the depth buffer dominates; at n = 0.01 mm hardly a "
+        "surface is wrong; from n = 0.1 to 1 mm the near offset dominates."
     )
 
 
