@@ -8,7 +8,7 @@ accumulate  Means over the pixel's box and over the aperture, drawn in tiles (pa
             limiting)
 drawing     A scene on the GPU, drawn by the passes of an image into a target (paper, sections 3 and 6)
 rasterizer  The paper's double frustum: C, then C* over it (paper, sections 3 to 6)
-room        Whether this machine can draw a scene, asked before any work is done
+capacity    Whether this machine can draw a scene, asked before any work is done
 """
 
 import os
@@ -16,7 +16,7 @@ import os
 # PyOpenGL chooses its platform when it is first imported, and must look where moderngl does.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
+from xfrustum.raster.capacity import require_room
 from xfrustum.raster.rasterizer import Drawn, Rasterizer
-from xfrustum.raster.room import require_room
 
 __all__ = ["Drawn", "Rasterizer", "require_room"]

@@ -11,9 +11,9 @@ from OpenGL import GL
 from xfrustum.raster.accumulate import Mean, check_sampling, largest_image, tiles
 from xfrustum.raster.cameras.cameras import FilmWindow
 from xfrustum.raster.cameras.passes import Pass, drawing_order
+from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.positions import DrawnBy, Positions
-from xfrustum.raster.device.room import check_room
 from xfrustum.raster.device.targets import Target
 from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.drawing import Drawing

@@ -5,7 +5,7 @@ mesh           A scene's triangles on the GPU, in float32: corners, and what is 
 numbered_mesh  A mesh whose triangles know their numbers: each has the number of its last vertex
 positions      The surface point that each pixel shows, found by a compute pass over the triangle numbers
 programs       Shaders of the folder `shaders`, put together for the effects that are asked for
-room           The largest images and meshes that a device has room for, asked before anything is uploaded
+capacity       The largest images and meshes that a device has room for, asked before anything is uploaded
 targets        Framebuffers with the depth formats that moderngl does not offer, made, bound and freed
                through PyOpenGL
 textures       Textures of any number and size in one block of storage, decoded and filtered by the shader

@@ -7,7 +7,7 @@ from importlib.resources import files
 
 import moderngl
 
-from xfrustum.raster.cameras.depth_formats import Mapping as DepthMapping
+from xfrustum.raster.cameras.depth_formats import Mapping as OpenGLMapping
 from xfrustum.raster.cameras.passes import Pass
 from xfrustum.scenes.model.effects import Effect
 
@@ -47,7 +47,7 @@ def defines_of(effects: Iterable[Effect]) -> dict[str, str]:
     return {effect.name: "1" for effect in SHADING if effect in asked}
 
 
-def picture_defines(mapping: DepthMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
+def picture_defines(mapping: OpenGLMapping, effects: Iterable[Effect] | None) -> dict[str, str]:
     """Return the names that hogel.frag asks for: the depth it stores, and its effects; None for no color."""
     depth = {"FRAGMENT_DEPTH": f"({mapping.fragment_depth})"} if mapping.fragment_depth else {}
     return depth if effects is None else {"SHADED": "1", **defines_of(effects), **depth}

@@ -14,8 +14,8 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
+from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import ContextOwner, describe, open_context
-from xfrustum.raster.device.room import check_room
 from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.plate.picture import (
     PICTURE,

@@ -13,7 +13,7 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.accumulate import largest_image
-from xfrustum.raster.device import room
+from xfrustum.raster.device import capacity
 from xfrustum.raster.device.context import open_context
 from xfrustum.reports.commands import tracing
 from xfrustum.reports.commands.tracing import FILE_BYTES, forecast
@@ -76,18 +76,18 @@ def test_plan_refuses_an_image_that_nothing_has_room_for_before_it_searches(
 def test_the_largest_square_that_is_named_can_be_stored_and_one_more_cannot() -> None:
     context = open_context()
     with context:
-        side = room._largest_square(1 << 16)
-        assert room._can_store((side, side))
-        assert not room._can_store((side + 1, side + 1))
+        side = capacity._largest_square(1 << 16)
+        assert capacity._can_store((side, side))
+        assert not capacity._can_store((side + 1, side + 1))
     context.release()
 
 
 def test_memory_is_asked_for_before_an_image_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, needed = sized(64, 48), room.PIXEL_BYTES * 64 * 48
-    monkeypatch.setattr(room, "free_memory", lambda: needed - 1)
+    scene, needed = sized(64, 48), capacity.PIXEL_BYTES * 64 * 48
+    monkeypatch.setattr(capacity, "free_memory", lambda: needed - 1)
     with pytest.raises(InputError, match=r"image of 64 x 48 pixels needs about .* GiB are free"):
         Rasterizer(scene)
-    monkeypatch.setattr(room, "free_memory", lambda: needed)
+    monkeypatch.setattr(capacity, "free_memory", lambda: needed)
     with Rasterizer(scene) as rasterizer:
         assert rasterizer.render(scene.plate.middle, DoubleFrustum(near=0.1)).covered.shape == (48, 64)
 

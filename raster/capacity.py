@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import describe, open_context
-from xfrustum.raster.device.room import check_room
 from xfrustum.raster.rasterizer import POSITION_BYTES
 from xfrustum.scenes.model.scene import Scene
 
