@@ -1,6 +1,6 @@
 """The judge: displacement, surface, triangle and height, each in numbers and as an image.
 
-attribution/     Every wrong pixel charged to its cause
+attribution/     The error budget: wrong pixels charged to links of the chain
 diagnosis/       What a foreign renderer does otherwise than asked, and whether that explains its errors
 extent/          Where the objects of a scene lie, and which apertures see them
 judging/         One hogel of a foreign renderer, judged
@@ -8,8 +8,7 @@ metrics/         Truth against image: what is measured, pixel by pixel and in nu
 planning/        The planner: settings to draw with, the fewest slabs, then the largest margin
 prediction/      Closed forms of every error, from the truth's geometry alone
 renderer_model/  A model of somebody else's renderer: conventions, geometry, what it draws
-rounding/        How exactly a rasterizer can know edges, depths and positions, and what may be wrong
-                 because of it
+rounding/        The bounds of a rasterizer's rounding, and the classifier of causes (edge, order, lost)
 scouting/        Which apertures of a plate decide the error: a look through many, before any is measured
 selfcheck/       The truth against brute force in integers
 """

@@ -11,7 +11,7 @@ convergence  The integral over a hogel's aperture, converged to a stated toleran
              band limiting)
 layers       Layers: what single cameras show, and how they overlay
 pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
-truth        The reference: true images, every pixel proven, decided exactly or named a tie
+truth        True images: asks `certify` for each pixel, then adds points, normals and color
 """
 
 from xfrustum.reference.convergence import Converged

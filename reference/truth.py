@@ -1,4 +1,4 @@
-"""The reference: true images, every pixel proven, decided exactly or named a tie."""
+"""True images: asks `certify` for each pixel, then adds points, normals and color."""
 
 from __future__ import annotations
 

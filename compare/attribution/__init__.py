@@ -1,4 +1,4 @@
-"""Every wrong pixel charged to its cause.
+"""The error budget: wrong pixels charged to links of the chain.
 
 budget           Every wrong pixel charged to one link of the chain, and every rounding explained
 explain          Causes of pixels where our rasterizer shows another triangle than its own cameras, traced

@@ -1,4 +1,4 @@
-"""How exactly a rasterizer can know edges, depths and positions, and what may be wrong because of it.
+"""The bounds of a rasterizer's rounding, and the classifier of causes (edge, order, lost).
 
 cameras     A camera as a rasterizer draws with it: exact lines, and how exactly the device follows them
 causes      The one classifier of causes: edge, order, lost, or unexplained

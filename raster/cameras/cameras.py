@@ -1,4 +1,4 @@
-"""Clip coordinates from scene coordinates, for C and for C* (paper, sections 4 and 5, figures 4 to 6).
+"""The matrices of C and C*, with the step back by near (paper, figures 4 to 6).
 
 Matrices are named target-from-source and multiply column vectors. They are made in double
 precision and rounded once, to the float32 that OpenGL computes with.

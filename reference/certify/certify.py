@@ -77,6 +77,7 @@ class Certifier:
         found = FirstSurfaces(
             triangle=sifted.triangle.reshape(shape),
             s=sifted.s.reshape(shape),
+            # Proven unless contested: `_settle` overwrites the contested ones.
             certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
             companions=np.zeros((0, 3), dtype=np.int64),
         )

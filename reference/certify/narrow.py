@@ -1,4 +1,4 @@
-"""Pixel against triangle in double precision, with a bound on every rounding error."""
+"""The narrow phase: each pixel against each triangle of its boxes, in doubles, every rounding bounded."""
 
 from __future__ import annotations
 

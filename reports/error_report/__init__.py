@@ -8,7 +8,7 @@ images           Pictures for people: encoded, small, with scales that stay the 
 measuring        How settings are measured at an aperture: truth, frames, comparisons, predictions, and
                  their times
 page             The page: one HTML file with its pictures, its plots and plotly.js inside
-report           `xfrustum report`: from a scene to a page, a table and a JSON object, all or nothing
+report           `xfrustum report`: writes index.html, report.json and measurements.parquet, all or none
 report_records   What report.json and measurements.parquet hold: one dataclass for each of their objects
                  and rows
 shading          What a report says about light beside its rows: effects and their time, the eye vector,
@@ -18,5 +18,5 @@ shading_figures  The curves of a shaded scene: radiance error and FLIP against n
 shading_measure  Measuring light for a report: effects and their time, the eye vector, what is missed
 shading_page     What the page of a report shows of a shaded scene, and nothing for others
 sweep            The main job: trace the truth once per aperture, rasterize every setting, compare each
-tables           Measurements as rows: Parquet for tools, JSON for everything else
+tables           The content of report.json, and measurements.parquet
 """

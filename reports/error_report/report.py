@@ -1,4 +1,4 @@
-"""`xfrustum report`: from a scene to a page, a table and a JSON object, all or nothing."""
+"""`xfrustum report`: writes index.html, report.json and measurements.parquet, all or none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurements as rows: Parquet for tools, JSON for everything else."""
+"""The content of report.json, and measurements.parquet."""
 
 from __future__ import annotations
 

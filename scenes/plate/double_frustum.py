@@ -83,7 +83,8 @@ class DoubleFrustum:
     Attributes
     ----------
     near
-        Offset of both cameras from the plate, n > 0, in scene units.
+        Near distance n > 0, scene units: how far both cameras step back where `offset` is `plate`, and where
+        their near planes lie.
     depth, mapping
         Format of the depth buffer, and the function of distance that it stores.
     camera
