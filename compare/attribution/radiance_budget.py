@@ -56,9 +56,10 @@ MAX_CHAIN_PIXELS = 1 << 22
 
 @dataclass(frozen=True, kw_only=True)
 class RadianceChange:
-    """How far linear radiance changes: over all judged pixels, and where all images show the same triangle.
+    """Change of linear radiance from one image of the chain to another, or over the whole chain.
 
-    Each is None where there is no such pixel.
+    `mean`, `rms` and `max` are taken over all judged pixels, the other two only over those in which all
+    images of the chain show the same triangle. Each is None where there is no such pixel.
     """
 
     mean: float | None

@@ -64,8 +64,8 @@ def diagnose(
     reference
         Reference of the scene.
     images
-        Some of the renderer's hogels as found, each with the camera of the aperture that its file is named
-        after.
+        Some of the renderer's hogels as read from its files, before any correction, each with the camera of
+        the aperture that its file is named after.
     nominal
         Model of the renderer by its author's statements.
     judging

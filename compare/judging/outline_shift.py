@@ -1,8 +1,9 @@
 """Displacement of a picture's outlines by registration, where no pixel names a triangle.
 
-An outline runs between two neighboring pixels: a step. The picture's contrast is looked up at the truth's
-steps, moved by every whole number of pixels up to `MAX_DISPLACEMENT_PX`. The displacement at which it is
-largest is that of the outlines.
+An outline runs between two neighboring pixels, and the place between them is called a step. The steps of the
+truth's outlines are moved by every whole number of pixels up to `MAX_DISPLACEMENT_PX` along each axis, and
+the picture's contrast is looked up where they come to lie. The displacement with the largest mean contrast is
+the displacement of the picture's outlines.
 """
 
 from __future__ import annotations

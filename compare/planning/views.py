@@ -159,7 +159,7 @@ class Views:
         Parameters
         ----------
         done
-            Called after each, with 1.
+            Called with 1 after each aperture is traced.
         """
         return cls.traced(Reference(scene), apertures, done)
 
@@ -189,7 +189,10 @@ class Views:
             yield displacement_bound(view.truth, self.scene.frustum, settings)
 
     def traced_displacement(self, settings: DoubleFrustum) -> float:
-        """Return the 99th percentile of displacement of the cameras' exact model, at the worst aperture."""
+        """Return the 99th percentile of displacement at the worst aperture, in pixels, of the exact model.
+
+        The exact model is what the two cameras would draw without rounding.
+        """
         found = (traced_displacement(self.reference, view.truth, settings) for view in self.views)
         return max(found, default=0.0)
 

@@ -172,7 +172,7 @@ class Predictor:
 
 
 def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
-    """Return the spread of displacement over the surfaces that the truth shows; None without any."""
+    """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
     return _spread(displacement_lengths(TruePoints.of(truth).shown(), frustum, settings))
 
 

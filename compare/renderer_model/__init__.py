@@ -6,8 +6,8 @@ drawn_model   A model of how somebody drew a plate: conventions, geometry, and w
 drawn_trace   Images that a model of a renderer makes of a scene, traced and decided like the truth
 orientations  The eight symmetries of the rectangle's grid: how a picture may be turned, or apertures be
               counted
-parameters    The numbers of a guess about a renderer, in groups that go wrong together: one table for
-              all who use them
+parameters    Parameters of a guessed renderer in groups that tend to be wrong together: one table for
+              all their uses
 pictures      Pictures without numbers of triangles: the reference's own color, and how far another may
               be off
 shown_points  The surface point that a pixel shows, when an image says only which triangle

@@ -1,4 +1,4 @@
-"""The numbers of a guess about a renderer, in groups that go wrong together: one table for all who use them.
+"""Parameters of a guessed renderer in groups that tend to be wrong together: one table for all their uses.
 
 A new group needs a row here, a field of the same name in `DrawnModel`, what it does to the lines in
 `DrawnModel.pencil` and in `xfrustum.compare.diagnosis.containment`, and its words in
@@ -28,7 +28,7 @@ to have a name."""
 
 
 class Kind(StrEnum):
-    """What a number is, which decides its unit and how finely it is searched for."""
+    """Kind of a parameter, which decides its unit and how finely it is searched for."""
 
     PIXELS = "pixels"
     """A length on the film."""
@@ -44,18 +44,18 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Numbers of a guess that go wrong together.
+    """Parameters of a guessed renderer that tend to be wrong together, such as the shift along x and y.
 
     Attributes
     ----------
     name
-        As users accept it, and a field of `DrawnModel` with - for _.
+        Name that users type, such as `scene-offset`; the field of `DrawnModel` has _ in place of -.
     faults
-        Short name of each of its numbers being off.
+        One fault name per parameter, for when that parameter is off.
     kind
-        What its numbers are.
+        Kind of its parameters.
     nominal
-        Their value where nothing is wrong.
+        Value of each of its parameters where nothing is wrong.
     """
 
     name: str
@@ -99,7 +99,7 @@ PREFERENCE = ("shift", "fov", "near", "scene-offset", "aperture-offset", "pitch"
 
 
 def places(name: str) -> tuple[int, ...]:
-    """Return the places of a group's numbers in `DrawnModel.parameters`."""
+    """Return the places of a group's parameters in `DrawnModel.parameters`."""
     return tuple(FAULT_NAMES.index(fault) for group in GROUPS if group.name == name for fault in group.faults)
 
 

@@ -89,6 +89,18 @@ def _boxes(triangles: Floats, pencil: Pencil, steepest: float) -> tuple[Floats, 
 
 
 def _reached(near: Floats, far: Floats, low: Floats, high: Floats, slopes: Floats) -> Mask:
-    """Return (T, N) whether s times each slope, for near <= s <= far, overlaps the interval low to high."""
+    """Return whether lines pass through boxes' intervals along one axis, (T, N).
+
+    A line of slope a passes through the places s a, for s from near to far of a box.
+
+    Parameters
+    ----------
+    near, far
+        (T,) least and largest s of each box.
+    low, high
+        (T,) ends of each box's interval.
+    slopes
+        (N,) slope of each line.
+    """
     one, other = near[:, None] * slopes, far[:, None] * slopes
     return np.asarray((np.minimum(one, other) <= high[:, None]) & (np.maximum(one, other) >= low[:, None]))

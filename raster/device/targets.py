@@ -117,7 +117,7 @@ class Target:
         GL.glViewport(0, 0, *self.size)
 
     def clear_depth(self, value: float) -> None:
-        """Set every depth."""
+        """Set the depth of every pixel to one value."""
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
 
     def bind_identity(self, unit: int) -> None:

@@ -57,7 +57,7 @@ class GpuTimer:
             self._wall[name] = self._wall.get(name, 0.0) + time.perf_counter() - start
 
     def collect(self) -> dict[str, StageTime]:
-        """Return the stages in the order in which they were first entered, and forget them."""
+        """Return the time of each stage, in the order in which the stages were first entered; forget them."""
         gpu: dict[str, float] = dict.fromkeys(self._wall, 0.0)
         for name, *queries in self._queries:
             begin, end = (_nanoseconds(query) for query in queries)

@@ -89,7 +89,7 @@ def description(material: Material, strength: float) -> list[float]:
 
 
 def surfaces(scene: Scene, materials: list[Material]) -> NDArray[np.uint32]:
-    """Return per triangle (F, 2): its material's number with flags, and its texture's number + 1.
+    """Return the numbers of each triangle's material, with flags, and of its texture, plus 1: (F, 2).
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class Environment:
 
 
 def reflecting(scene: Scene) -> list[tuple[int, int]]:
-    """Return runs of triangles whose material reflects: number of the first, and how many."""
+    """Return the first triangle and the length of each run of triangles whose material reflects."""
     mirrors = np.array([max(material.reflectivity) > 0 for material in scene.materials], dtype=np.bool_)
     reflects = np.concatenate(([False], mirrors[scene.object_of_triangle], [False]))
     (changes,) = np.nonzero(reflects[1:] != reflects[:-1])

@@ -1,7 +1,8 @@
 """Many hogels at once: the same pictures in fewer submissions.
 
 clusters     Clusters of triangles that a hogel's frusta cannot see, found before anything is drawn
-drawing      One program over the triangles that it is for, drawn by each camera for many hogels at once
+drawing      The draws of one program: the triangles that each camera draws with it, for many hogels at
+             once
 geometry     A scene as all hogels of a plate share it: on the GPU once, sorted by the cameras that can
              see it
 picture      The pictures of several hogels: every camera's picture and, over them, every camera's
@@ -12,6 +13,7 @@ program      The programs that draw many hogels at once, made of the same shader
 reflection   Mirror-like surfaces of many hogels at once, in a pass of its own per camera (paper,
              section 6)
 renderer     Many hogels per submission: the paper's double frustum for a whole plate, as a stream
-submissions  Submissions of several hogels: their number, and the buffers that each owns until it is read
+submissions  Submissions to the device: how many hogels one draws, and the buffers it owns until it is
+             read back
 targets      Framebuffers with a layer for each of several hogels, and their way back to the processor
 """

@@ -1,4 +1,4 @@
-"""One program over the triangles that it is for, drawn by each camera for many hogels at once."""
+"""The draws of one program: the triangles that each camera draws with it, for many hogels at once."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class PlatePicture:
     def reflect(self, slot: Slot, cameras: Sequence[Pass], draws: Sequence[int], enabled: int) -> None:
         """Draw every camera's reflections over the picture, if anything reflects; see `Reflections.draw`.
 
-        The flags `enabled` are those of the pictures.
+        `enabled` holds the flags of the context with which the pictures were drawn.
         """
         if self._reflections is not None:
             self._context.enable_only(enabled & ~moderngl.DEPTH_TEST | moderngl.BLEND)

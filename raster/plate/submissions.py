@@ -1,4 +1,4 @@
-"""Submissions of several hogels: their number, and the buffers that each owns until it is read."""
+"""Submissions to the device: how many hogels one draws, and the buffers it owns until it is read back."""
 
 from __future__ import annotations
 

@@ -5,8 +5,8 @@ arbitrary_lines  First surfaces along any lines through one point, not only thos
 certify          The first surface along each line: proven in doubles, decided in integers, or a tie
 exact            Decisions in integers: whether and where a line meets a triangle
 footprints       The part of the film on which each triangle can show: conservative boxes of pixels
-narrow           The narrow phase: each pixel against each triangle of its boxes, in doubles, every
-                 rounding bounded
+narrow           The narrow phase: each pixel against each triangle whose box holds it, in doubles,
+                 roundings bounded
 narrow_jit       The narrow phase compiled by Dr.Jit for all processors: one lane for each row of a triangle
 narrow_numpy     The narrow phase on NumPy, where there is no LLVM for Dr.Jit
 processors       The choice between Dr.Jit on LLVM and NumPy for the double-precision arithmetic

@@ -1,4 +1,4 @@
-"""The narrow phase: each pixel against each triangle of its boxes, in doubles, every rounding bounded."""
+"""The narrow phase: each pixel against each triangle whose box holds it, in doubles, roundings bounded."""
 
 from __future__ import annotations
 

@@ -196,9 +196,9 @@ def can_be_judged(rows: Sequence[Measurement]) -> bool:
 
 
 def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
-    """Return the best setting of each depth format and mapping, in the order of the rows.
+    """Return the best setting of each depth buffer, in the order in which the rows name the depth buffers.
 
-    Each is best among the settings of its own depth buffer.
+    A setting is compared only with settings of the same depth format and mapping.
     """
     grouped: dict[tuple[DepthFormat, DepthMapping], list[Measurement]] = {}
     for row in rows:

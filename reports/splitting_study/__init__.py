@@ -3,8 +3,8 @@
 advice        The study's table: a resolution, a depth of scene and a depth buffer in, a near or
               cuts out
 document      The study as a document: text from a template, every number from the rows
-facts         What the study's document says in numbers: all of it counted in the rows, or closed
-              form
+facts         The numbers that the study's document states, each counted in the rows or computed in
+              closed form
 figures       The study's maps, as SVG that needs nothing else: near across, depth buffers down
 grid          What the study of splitting measures: which cells, in which order
 measure       How the study of splitting measures a cell: truth against raster, and pairs of sheets

@@ -1,4 +1,4 @@
-"""What the study's document says in numbers: all of it counted in the rows, or closed form."""
+"""The numbers that the study's document states, each counted in the rows or computed in closed form."""
 
 from __future__ import annotations
 

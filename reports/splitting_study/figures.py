@@ -137,7 +137,7 @@ def _depth_shares(rows: Rows, sides: Sequence[Camera]) -> Map:
 
 
 def _separations(rows: Rows, sides: Sequence[Camera]) -> Map:
-    """Map the smallest separation that is ordered; it depends on neither scene nor image."""
+    """Map the smallest separation that a depth buffer orders; it depends on neither scene nor image."""
     steps = (*SEPARATIONS[::-1], None)
 
     def color(row: StudyRow) -> str:
