@@ -11,6 +11,8 @@ plate/       The plate, its apertures, their crossed frustum, and the settings o
 arguments    Arguments of the public dataclasses, taken as numbers and names, or not at all
 arrays       Arrays by what they hold: the one place that names their types
 errors       The one exception that means "the user can fix this"
+
+Words: see the glossary in CONVENTIONS.md.
 """
 
 from __future__ import annotations

@@ -60,7 +60,8 @@ def test_rooms_stay_small(room: Path) -> None:
 @pytest.mark.parametrize("room", [room for room in ROOMS if "tests" not in room.parts], ids=name)
 def test_the_docstring_of_a_package_is_its_table_of_contents(room: Path) -> None:
     told = ast.get_docstring(ast.parse((room / "__init__.py").read_text())) or ""
-    listed = [line.split()[0] for line in told.splitlines()[2:] if line and not line.startswith(" ")]
+    _, table, *_ = told.split("\n\n")
+    listed = [line.split()[0] for line in table.splitlines() if not line.startswith(" ")]
     there = [path.stem for path in room.glob("*.py") if path.stem not in {"__init__", "__main__"}]
     there += [f"{folder.name}/" for folder in room.iterdir() if (folder / "__init__.py").exists()]
     if room != CHECKOUT / "src" / "xfrustum":

@@ -1,7 +1,6 @@
 """Truth against image: what is measured, pixel by pixel and in numbers.
 
-comparison    The judge: truth against raster, pixel by pixel and in numbers (docs/method.md, "What is
-              compared")
+comparison    Truth against raster, pixel by pixel and in numbers (docs/method.md, "What is compared")
 displacement  Displacement: how far the picture moved, pixel by pixel (docs/method.md, "What is compared")
 display       How pictures are shown on every page: clipped to what a screen has, sRGB, 8 bits
 error_maps    Each error as an image, pixel by pixel (docs/method.md, "What is compared")

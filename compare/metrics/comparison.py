@@ -1,4 +1,4 @@
-"""The judge: truth against raster, pixel by pixel and in numbers (docs/method.md, "What is compared")."""
+"""Truth against raster, pixel by pixel and in numbers (docs/method.md, "What is compared")."""
 
 from __future__ import annotations
 

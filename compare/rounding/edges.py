@@ -1,4 +1,4 @@
-"""Distance of a pixel's center from edges that rounding may move across it."""
+"""Edges that rounding may move across a pixel's center, with the far cut, which depends on the mapping."""
 
 from __future__ import annotations
 

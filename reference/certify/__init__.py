@@ -2,7 +2,8 @@
 
 arbitrary_lines  First surfaces along any lines through one point, not only those of a film; all decided
                  exactly
-certify          The first surface along each line: proven in doubles, decided in integers, or a tie
+certify          The decision: pixels that `narrow` settles are proven; contested ones proven, decided
+                 in integers, or ties
 exact            Decisions in integers: whether and where a line meets a triangle
 footprints       The part of the film on which each triangle can show: conservative boxes of pixels
 narrow           The narrow phase: each pixel against each triangle whose box holds it, in doubles,

@@ -1,4 +1,4 @@
-"""The first surface along each line: proven in doubles, decided in integers, or a tie.
+"""The decision: pixels that `narrow` settles are proven; contested ones proven, decided in integers, or ties.
 
 The argument (docs/truth.md): `spans` leaves out no triangle that a line meets, and `narrow` bounds
 every rounding error. So a triangle that surely is met before the nearest possible point of every

@@ -9,8 +9,7 @@ measuring        How settings are measured at an aperture: truth, frames, compar
                  their times
 page             The page: one HTML file with its pictures, its plots and plotly.js inside
 report           `xfrustum report`: writes index.html, report.json and measurements.parquet, all or none
-report_records   What report.json and measurements.parquet hold: one dataclass for each of their objects
-                 and rows
+report_records   Dataclasses of the objects in report.json and of the rows in measurements.parquet
 shading          What a report says about light beside its rows: effects and their time, the eye vector,
                  what is missed
 shading_figures  The curves of a shaded scene: radiance error and FLIP against near, and the bent eye

@@ -1,4 +1,4 @@
-"""What report.json and measurements.parquet hold: one dataclass for each of their objects and rows."""
+"""Dataclasses of the objects in report.json and of the rows in measurements.parquet."""
 
 from __future__ import annotations
 

@@ -19,6 +19,11 @@ The public API on one page; each command of `xfrustum` is one of these:
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
 
+Modules that every layer may use:
+
+    terminal     The stream of the program's messages, and text from outside made fit for a terminal
+    tolerances   Limits that pictures are held to where nobody states others: the one place for these numbers
+
 Names are imported when they are first used, so that `import xfrustum` costs nothing.
 """
 
