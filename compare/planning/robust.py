@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import assert_never
 
 from xfrustum.compare.planning.numbers import index_below, round_number
 from xfrustum.compare.planning.search import Attempt, Search
@@ -17,9 +18,6 @@ from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, Doub
 BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 """Bytes of a depth value."""
 
-WRITTEN_BY_FRAGMENT = (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR)
-"""Mappings that cost the early depth test."""
-
 ENOUGH_MARGIN = 10.0
 """Margin beyond which more is worth nothing: a tenth of what is allowed. Scouted displacements of neighboring
 hogels differ by less than this factor, but for surfaces that pass through an aperture itself."""
@@ -27,7 +25,18 @@ hogels differ by less than this factor, but for surfaces that pass through an ap
 
 def price(settings: DoubleFrustum) -> tuple[bool, int]:
     """Return what a depth buffer costs, to be compared: written by fragments or not, then bytes."""
-    return settings.mapping in WRITTEN_BY_FRAGMENT, BYTES[settings.depth]
+    return written_by_fragment(settings.mapping), BYTES[settings.depth]
+
+
+def written_by_fragment(mapping: DepthMapping) -> bool:
+    """Return whether fragments write a mapping's depth, which costs the early depth test."""
+    match mapping:
+        case DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
+            return True
+        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.REVERSED:
+            return False
+        case _:
+            assert_never(mapping)
 
 
 def most_robust(search: Search, holding: Sequence[Attempt]) -> Attempt:

@@ -12,6 +12,7 @@ Two errors limit it. They are independent, so that their squares add.
 from __future__ import annotations
 
 from statistics import NormalDist
+from typing import assert_never
 
 import numpy as np
 
@@ -85,20 +86,30 @@ def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[
             return np.log(w / n) / octaves, 1 / (w * octaves)
         case DepthMapping.LINEAR:
             return (w - n) / (f - n), np.full_like(w, 1 / (f - n))
-    near_one = f * (w - n) / (w * (f - n))
-    slope = f * n / ((f - n) * w**2)
-    return (n * (f - w) / (w * (f - n)) if mapping is DepthMapping.REVERSED else near_one), slope
+        case DepthMapping.STANDARD | DepthMapping.GL:
+            return f * (w - n) / (w * (f - n)), f * n / ((f - n) * w**2)
+        case DepthMapping.REVERSED:
+            return n * (f - w) / (w * (f - n)), f * n / ((f - n) * w**2)
+        case _:
+            assert_never(mapping)
 
 
 def depth_variance(w: Floats, stored: Floats, n: float, f: float, mapping: DepthMapping) -> Floats:
     """Return the variance of one surface's depth from the roundings of float32."""
     _, slope = stored_depth(w, n, f, mapping)
     position = (slope * float32_spacing(w)) ** 2
-    if mapping in EXPRESSION_ROUNDINGS:
-        after = EXPRESSION_ROUNDINGS[mapping] * float32_spacing(stored) ** 2
-        return np.asarray((W_ROUNDINGS * position + after) / 12)
     # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
-    largest = f * n / ((f - n) * w) if mapping is DepthMapping.REVERSED else f / (f - n)
+    largest: Floats | float
+    match mapping:
+        case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
+            after = EXPRESSION_ROUNDINGS[mapping] * float32_spacing(stored) ** 2
+            return np.asarray((W_ROUNDINGS * position + after) / 12)
+        case DepthMapping.STANDARD | DepthMapping.GL:
+            largest = f / (f - n)
+        case DepthMapping.REVERSED:
+            largest = f * n / ((f - n) * w)
+        case _:
+            assert_never(mapping)
     clip = CLIP_DEPTH_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
     if mapping is DepthMapping.GL:
         # Depth from -1 to 1 is rounded, halved, and rounded once more when it is moved by a half.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import assert_never
 
 import numpy as np
 from scipy.special import ndtr
@@ -200,11 +201,15 @@ def _difference(w: Floats, gap: Floats, other: Floats | float, slab: Slab, mappi
     Each mapping's difference is written as a product with the gap, so that nothing cancels.
     """
     n, f = slab.near, slab.far
-    if mapping is DepthMapping.LINEAR:
-        return gap / (f - n)
-    if mapping is DepthMapping.LOGARITHMIC:
-        return np.asarray(np.log1p(gap / np.minimum(w, other)) / np.log(f / n))
-    return np.asarray(f * n / (f - n) * gap / (w * other))
+    match mapping:
+        case DepthMapping.LINEAR:
+            return gap / (f - n)
+        case DepthMapping.LOGARITHMIC:
+            return np.asarray(np.log1p(gap / np.minimum(w, other)) / np.log(f / n))
+        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.REVERSED:
+            return np.asarray(f * n / (f - n) * gap / (w * other))
+        case _:
+            assert_never(mapping)
 
 
 def _misordered(difference: Floats, step: Floats, error: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, assert_never
 
 import numpy as np
 
@@ -86,13 +87,24 @@ def depths(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Preci
         tolerance = shift * per_inverse + rounding * beyond
     tolerance += STEP[precision.depth] / 2 + FLOAT32_ROUNDING * np.abs(depth)
     undefined = ~np.isfinite(depth)
-    starts_far = orthoscopic != (precision.mapping is DepthMapping.REVERSED)
+    # C starts from its far value, C* from its near value.
+    starts_at_one = orthoscopic == _one_at_far(precision.mapping)
     return Depths(
         depth=np.where(undefined, np.nan, depth),
         tolerance=np.where(undefined, 0.0, tolerance),
-        # C starts from its far value, C* from its near value.
-        clear=np.full(len(corners), 1.0 if starts_far else 0.0),
+        clear=np.full(len(corners), 1.0 if starts_at_one else 0.0),
     )
+
+
+def _one_at_far(mapping: DepthMapping) -> bool:
+    """Return whether a buffer stores one at the far plane and zero at the near plane, not the reverse."""
+    match mapping:
+        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
+            return True
+        case DepthMapping.REVERSED:
+            return False
+        case _:
+            assert_never(mapping)
 
 
 def _mapped(
@@ -109,27 +121,47 @@ def _mapped(
     extent
         (N,) by how much 1 / w changes over the image.
     """
-    if mapping in (DepthMapping.LOGARITHMIC, DepthMapping.LINEAR):
-        # The fragment takes w from the interpolated 1 / w.
-        w = 1 / inverse
-        of_w = w * DEPTH_ROUNDINGS * FLOAT32_ROUNDING * (ends.max(axis=0) + extent) * w
-        if mapping is DepthMapping.LINEAR:
-            span = f - n
-            rounding = (of_w + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * w) / span
-            return (w - n) / span, w**2 / span, rounding
-        octaves = np.log(f / n)
-        log = np.log(np.maximum(w, n) / n)
-        rounding = (of_w / w + np.maximum(LOG_ULPS * FLOAT32_ROUNDING * log, LOG_NEAR_ONE)) / octaves
-        return (
-            np.log(w / n) / octaves,
-            w / octaves,
-            rounding + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * log / octaves,
-        )
-    reversed_depth = mapping is DepthMapping.REVERSED
-    a, b = (-n / (f - n), n * f / (f - n)) if reversed_depth else (f / (f - n), -n * f / (f - n))
+    match mapping:
+        case DepthMapping.LINEAR | DepthMapping.LOGARITHMIC:
+            return _written(mapping, inverse, ends.max(axis=0) + extent, n, f)
+        case DepthMapping.STANDARD | DepthMapping.GL:
+            a, b = f / (f - n), -n * f / (f - n)
+        case DepthMapping.REVERSED:
+            a, b = -n / (f - n), n * f / (f - n)
+        case _:
+            assert_never(mapping)
     largest = np.abs(a + b * ends).max(axis=0) + np.abs(b) * extent
     if mapping is DepthMapping.GL:
         # Clip depth -1..1 is halved and moved by a half: its roundings are relative to one.
         largest = np.maximum(largest, 1.0)
     rounding = DEPTH_ROUNDINGS * FLOAT32_ROUNDING * largest
     return a + b * inverse, np.full_like(inverse, abs(b)), rounding
+
+
+def _written(
+    mapping: Literal[DepthMapping.LINEAR, DepthMapping.LOGARITHMIC],
+    inverse: Floats,
+    largest: Floats,
+    n: float,
+    f: float,
+) -> tuple[Floats, Floats, Floats]:
+    """Return the same as `_mapped` where fragments write depth; `largest` (N,) bounds the terms of 1 / w."""
+    # The fragment takes w from the interpolated 1 / w.
+    w = 1 / inverse
+    of_w = w * DEPTH_ROUNDINGS * FLOAT32_ROUNDING * largest * w
+    match mapping:
+        case DepthMapping.LINEAR:
+            span = f - n
+            rounding = (of_w + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * w) / span
+            return (w - n) / span, w**2 / span, rounding
+        case DepthMapping.LOGARITHMIC:
+            octaves = np.log(f / n)
+            log = np.log(np.maximum(w, n) / n)
+            rounding = (of_w / w + np.maximum(LOG_ULPS * FLOAT32_ROUNDING * log, LOG_NEAR_ONE)) / octaves
+            return (
+                np.log(w / n) / octaves,
+                w / octaves,
+                rounding + DEPTH_ROUNDINGS * FLOAT32_ROUNDING * log / octaves,
+            )
+        case _:
+            assert_never(mapping)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import assert_never
 
 import numpy as np
 
@@ -63,11 +64,16 @@ def far_cut_rounding(w: Floats, pencil: Pencil, mapping: DepthMapping) -> Floats
     error relative to their w: for n below 2^-24 w it is nothing but rounding, and nothing is
     cut. Reversed clip depth is zero at the far plane and has no such difference.
     """
-    if mapping is DepthMapping.REVERSED:
-        return np.zeros_like(w)
-    n, f = sorted(abs(s) for s in pencil.s_range)
-    share = FAR_ROUNDINGS * FLOAT32_ROUNDING * np.maximum(w, f) / f * (f - n) / n
-    return np.asarray(np.minimum(1.0, share) / f)
+    match mapping:
+        case DepthMapping.REVERSED:
+            return np.zeros_like(w)
+        # Where fragments write depth, clip depth may run either way: the larger bound holds for both.
+        case DepthMapping.STANDARD | DepthMapping.GL | DepthMapping.LOGARITHMIC | DepthMapping.LINEAR:
+            n, f = sorted(abs(s) for s in pencil.s_range)
+            share = FAR_ROUNDINGS * FLOAT32_ROUNDING * np.maximum(w, f) / f * (f - n) / n
+            return np.asarray(np.minimum(1.0, share) / f)
+        case _:
+            assert_never(mapping)
 
 
 @dataclass(frozen=True, kw_only=True)

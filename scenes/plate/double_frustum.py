@@ -34,6 +34,11 @@ class DepthMapping(StrEnum):
     `STANDARD` is hyperbolic, 0 at near to 1 at far, with clip depth 0..1; `GL` is the same with
     OpenGL's own clip depth -1..1; `REVERSED` goes from 1 to 0. `LOGARITHMIC` stores ln(w/n)/ln(f/n) and
     `LINEAR` (w - n)/(f - n), both written by the fragment.
+
+    A new mapping needs a member here and a case in every `match` on a mapping: in
+    `raster/cameras/depth_formats.py`, in `depth.py` and `share.py` of `compare/prediction`, in `depth.py` and
+    `edges.py` of `compare/rounding`, and in `compare/planning/robust.py`. mypy finds these places: it reports
+    every `match` that lacks a member.
     """
 
     STANDARD = "standard"
