@@ -6,6 +6,7 @@ lines/       The lines through an aperture, and triangles as these lines see the
 shading/     The color of true hits
 tracers/     Ray tracers as second opinions, and as judges of what is hidden
 transport/   Light transport: shadows and interreflection, by light paths
+alone        What ray tracers in single precision would have got wrong alone, without the certificate
 averages     Color averaged over the boxes of pixels and over apertures; every line of it is certified
 convergence  The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6:
              band limiting)

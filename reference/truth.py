@@ -67,14 +67,14 @@ class Reference:
         if tracer not in TRACERS:
             raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
         self.scene = scene
-        self._tracer_name = tracer
+        self.tracer_name = tracer
         self._shader = Shader(scene, None if effects is None else checked(effects))
         self._pictures = Pictures(scene, self._shader)
 
     @cached_property
     def tracer(self) -> Tracer:
         """The tracer, built when first needed."""
-        return MitsubaTracer(self.scene) if self._tracer_name == "mitsuba" else EmbreeTracer(self.scene)
+        return MitsubaTracer(self.scene) if self.tracer_name == "mitsuba" else EmbreeTracer(self.scene)
 
     @property
     def versions(self) -> dict[str, str]:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from xfrustum.reference import Reference
+from xfrustum.reference.alone import AloneNumbers, TracersAlone, judged
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.devices.bands import BUSY_PIXELS, PIXEL_BYTES, rows_at_once
 from xfrustum.reference.devices.threads import worker_count
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.scenes.files.openexr.images import ImageWriter
+from xfrustum.scenes.files.openexr.images import ImageWriter, write_image
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -54,9 +60,64 @@ def _size(count: float) -> str:
     return f"{count / 2**30:,.1f} GiB" if count >= 2**30 else f"{count / 2**20:,.0f} MiB"
 
 
+@dataclass(frozen=True, kw_only=True)
+class TraceRecord:
+    """What `trace --json` prints.
+
+    Attributes
+    ----------
+    file
+        The file that was written.
+    decided_by
+        `certified`, or the tracer whose own picture it is.
+    certainty
+        Number of pixels by class of certainty.
+    alone
+        How many pixels each tracer alone would have got wrong; None where the truth was not certified.
+    """
+
+    file: Path
+    decided_by: str
+    certainty: dict[str, int]
+    alone: AloneNumbers | None
+
+
+def trace_alone(reference: Reference, aperture: Aperture, path: str | Path) -> TraceRecord:
+    """Write as EXR what a tracer in single precision takes for the truth; no pixel of it is examined.
+
+    Parameters
+    ----------
+    reference
+        Reference with the tracer that decides.
+    aperture
+        Aperture to be traced.
+    path
+        The file; it appears complete, or not at all.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    image = reference.propose(aperture)
+    camera = replace(image.camera, renderer=f"{reference.tracer_name} alone, nothing certified")
+    write_image(path, replace(image, camera=camera, rendering=reference.rendering()))
+    return TraceRecord(
+        file=Path(path),
+        decided_by=reference.tracer_name,
+        certainty={Certainty.UNEXAMINED.name.lower(): image.triangle.size},
+        alone=None,
+    )
+
+
 def trace_to_file(
-    reference: Reference, aperture: Aperture, path: str | Path, *, progress: bool = False
-) -> None:
+    reference: Reference,
+    aperture: Aperture,
+    path: str | Path,
+    *,
+    compared: bool = False,
+    progress: bool = False,
+) -> TraceRecord:
     """Trace the truth of an aperture and write it as EXR while it is being traced.
 
     Parameters
@@ -67,6 +128,8 @@ def trace_to_file(
         Aperture to be traced.
     path
         The file; it appears complete, or not at all.
+    compared
+        Whether to count what each tracer alone would have got wrong.
     progress
         Whether to draw a bar on standard error.
 
@@ -75,6 +138,8 @@ def trace_to_file(
     InputError
         The file cannot be written.
     """
+    alone = TracersAlone(reference.scene) if compared else None
+    counted: Counter[str] = Counter()
     height = reference.scene.frustum.resolution[1]
     camera, rendering = reference.camera(aperture), reference.rendering()
     with (
@@ -84,5 +149,24 @@ def trace_to_file(
         row = 0
         for band in reference.trace_bands(aperture):
             writer.write_rows(row, band)
+            counted.update(_certainty(band))
+            if alone is not None:
+                counted.update({name: int(mask.sum()) for name, mask in alone.wrong(band, row).items()})
+                counted["judged"] += int(judged(band).sum())
             row += len(band.triangle)
             bar.update(len(band.triangle))
+    return TraceRecord(
+        file=Path(path),
+        decided_by="certified",
+        certainty={kind.name.lower(): counted[kind.name.lower()] for kind in Certainty},
+        alone=None
+        if alone is None
+        else AloneNumbers(judged=counted["judged"], embree=counted["embree"], mitsuba=counted["mitsuba"]),
+    )
+
+
+def _certainty(band: HogelImage) -> dict[str, int]:
+    """Return the number of pixels of each class of certainty."""
+    assert band.certainty is not None, "the truth is certified"
+    counts = np.bincount(band.certainty.ravel(), minlength=len(Certainty))
+    return {kind.name.lower(): int(counts[kind]) for kind in Certainty}

@@ -19,6 +19,7 @@ from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reference.alone import AloneNumbers, TracersAlone
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, Stopwatch, Timing
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.error_report import images
@@ -64,6 +65,8 @@ class TracedAperture:
         Wall seconds of tracing the truth.
     picture
         The truth as an encoded picture.
+    alone
+        How many pixels each ray tracer alone would have got wrong.
     """
 
     aperture: Aperture
@@ -71,6 +74,7 @@ class TracedAperture:
     gaps: Floats
     trace_s: float
     picture: bytes
+    alone: AloneNumbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +118,7 @@ class SettingMeasurer:
         self._shaded = is_shaded(scene)
         self._reference = reference
         self._rasterizer = rasterizer
+        self._tracers = TracersAlone(scene)
         self._reduction = reduction
         images_at_once = MAX_CONCURRENT_PIXELS // math.prod(scene.frustum.resolution)
         self.batch_size = max(1, min(2 * PROCESSORS, images_at_once))
@@ -132,9 +137,16 @@ class SettingMeasurer:
             picture = images.picture(truth, self._reduction)
         with lap.stage("predict"):
             gaps = self._reference.gaps(aperture)
+        with lap.stage("alone"):
+            alone = self._tracers.numbers(truth)
         watch.add(lap.seconds)
         return TracedAperture(
-            aperture=aperture, truth=truth, gaps=gaps, trace_s=lap.seconds["trace"], picture=picture
+            aperture=aperture,
+            truth=truth,
+            gaps=gaps,
+            trace_s=lap.seconds["trace"],
+            picture=picture,
+            alone=alone,
         )
 
     def measure(

@@ -208,11 +208,15 @@ def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
 
 
 def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
-    """Return one line per class: its words, and its number of pixels at each aperture."""
+    """Return one line per class of certainty and per tracer: words, and a number for each aperture."""
     first = {row.aperture: row.comparison.certainty for row in reversed(sweep.rows)}
     return [
-        (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
-        for kind, words in _CERTAINTY_WORDS.items()
+        *(
+            (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
+            for kind, words in _CERTAINTY_WORDS.items()
+        ),
+        ("would have been wrong by Embree alone", [numbers.embree for numbers in sweep.alone]),
+        ("would have been wrong by Mitsuba alone", [numbers.mitsuba for numbers in sweep.alone]),
     ]
 
 

@@ -9,6 +9,7 @@ from xfrustum.compare import Spread
 from xfrustum.compare.attribution.budget import Cause, CauseNumbers
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.prediction.predict import Separations
+from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.error_report.shading import ShadingRecord
@@ -108,6 +109,14 @@ class TableRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AloneRecord:
+    """The pixels of one truth that ray tracers in single precision would have got wrong alone."""
+
+    aperture: tuple[int, int]
+    numbers: AloneNumbers = field(metadata=INLINED)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReportRecord:
     """The object in report.json; see `Sweep`."""
 
@@ -116,6 +125,7 @@ class ReportRecord:
     best: RecommendationRecord
     best_per_depth: tuple[BestRecord, ...]
     rows: tuple[ReportRow, ...]
+    tracers_alone: tuple[AloneRecord, ...]
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     times_s: Mapping[str, float]

@@ -12,6 +12,7 @@ import numpy as np
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch
@@ -114,6 +115,7 @@ def sweep(
         rows=tuple(measured.rows),
         pictures=tuple(measured.pictures),
         truths=tuple(measured.truths),
+        alone=tuple(measured.alone),
         reduction=reduction,
         versions={**provenance.versions(), **reference.versions},
         devices={**provenance.machine(), **opengl},
@@ -126,11 +128,12 @@ def sweep(
 
 @dataclass(frozen=True, kw_only=True)
 class _Measured:
-    """Rows and pictures of all settings at all apertures, and the pictures of the truths."""
+    """Rows and pictures of all settings at all apertures, pictures of the truths, and the tracers alone."""
 
     rows: list[Measurement]
     pictures: list[SettingPictures]
     truths: list[bytes]
+    alone: list[AloneNumbers]
 
 
 def _within_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
@@ -150,7 +153,7 @@ def _run(
     progress: bool,
 ) -> _Measured:
     """Trace every aperture, and draw and judge every setting at each of them."""
-    measured = _Measured(rows=[], pictures=[], truths=[])
+    measured = _Measured(rows=[], pictures=[], truths=[], alone=[])
     with watch.stage("warm up"):
         measurer.warm_up(apertures[0], settings)
     steps = len(apertures) * (1 + len(settings))
@@ -159,6 +162,7 @@ def _run(
             bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
             traced = measurer.trace(aperture, watch)
             measured.truths.append(traced.picture)
+            measured.alone.append(traced.alone)
             bar.update()
             found: dict[DoubleFrustum, MeasuredSetting] = {}
             for some in measurer.measure(traced, _batches(settings, measurer.batch_size), watch):

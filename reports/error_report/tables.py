@@ -11,6 +11,7 @@ from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.report_records import (
+    AloneRecord,
     BestRecord,
     PredictedSurface,
     RecommendationRecord,
@@ -45,6 +46,10 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
         rows=tuple(
             ReportRow(aperture=row.aperture.index, numbers=_row_numbers(row, reach), causes=row.causes)
             for row in sweep.rows
+        ),
+        tracers_alone=tuple(
+            AloneRecord(aperture=aperture.index, numbers=numbers)
+            for aperture, numbers in zip(sweep.apertures, sweep.alone, strict=True)
         ),
         versions=sweep.versions,
         devices=sweep.devices,

@@ -9,6 +9,7 @@ from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
+from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -198,6 +199,8 @@ class Sweep:
         aperture first.
     truths
         Encoded picture of the truth, per aperture.
+    alone
+        How many pixels each ray tracer alone would have got wrong, per aperture.
     reduction
         Image pixels per picture pixel, along each side.
     versions, devices
@@ -219,6 +222,7 @@ class Sweep:
     rows: tuple[Measurement, ...]
     pictures: tuple[SettingPictures, ...]
     truths: tuple[bytes, ...]
+    alone: tuple[AloneNumbers, ...]
     reduction: int
     versions: Mapping[str, str]
     devices: Mapping[str, str]
@@ -235,7 +239,7 @@ class Sweep:
     def cost(self) -> SweepCost:
         """The price of measuring, beside that of its frames and truths."""
         needed = self.times_s["raster"] + self.times_s["trace"]
-        apart = sum(self.times_s.get(stage, 0.0) for stage in ("pictures", "repeat", "light"))
+        apart = sum(self.times_s.get(stage, 0.0) for stage in ("pictures", "repeat", "light", "alone"))
         measuring = self.wall_s - apart
         return SweepCost(
             wall_s=measuring,

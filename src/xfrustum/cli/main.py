@@ -149,20 +149,39 @@ def report(
 @options.scene_argument
 @options.aperture_option
 @options.free_tracer_option
+@click.option(
+    "--decided-by",
+    type=click.Choice(["certified", "embree", "mitsuba"]),
+    default="certified",
+    show_default=True,
+    help="Certified truth, or a tracer's own picture, of which nothing is examined.",
+)
 @cli_light.light_options(*cli_light.REFERENCE)
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
 @options.quiet_option
+@options.json_option
 def trace(
-    *, scene: str, aperture: tuple[int, int] | None, tracer: str | None, light: Light, out: Path, quiet: bool
+    *,
+    scene: str,
+    aperture: tuple[int, int] | None,
+    tracer: str | None,
+    decided_by: str,
+    light: Light,
+    out: Path,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Trace the truth of one aperture and write it as EXR.
+
+    With --json, it is counted how many pixels Embree alone and Mitsuba alone would have got wrong.
 
     With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
     their variance in the channels variance.R, variance.G and variance.B.
     """
     from xfrustum.reference import Reference
-    from xfrustum.reports.commands.tracing import forecast, trace_to_file
+    from xfrustum.reports.commands.tracing import forecast, trace_alone, trace_to_file
     from xfrustum.reports.commands.transported import trace_transported
+    from xfrustum.reports.common.json_ready import json_object
     from xfrustum.reports.common.outputs import check_writable_image
 
     opened = light.applied(options.open_scene(scene))
@@ -170,14 +189,27 @@ def trace(
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)
     effects = light.chosen(opened)
+    if decided_by != "certified":
+        if tracer not in (None, decided_by):
+            raise click.UsageError(
+                f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} asks for none"
+            )
+        record = trace_alone(Reference(opened, tracer=decided_by, effects=effects), chosen, out)
+        if as_json:
+            options.print_json(json_object(record))
+        return
     who, transported = light.tracer(opened, tracer)
     ahead = None if quiet else forecast(opened, transported=transported)
     if ahead is not None:
         say(f"note: {ahead}")
     reference = Reference(opened, tracer=who, effects=effects)
     if not transported:
-        trace_to_file(reference, chosen, out, progress=not quiet)
+        record = trace_to_file(reference, chosen, out, compared=as_json, progress=not quiet)
+        if as_json:
+            options.print_json(json_object(record))
     else:
+        if as_json:
+            raise click.UsageError("--json counts pixels of the certified truth: leave out light transport")
         trace_transported(reference, chosen, out, progress=not quiet)
 
 

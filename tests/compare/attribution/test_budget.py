@@ -246,6 +246,6 @@ def test_the_command_of_a_budget_makes_it_again() -> None:
 def test_the_public_functions_print_nothing_and_return_objects(capfd: pytest.CaptureFixture[str]) -> None:
     scene = view("asymmetric", (24, 18))
     assert xfrustum.budget(scene, DoubleFrustum(near=0.5)).geometry.judged > 0
-    assert isinstance(xfrustum.plan(scene), xfrustum.Plan)
+    assert isinstance(xfrustum.plan(scene, [scene.plate.middle]), xfrustum.Plan)
     assert xfrustum.cost(scene, repeat=1).options
     assert capfd.readouterr() == ("", "")

@@ -67,7 +67,10 @@ def small_scene(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", small_scene, "--depth", "d16", "--mapping", "gl", "--json", "--quiet"]) == 0
+    assert (
+        main(["plan", small_scene, "--depth", "d16", "--mapping", "gl", "--sample", "5", "--json", "--quiet"])
+        == 0
+    )
     made = json.loads(capsys.readouterr().out)
     assert list(made) == [
         "near",
@@ -84,7 +87,9 @@ def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFix
     assert list(made["predicted"]) == list(made["measured"]) == KEYS
     assert made["within"] is True and made["depth"] == "d16" and made["mapping"] == "gl"
     assert all(isinstance(height, float) for height in made["slabs"])
-    assert main(["plan", small_scene, "--separation", "1e-7", "--json", "--quiet"]) == 0
+    assert (
+        main(["plan", small_scene, "--aperture", "20,15", "--separation", "1e-7", "--json", "--quiet"]) == 0
+    )
     none = json.loads(capsys.readouterr().out)
     assert none["near"] is None and none["slabs"] == [] and none["within"] is False
 

@@ -105,6 +105,15 @@ def test_causes_add_up_to_the_wrong_pixels_in_every_row(files: ReportFiles) -> N
     assert any(cause["surface"] for one in rows for cause in one["causes"])
 
 
+def test_what_tracers_alone_would_have_got_wrong_is_told_for_every_aperture(files: ReportFiles) -> None:
+    content = json.loads(files.json.read_text())
+    (alone,) = content["tracers_alone"]
+    assert alone["aperture"] == [3, 4]
+    assert alone["judged"] == content["rows"][0]["comparison"]["judged"]
+    assert 0 <= alone["mitsuba"] <= alone["judged"] and 0 <= alone["embree"] <= alone["judged"]
+    assert "by Embree alone" in files.html.read_text()
+
+
 def test_causes_are_columns_of_the_table(files: ReportFiles) -> None:
     rows = json.loads(files.json.read_text())["rows"]
     flat = pq.read_table(files.parquet).to_pylist()

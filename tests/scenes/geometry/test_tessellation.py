@@ -23,7 +23,7 @@ Asked = tuple[tuple[int, int], tuple[tuple[DepthFormat, DepthMapping], ...], int
 QUICK: Asked = (
     (256, 256),
     ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED)),
-    3,
+    6,
 )
 FULL: Asked = ((512, 512), DEFAULT_DEPTHS, 1)
 """Resolution, depth buffers, and the step between those of the default nears that are used."""
@@ -68,7 +68,7 @@ def assert_same_verdict(levels: int, asked: Asked) -> None:
     assert {settings: change for settings, change in found.items() if change >= SURFACE_CHANGE} == {}
 
 
-@pytest.mark.parametrize("levels", [1, 2])
+@pytest.mark.parametrize("levels", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: int) -> None:
     assert_same_verdict(levels, QUICK)
 
@@ -78,7 +78,7 @@ def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: 
     reason="not met where standard depth has a handful of steps left (2 % at D24 standard, 1e-8 of the "
     "reach); with reversed float depth at the same near it is",
 )
-@pytest.mark.parametrize("levels", [1, 2])
+@pytest.mark.parametrize("levels", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_nor_where_depth_is_starved(levels: int) -> None:
     found = changes(levels, QUICK)
     assert {settings: change for settings, change in found.items() if change >= SURFACE_CHANGE} == {}

@@ -1,0 +1,80 @@
+"""What ray tracers in single precision would have got wrong alone, without the certificate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.tracers.proposals import proposed
+from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.model.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class AloneNumbers:
+    """How many pixels of one truth single tracers would have got wrong.
+
+    Attributes
+    ----------
+    judged
+        Number of pixels whose truth is no tie.
+    embree, mitsuba
+        Numbers of these pixels at which the tracer first meets another triangle than the truth, or none.
+    """
+
+    judged: int
+    embree: int
+    mitsuba: int
+
+
+class TracersAlone:
+    """Both ray tracers of a scene, each to be judged by the certified truth.
+
+    Parameters
+    ----------
+    scene
+        Scene that is traced.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._tracers: dict[str, Tracer] = {"embree": EmbreeTracer(scene), "mitsuba": MitsubaTracer(scene)}
+
+    def wrong(self, truth: HogelImage, first_row: int = 0) -> dict[str, Mask]:
+        """Return which pixels each tracer alone would have got wrong, (rows, W), by its name.
+
+        Parameters
+        ----------
+        truth
+            Certified image, or a band of its rows.
+        first_row
+            Number of the band's first row.
+        """
+        pencil = crossed_frustum(self._scene.frustum, truth.camera.aperture)
+        rows = range(first_row, first_row + len(truth.triangle))
+        found = {}
+        for name, tracer in self._tracers.items():
+            (numbers,) = proposed(tracer, self._scene, [pencil], rows)
+            found[name] = (numbers != truth.triangle) & judged(truth)
+        return found
+
+    def numbers(self, truth: HogelImage) -> AloneNumbers:
+        """Return how many pixels of a whole truth each tracer alone would have got wrong."""
+        wrong = self.wrong(truth)
+        return AloneNumbers(
+            judged=int(judged(truth).sum()),
+            embree=int(wrong["embree"].sum()),
+            mitsuba=int(wrong["mitsuba"].sum()),
+        )
+
+
+def judged(truth: HogelImage) -> Mask:
+    """Return the pixels (H, W) whose truth is no tie."""
+    assert truth.certainty is not None, "the truth is certified"
+    return np.not_equal(truth.certainty, Certainty.TIE)
