@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from xfrustum.compare.attribution.wrong_by_depth import DepthControl
 from xfrustum.compare.metrics.comparison import compare_images
-from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -82,15 +82,12 @@ def hogel_result(
     reference: Reference, rasterizer: Rasterizer, aperture: Aperture, settings: DoubleFrustum
 ) -> HogelResult:
     """Draw one hogel, and judge it by the truth."""
-    exact_depth = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     truth = reference.trace(aperture)
-    drawn, without = (
-        rasterizer.render(aperture, one, normals=False, color=False) for one in (settings, exact_depth)
-    )
+    drawn = rasterizer.render(aperture, settings, normals=False, color=False)
     judged = compare_images(truth, drawn, reference, radiance=False)
     wrong = judged.maps.surface
     assert wrong is not None
-    by_depth = wrong & ~wrong_surface(truth, without, reference) if wrong.any() else wrong
+    by_depth = DepthControl.of(rasterizer, truth, reference, settings).charged(wrong)
     count = max(judged.judged, 1)
     return HogelResult(
         aperture=aperture,

@@ -29,8 +29,9 @@ from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 MAX_SAMPLES = 3
-"""Samples that are drawn at most, each after its predecessor disproved a plan. The bounds of all of them hold
-together with `CONFIDENCE` (Sidak 1967), so that drawing again does not flatter the last one."""
+"""Samples that are drawn at most, each after its predecessor disproved a plan. They are independent, so that
+the bounds of all of them hold together with `CONFIDENCE` if each holds with its cube root (Sidak 1967):
+drawing again does not flatter the last one."""
 
 WORST_VIEWS = 4
 """Worst apertures of the scout that a plan is made from at once; others join where they need more."""
@@ -163,13 +164,15 @@ class PlatePlanner:
 
     def _plate_result(self, chosen: Sequence[HogelResult], sample: Sequence[HogelResult]) -> PlateResult:
         columns, rows = self.reference.scene.plate.hogels
-        beyond = sum(one.excess(self.requirement) > 1 for one in sample)
         drawn = [*chosen, *sample]
+        beyond, chosen_beyond = (
+            sum(one.excess(self.requirement) > 1 for one in some) for some in (sample, chosen)
+        )
         everything = len(drawn) == columns * rows
-        if everything:
-            share = sum(one.excess(self.requirement) > 1 for one in drawn) / len(drawn)
-        else:
-            share = share_at_most(beyond, len(sample), 1 - (1 - CONFIDENCE) / MAX_SAMPLES)
+        # The sample speaks for the hogels that were not chosen; the chosen ones are known.
+        each = CONFIDENCE ** (1 / MAX_SAMPLES)
+        unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
+        share = (chosen_beyond + unchosen * (columns * rows - len(chosen))) / (columns * rows)
         return PlateResult(
             hogels=columns * rows,
             scouted=len(self.scouted.looks),

@@ -19,8 +19,9 @@ BYTES = {DepthFormat.D16: 2, DepthFormat.D24: 3, DepthFormat.D32F: 4}
 """Bytes of a depth value."""
 
 ENOUGH_MARGIN = 10.0
-"""Margin beyond which more is worth nothing: a tenth of what is allowed. Scouted displacements of neighboring
-hogels differ by less than this factor, but for surfaces that pass through an aperture itself."""
+"""Margin beyond which more is worth nothing: a tenth of what is allowed. What no scout has seen takes little
+of it: of all 4,941 hogels of `beetle` the worst is displaced 1.2 times as much as the worst of the 605 that a
+scout looked through, of `asymmetric` as much (`scout` with `LATTICE_APERTURES` of the whole plate)."""
 
 
 def price(settings: DoubleFrustum) -> tuple[bool, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 
@@ -78,7 +79,8 @@ def _plate_plan(
 ) -> Plan:
     with progress_bar(None, "scout", "hogel", shown=progress) as bar:
         scouted = scout(scene, bar.update)
-    require_seen(scene, scouted.apertures)
+    if not any(math.isfinite(look.nearest) for look in scouted.looks):
+        require_seen(scene, scouted.apertures)
     with progress_bar(None, "plan", "hogel", shown=progress) as bar:
         planner = PlatePlanner(
             reference=Reference(scene),

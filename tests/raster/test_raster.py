@@ -74,7 +74,7 @@ def test_every_depth_format_draws_the_model(depth: DepthFormat, mapping: DepthMa
 def test_formats_and_mappings_differ_where_depth_is_scarce() -> None:
     """Otherwise they would be one format by many names.
 
-    Of one and the same name could only be 24-bit and float depth, where most of a scene lies at depths
+    Only 24-bit and float depth could pass for each other, where most of a scene lies at depths
     just below 1, with steps of 2^-24 in both. The logarithmic and the linear mapping have steps to
     spare in every format: they show what the model shows.
     """

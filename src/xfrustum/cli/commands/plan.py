@@ -88,7 +88,11 @@ def plan(
         chosen = [options.chosen_aperture(opened, aperture)]
     elif apertures is not None:
         chosen = spread_apertures(opened.plate, apertures)
-    options.look_at(opened, chosen or [opened.plate.middle])
+    if chosen is None:
+        # The middle may see nothing of what other hogels do; the scout finds out.
+        options.warn_of(opened)
+    else:
+        options.look_at(opened, chosen)
     made = make_plan(
         opened,
         chosen,

@@ -1,0 +1,148 @@
+"""A plan for the plate: it holds where its scout has not looked, and its bounds are those of its samples."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.scene_file import film, part
+from xfrustum.cli.main import main
+from xfrustum.compare import compare_images
+from xfrustum.compare.planning.hogels import hogel_result
+from xfrustum.compare.planning.plan import Plan
+from xfrustum.compare.planning.plate import PlatePlanner
+from xfrustum.compare.planning.views import Requirement
+from xfrustum.compare.scouting.sample import CONFIDENCE, RandomSample, share_at_most
+from xfrustum.compare.scouting.scout import Scout, scout
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import (
+    Aperture,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Frustum,
+    Plate,
+    Scene,
+    SceneObject,
+)
+from xfrustum.scenes.geometry.shapes import build_shape
+
+REVERSED = [(DepthFormat.D32F, DepthMapping.REVERSED)]
+HOGELS = (9, 7)
+OVER = (7, 1)
+"""Aperture right over a small ball; all others see it from aside and a wall far behind it."""
+
+
+@pytest.fixture(scope="module")
+def near_ball() -> Scene:
+    """A wall 40 behind the plate, and before it a ball 0.02 behind one aperture, which no other one sees."""
+    plate = Plate(size=(90.0, 70.0), hogels=HOGELS)
+    over, ball, wall = plate.aperture(*OVER), build_shape("sphere"), build_shape("square")
+    objects = (
+        SceneObject(
+            name="ball", vertices=2.0 * ball.vertices + [over.x, over.y, -0.02 - 1.0], faces=ball.faces
+        ),
+        SceneObject(name="wall", vertices=500.0 * wall.vertices + [0.0, 0.0, -40.0], faces=wall.faces),
+    )
+    frustum = Frustum(resolution=(48, 36), fov=(math.radians(50), math.radians(40)), reach=(50.0, 50.0))
+    return Scene(name="near ball", plate=plate, frustum=frustum, objects=objects)
+
+
+def planner(scene: Scene, scouted: Scout) -> PlatePlanner:
+    return PlatePlanner(
+        reference=Reference(scene), scouted=scouted, requirement=Requirement(), choices=REVERSED
+    )
+
+
+def displaced(scene: Scene, made: Plan, aperture: Aperture) -> float:
+    """Return the 99th percentile of displacement that a plan has at an aperture, drawn and judged."""
+    assert made.settings is not None
+    reference = Reference(scene)
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.render(aperture, made.settings)
+    moved = compare_images(reference.trace(aperture), drawn, reference, radiance=False).displacement_px
+    assert moved is not None
+    return moved.p99
+
+
+@pytest.fixture(scope="module")
+def scouted(near_ball: Scene) -> Scout:
+    return scout(near_ball)
+
+
+@pytest.fixture(scope="module")
+def blind(scouted: Scout) -> Scout:
+    """The same without a look from over the ball."""
+    return replace(scouted, looks=tuple(look for look in scouted.looks if look.aperture.index != OVER))
+
+
+def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted: Scout) -> None:
+    made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
+    assert made.within and made.plate is not None
+    assert made.plate.worst.aperture.index == OVER
+    assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
+
+
+def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: Scout) -> None:
+    """Without the look from over the ball, and with a sample that misses it, the plan is wrong there."""
+    taken = planner(near_ball, blind)
+    seeds = [seed for seed in range(40) if OVER not in drawn_at(near_ball, seed)]
+    made = taken.plan(RandomSample(hogels=3, seed=seeds[0]))
+    assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) > 0.5
+
+
+def drawn_at(scene: Scene, seed: int) -> set[tuple[int, int]]:
+    """Return every hogel that a sample of three may draw at a seed, whatever was chosen before."""
+    random = np.random.default_rng(seed)
+    columns, rows = scene.plate.hogels
+    places = np.array_split(np.arange(columns * rows), 3)
+    indices = [int(random.choice(one)) for one in places]
+    return {(place % columns, place // columns) for one in indices for place in (one - 1, one, one + 1)}
+
+
+def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(near_ball: Scene, blind: Scout) -> None:
+    """A sample of all hogels finds what the scout has not seen: the next plan holds there, too."""
+    made = planner(near_ball, blind).plan(RandomSample(hogels=HOGELS[0] * HOGELS[1]))
+    assert made.within and made.plate is not None
+    assert made.plate.measured == made.plate.hogels == HOGELS[0] * HOGELS[1]
+    assert (made.plate.share_beyond_at_most, made.plate.confidence) == (0.0, 1.0)
+    assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
+
+
+def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(near_ball: Scene, scouted: Scout) -> None:
+    """Each of three samples may flatter: each bound holds with the cube root of the confidence."""
+    made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
+    assert made.plate is not None
+    hogels, chosen = made.plate.hogels, made.plate.measured - made.plate.sampled
+    expected = share_at_most(0, 5, CONFIDENCE ** (1 / 3)) * (hogels - chosen) / hogels
+    assert made.plate.share_beyond_at_most == pytest.approx(expected)
+
+
+def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Scene) -> None:
+    """A large near displaces and orders; a tiny one with few bits does neither."""
+    reference, aperture = Reference(near_ball), near_ball.plate.aperture(*OVER)
+    with Rasterizer(near_ball) as rasterizer:
+        bent = hogel_result(reference, rasterizer, aperture, DoubleFrustum(near=5.0, depth=DepthFormat.D32F))
+        starved = hogel_result(
+            reference, rasterizer, aperture, DoubleFrustum(near=1e-7, depth=DepthFormat.D16)
+        )
+    assert bent.surface_fraction > 0.01 > bent.depth_wrong
+    assert starved.depth_wrong == pytest.approx(starved.surface_fraction) and starved.depth_wrong > 0.01
+    assert bent.excess(Requirement()) > 1 and starved.excess(Requirement()) > 1
+
+
+def test_a_plate_whose_middle_sees_nothing_is_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = film((90.0, 20.0), hogels=(9, 3), resolution=(32, 24), fov_deg=(20.0, 20.0), reach=(50.0, 50.0))
+    (tmp_path / "aside.toml").write_text(text + part("box", 10.0, (40.0, 0.0, -20.0)))
+    scene = str(tmp_path / "aside.toml")
+    assert main(["plan", scene, "--sample", "3", "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)["within"] is True
+    assert main(["plan", scene, "--aperture", "4,1", "--quiet"]) == 2
