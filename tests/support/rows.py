@@ -7,7 +7,11 @@ from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, Share, SurfaceShare
 from xfrustum.compare.metrics.radiance import ChannelSpread, RadianceNumbers
 from xfrustum.compare.prediction.chain import LINKS
-from xfrustum.reports.measurements.measurement import RasterParts, StageParts, StageTimes
+from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.reports.measurements.measurement import Measurement, RasterParts, StageParts, StageTimes
+from xfrustum.scenes import Aperture, DoubleFrustum
+
+MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
 
 TIMES = StageTimes(trace=0.5, raster=0.01, compare=0.02, predict=0.03, causes=0.04)
 PARTS = StageParts(raster=RasterParts(gpu=0.001))
@@ -23,6 +27,29 @@ NO_CAUSES = tuple(
     )
     for name in LINKS
 )
+
+NO_PREDICTION = Prediction(
+    displacement_px=None,
+    silhouettes=0.0,
+    snapped=0.0,
+    depth=0.0,
+    outside=0.0,
+    separation=Separations(c=None, c_star=None),
+)
+
+
+def measured_row(settings: DoubleFrustum, comparison: ComparisonNumbers) -> Measurement:
+    """Return a made-up row at the middle aperture: nothing has a cause, nothing was predicted."""
+    return Measurement(
+        aperture=MIDDLE,
+        settings=settings,
+        comparison=comparison,
+        causes=NO_CAUSES,
+        unexplained=0,
+        predicted=NO_PREDICTION,
+        times_s=TIMES,
+        parts_s=PARTS,
+    )
 
 
 def comparison_numbers(

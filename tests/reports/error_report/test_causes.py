@@ -8,16 +8,14 @@ from dataclasses import replace
 import pyarrow.parquet as pq
 import pytest
 
-from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
+from tests.support.rows import NO_CAUSES, comparison_numbers, measured_row
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.prediction.chain import LINKS
-from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, open_scene
+from xfrustum.scenes import DepthFormat, DoubleFrustum, open_scene
 
-MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
 JUDGED = 10_000
 
 
@@ -25,23 +23,8 @@ def row(near: float, buffer: DepthFormat = DepthFormat.D24, **surface: int) -> M
     """Return a made-up row whose causes have numbers of wrong surfaces; _ stands for a space."""
     named = {name.replace("_", " "): count for name, count in surface.items()}
     causes = tuple(replace(cause, surface=named.get(cause.name, 0)) for cause in NO_CAUSES)
-    return Measurement(
-        aperture=MIDDLE,
-        settings=DoubleFrustum(near=near, depth=buffer),
-        comparison=comparison_numbers(JUDGED, JUDGED, sum(surface.values()) / JUDGED, 0.1),
-        causes=causes,
-        unexplained=0,
-        predicted=Prediction(
-            displacement_px=None,
-            silhouettes=0.0,
-            snapped=0.0,
-            depth=0.0,
-            outside=0.0,
-            separation=Separations(c=None, c_star=None),
-        ),
-        times_s=TIMES,
-        parts_s=PARTS,
-    )
+    comparison = comparison_numbers(JUDGED, JUDGED, sum(surface.values()) / JUDGED, 0.1)
+    return replace(measured_row(DoubleFrustum(near=near, depth=buffer), comparison), causes=causes)
 
 
 def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:

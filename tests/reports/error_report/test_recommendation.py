@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from tests.reports.measurements.test_best import MIDDLE
-from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
+from tests.support.rows import comparison_numbers, measured_row
 from xfrustum.compare.metrics.paired import CONFIDENCE, PixelSet, is_worse
-from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.measurements.best import (
     SURFACE_TIE_FRACTION,
     best_per_depth,
@@ -45,24 +45,11 @@ def judged(
 ) -> Measurement:
     wrong: dict[str, Mask] = {"surface": surface} | ({} if color is None else {"radiance": color})
     wrong_colors = None if color is None else float(color.mean())
-    return Measurement(
-        aperture=MIDDLE,
-        settings=DoubleFrustum(near=near, depth=depth),
-        comparison=comparison_numbers(PIXELS, PIXELS, float(surface.mean()), p99, wrong_colors),
-        causes=NO_CAUSES,
-        unexplained=0,
-        predicted=Prediction(
-            displacement_px=None,
-            silhouettes=0.0,
-            snapped=0.0,
-            depth=0.0,
-            outside=0.0,
-            separation=Separations(c=None, c_star=None),
-        ),
-        times_s=TIMES,
-        parts_s=PARTS,
-        wrong={name: PixelSet.of(mask) for name, mask in wrong.items()},
+    row = measured_row(
+        DoubleFrustum(near=near, depth=depth),
+        comparison_numbers(PIXELS, PIXELS, float(surface.mean()), p99, wrong_colors),
     )
+    return replace(row, wrong={name: PixelSet.of(mask) for name, mask in wrong.items()})
 
 
 def test_two_pixels_make_no_headline() -> None:

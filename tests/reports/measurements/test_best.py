@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from tests.support.rows import NO_CAUSES, PARTS, TIMES, comparison_numbers
+from tests.support.rows import MIDDLE, NO_PREDICTION, comparison_numbers, measured_row
 from xfrustum.compare import Spread
-from xfrustum.compare.prediction.predict import Prediction, Separations
+from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reports.measurements.best import (
     DISPLACEMENT_TIE_PX,
     SURFACE_TIE_FRACTION,
@@ -17,7 +19,6 @@ from xfrustum.reports.measurements.best import (
 from xfrustum.reports.measurements.measurement import Measurement, Ratios
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum
 
-MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
 CORNER = Aperture(column=0, row=0, x=-1.0, y=1.0)
 
 
@@ -29,23 +30,15 @@ def measured(
     depth: DepthFormat = DepthFormat.D24,
     aperture: Aperture = MIDDLE,
 ) -> Measurement:
-    return Measurement(
-        aperture=aperture,
-        settings=DoubleFrustum(near=near, depth=depth),
-        comparison=comparison_numbers(3072, 1000, surface, p99),
-        causes=NO_CAUSES,
-        unexplained=0,
-        predicted=Prediction(
-            displacement_px=Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3),
-            silhouettes=0.1,
-            snapped=0.0,
-            depth=0.2,
-            outside=0.0,
-            separation=Separations(c=1e-3, c_star=None),
-        ),
-        times_s=TIMES,
-        parts_s=PARTS,
+    predicted = replace(
+        NO_PREDICTION,
+        displacement_px=Spread(rms=0.1, p50=0.1, p95=0.2, p99=0.25, max=0.3),
+        silhouettes=0.1,
+        depth=0.2,
+        separation=Separations(c=1e-3, c_star=None),
     )
+    row = measured_row(DoubleFrustum(near=near, depth=depth), comparison_numbers(3072, 1000, surface, p99))
+    return replace(row, aperture=aperture, predicted=predicted)
 
 
 def test_a_ratio_needs_both_numbers_and_a_prediction_that_is_not_zero() -> None:
