@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES
 from xfrustum.scenes.arrays import Floats
@@ -76,7 +76,7 @@ def converged(
     seed
         Seed of the scramblings.
     """
-    engines = [qmc.Sobol(2, rng=seed * SCRAMBLINGS + index) for index in range(SCRAMBLINGS)]
+    engines = [scipy.stats.qmc.Sobol(2, rng=seed * SCRAMBLINGS + index) for index in range(SCRAMBLINGS)]
     sums, count, more = [np.zeros(())] * SCRAMBLINGS, 0, FIRST_POINTS
     while True:
         for index, engine in enumerate(engines):

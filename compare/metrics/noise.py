@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from xfrustum.scenes.arrays import Floats, Mask
 
@@ -114,7 +114,7 @@ def compare_with_noise(
     noisy = variance > 0
     scaled = np.where(excess == 0, 0.0, np.copysign(np.inf, excess))
     np.divide(excess, np.sqrt(variance), out=scaled, where=noisy)
-    chance = 2 * stats.t.sf(np.abs(scaled), estimate.samples - 1)
+    chance = 2 * scipy.stats.t.sf(np.abs(scaled), estimate.samples - 1)
     deviation = np.full(picture.shape, np.nan)
     deviation[tested] = scaled
     differs = np.zeros(tested.shape, dtype=np.bool_)

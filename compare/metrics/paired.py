@@ -6,7 +6,7 @@ import zlib
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import binom
+import scipy
 
 from xfrustum.scenes.arrays import Mask
 
@@ -56,5 +56,5 @@ def is_worse(only_here: int, only_there: int, comparisons: int = 1) -> bool:
         Number of pictures that are compared with the other one; `CONFIDENCE` holds for all of them together
         (Bonferroni).
     """
-    by_chance = binom.sf(only_here - 1, only_here + only_there, 0.5)
+    by_chance = scipy.stats.binom.sf(only_here - 1, only_here + only_there, 0.5)
     return bool(only_here > only_there and by_chance < (1 - CONFIDENCE) / comparisons)

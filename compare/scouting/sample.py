@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import beta
+import scipy
 
 from xfrustum.scenes.arguments import settle, whole
 from xfrustum.scenes.errors import InputError
@@ -62,7 +62,7 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
     """
     if beyond >= sampled:
         return 1.0
-    return float(beta.ppf(confidence, beyond + 1, sampled - beyond))
+    return float(scipy.stats.beta.ppf(confidence, beyond + 1, sampled - beyond))
 
 
 def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture]) -> list[Aperture]:

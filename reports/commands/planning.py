@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 
-from scipy.stats import qmc
+import scipy
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps
@@ -101,9 +101,9 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
     count = min(count, columns * rows)
     corners = [(0, 0), (columns - 1, rows - 1), (columns - 1, 0), (0, rows - 1)]
     chosen = dict.fromkeys([plate.middle.index, *corners])
-    pattern = qmc.Halton(2, scramble=False)
+    pattern = scipy.stats.qmc.Halton(2, scramble=False)
     while len(chosen) < count:
-        points = qmc.scale(pattern.random(count), [0, 0], [columns, rows]).astype(int)
+        points = scipy.stats.qmc.scale(pattern.random(count), [0, 0], [columns, rows]).astype(int)
         chosen |= dict.fromkeys(map(tuple, points.tolist()))
     return [plate.aperture(*index) for index in list(chosen)[:count]]
 

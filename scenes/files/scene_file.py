@@ -17,9 +17,6 @@ from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.disk.input_files import SCENE_FILE_SIZE, check_hogels, read_small
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.environment_file import read_environment
-from xfrustum.scenes.files.meshes.meshes import load_mesh
-from xfrustum.scenes.files.meshes.patches import load_patches
 from xfrustum.scenes.files.scene_tables import ObjectTable, SceneTables
 from xfrustum.scenes.files.table_errors import described
 from xfrustum.scenes.geometry.placement import magnification, place
@@ -97,10 +94,14 @@ def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: Floats) -> SceneO
         return build_shape(str(entry.shape), material=entry.material)
     file = path.parent / entry.mesh
     if not entry.is_patches:
+        from xfrustum.scenes.files.meshes.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
+
         return load_mesh(file, material=entry.material)
     # The tolerance is a length of the scene: the mesh's own is smaller by the largest stretching.
     tolerance = entry.chord_tolerance
     own = None if tolerance is None else tolerance / magnification(scene_from_mesh)
+    from xfrustum.scenes.files.meshes.patches import load_patches  # noqa: PLC0415 - loads SciPy's graphs
+
     return load_patches(file, chord_tolerance=own, material=entry.material)
 
 
@@ -135,6 +136,8 @@ def _appearance(path: Path, file: SceneTables) -> Appearance:
 def _environment(path: Path, file: SceneTables) -> Environment | None:
     if file.environment is None:
         return None
+    from xfrustum.scenes.files.environment_file import read_environment  # noqa: PLC0415 - loads OpenImageIO
+
     try:
         return read_environment(path.parent / file.environment.map, strength=file.environment.strength)
     except InputError as error:

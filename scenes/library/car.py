@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry.placement import place, placement
@@ -82,7 +82,7 @@ def rim_faces(wheels: SceneObject) -> Mask:
 def _curve(knots: Knots, at: Floats) -> Floats:
     """Interpolate without overshoot between knots."""
     where, value = np.array(knots, dtype=np.float64).T
-    return np.asarray(PchipInterpolator(where, value)(at), dtype=np.float64)
+    return np.asarray(scipy.interpolate.PchipInterpolator(where, value)(at), dtype=np.float64)
 
 
 def _superellipse(exponent: float, points: int) -> Floats:
