@@ -84,6 +84,7 @@ def test_the_wheel_holds_every_file_once(installation: Installation) -> None:
     assert {".vert", ".frag", ".j2", ".typed"} <= suffixes
 
 
+@pytest.mark.slow
 def test_every_module_comes_from_the_wheel(installation: Installation) -> None:
     files = [Path(line) for line in installation.run("python", "-c", PRINT_FILE_OF_EVERY_MODULE).splitlines()]
     assert len(files) == len({name for name in packaged_files() if name.endswith(".py")})

@@ -56,7 +56,7 @@ DISPLACED = frozenset(
 
 QUICK = {
     ("attic", "triangle-id"): (
-        *("right", "blue-red", "gray", "black", "antialiased", "mirrored", "half-pixel", "one-hogel"),
+        *("right", "blue-red", "gray", "black", "antialiased", "mirrored", "half-pixel"),
         *("corners", "moved-all", "tenth", "no-front", "culled", "near"),
     ),
     ("attic", "object-id"): ("right", "blue-red"),
@@ -208,7 +208,7 @@ def test_the_exit_status_of_what_is_right_is_zero(studio: Studio) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("toy", ["blue-red", "corners"])
+@pytest.mark.parametrize("toy", ["blue-red", pytest.param("corners", marks=pytest.mark.slow)])
 def test_text_and_json_name_the_same(studio: Studio, toy: str) -> None:
     case = Case(scene="attic", toy=toy, encoding="triangle-id")
     status, written = verify_by_command(studio, case, "--json")
@@ -264,7 +264,13 @@ NUMBERINGS = {
 }
 
 
-@pytest.mark.parametrize("name", NUMBERINGS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in ("right", "from zero") else pytest.mark.slow)
+        for name in NUMBERINGS
+    ],
+)
 def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, name: str) -> None:
     numbering, world = NUMBERINGS[name], world_of("attic")
     for i, j in world.apertures:

@@ -262,6 +262,7 @@ def test_text_page_junit_and_json_give_the_figures_that_were_limited(
     ]
 
 
+@pytest.mark.slow
 def test_displacement_is_never_zero_where_pictures_are_rolled_or_the_scene_has_moved(
     world: Scene, hogels: dict[str, list[HogelImage]]
 ) -> None:
@@ -276,6 +277,7 @@ def test_displacement_is_never_zero_where_pictures_are_rolled_or_the_scene_has_m
     assert verified(hogels["moved"], ids, **asked, max_displacement_px=None).passed
 
 
+@pytest.mark.slow
 def test_a_displacement_that_nobody_can_measure_keeps_no_limit(
     world: Scene, hogels: dict[str, list[HogelImage]]
 ) -> None:
@@ -341,6 +343,7 @@ def test_wrong_geometry_fails_in_any_shading(
     assert all(hogel.verdict == "fail" for hogel in found.hogels)
 
 
+@pytest.mark.slow
 def test_the_tolerance_of_colors_is_the_users(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
     def brighter(image: HogelImage) -> Bytes:
         return np.where(image.covered[..., None], np.minimum(colors(image).astype(int) + 8, 255), 0).astype(

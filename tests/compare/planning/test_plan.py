@@ -84,7 +84,7 @@ def test_a_plan_holds_when_it_is_measured(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=() if name in ("large-triangles", "truck") else pytest.mark.slow)
+        pytest.param(name, marks=() if name == "large-triangles" else pytest.mark.slow)
         for name in (*builtin.names(), *SHARED_SCENES)
         if name not in ("crossing", "empty")
     ],

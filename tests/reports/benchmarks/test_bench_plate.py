@@ -66,7 +66,11 @@ def test_a_scene_without_triangles_is_refused() -> None:
         benchmark_plate(view("empty"), 8, 1)
 
 
-@pytest.mark.parametrize("paper", PAPER, ids=lambda paper: str(paper.polygons))
+@pytest.mark.parametrize(
+    "paper",
+    [PAPER[0], *(pytest.param(paper, marks=pytest.mark.slow) for paper in PAPER[1:])],
+    ids=lambda paper: str(paper.polygons),
+)
 def test_the_car_has_the_papers_counts_and_the_same_surface(paper: Database) -> None:
     car = tessellated_car(paper.polygons, paper.reflective_share)
     assert len(car.scene.faces) == paper.polygons

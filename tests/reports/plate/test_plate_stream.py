@@ -280,6 +280,7 @@ def assert_kills_do_no_harm(tmp_path: Path, rows: str, count: int, delays: Itera
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clean.zarr", "killed.zarr"]
 
 
+@pytest.mark.slow
 def test_killing_it_three_times_changes_no_byte(tmp_path: Path) -> None:
     chance = random.Random(6)
     delays = iter([chance.uniform(0.0, 0.2) for _ in range(3)])

@@ -328,6 +328,7 @@ def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> N
     assert without_times(resumed.rows) == without_times(uninterrupted)
 
 
+@pytest.mark.slow
 def test_killed_at_any_point_it_loses_nothing_and_measures_nothing_twice(
     tiny: StudyFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

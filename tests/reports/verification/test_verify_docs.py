@@ -99,6 +99,7 @@ def test_the_job_installs_from_a_repository_that_the_project_is() -> None:
     assert revision == "main"
 
 
+@pytest.mark.slow
 def test_the_job_judges_a_renderer(tmp_path: Path) -> None:
     _, commands = steps_of_the_job()
     (verify,) = [command for command in commands if command.startswith("xfrustum ")]

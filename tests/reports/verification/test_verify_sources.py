@@ -235,6 +235,7 @@ def test_python_refuses_what_the_command_line_refuses(world: Scene) -> None:
         xfrustum.verify(world, "{i}{j}", max_wrong=2.0)
 
 
+@pytest.mark.slow
 def test_noise_is_no_convention_and_one_file_of_it_spoils_nothing_else() -> None:
     scene = small(size=16)
     random = np.random.default_rng(1)

@@ -88,10 +88,7 @@ def plan(
         chosen = [options.chosen_aperture(opened, aperture)]
     elif apertures is not None:
         chosen = spread_apertures(opened.plate, apertures)
-    if chosen is None:
-        # The middle may see nothing of what other hogels do; the scout finds out.
-        options.warn_of(opened)
-    else:
+    if chosen is not None:
         options.look_at(opened, chosen)
     made = make_plan(
         opened,
@@ -101,5 +98,8 @@ def plan(
         sample=RandomSample(hogels=sample, seed=seed),
         progress=not quiet,
     )
+    if chosen is None:
+        # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel sees.
+        options.warn_of(opened)
     drawn = chosen or [opened.plate.middle]
     options.tell(as_json, made.summary, lambda: table(made, opened, drawn, requirement))
