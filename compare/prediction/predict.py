@@ -103,6 +103,7 @@ class Predictor:
         self._silhouettes = Silhouettes(truth, frustum)
         self._border = Border(truth, frustum)
         self._without_depth: dict[DoubleFrustum, Prediction] = {}
+        self._depth_shares: dict[DoubleFrustum, float] = {}
         self._links_without_depth: dict[DoubleFrustum, tuple[LinkPrediction, ...]] = {}
 
     def predict(self, settings: DoubleFrustum) -> Prediction:
@@ -121,7 +122,7 @@ class Predictor:
             )
         return replace(
             self._without_depth[cameras],
-            depth=depth_wrong_share(self._stacks, self._frustum, settings),
+            depth=self._depth_share(settings),
             separation=self.separations(settings),
         )
 
@@ -133,9 +134,15 @@ class Predictor:
         cameras = with_exact_depth(settings)
         if cameras not in self._links_without_depth:
             self._links_without_depth[cameras] = self._undrawn_links(cameras)
-        share = depth_wrong_share(self._stacks, self._frustum, settings)
+        share = self._depth_share(settings)
         depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
         return (*self._links_without_depth[cameras], depth)
+
+    def _depth_share(self, settings: DoubleFrustum) -> float:
+        """Return the share of pixels that depth makes wrong, found once for the same settings."""
+        if settings not in self._depth_shares:
+            self._depth_shares[settings] = depth_wrong_share(self._stacks, self._frustum, settings)
+        return self._depth_shares[settings]
 
     def _undrawn_links(self, cameras: DoubleFrustum) -> tuple[LinkPrediction, ...]:
         """Return the errors to be expected of all links but depth."""

@@ -4,6 +4,8 @@ causes           Causes of wrong surfaces over near: a stacked figure for each d
                  dominates
 figures          The curves of a report, as plotly figures: error against near, prediction drawn in, time
                  per stage
+geometries       Camera geometries of a report side by side: curves over near, and what the shear alone
+                 does to points
 images           Pictures for people: encoded, small, with scales that stay the same over a whole report
 measuring        How settings are measured at an aperture: truth, frames, comparisons, predictions, and
                  their times

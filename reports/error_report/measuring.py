@@ -94,6 +94,14 @@ class _Drawn:
     gpu_s: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Judged:
+    """The row of a frame, and its error maps."""
+
+    row: Measurement
+    maps: ErrorMaps
+
+
 class SettingMeasurer:
     """The two renderers of a scene, which measure settings at its apertures.
 
@@ -159,34 +167,32 @@ class SettingMeasurer:
         """
         predictor: Future[Predictor] | None = None
         start: ChainStart | None = None
+        models: dict[DoubleFrustum, HogelImage] = {}
         for settings in batches:
             drawn = [self._draw(traced.aperture, setting) for setting in settings]
             shared = SharedStopwatch()
             if start is None or not _same_cameras(start, settings[0]):
                 # Traced once for all depth buffers of these cameras.
                 with watch.stage("causes"):
-                    start = self._chain_start(traced, drawn)
+                    if any(known.near != settings[0].near for known in models):
+                        # Camera geometries share the models of a near; those of others are not needed again.
+                        models.clear()
+                    start = self._chain_start(traced, drawn, models)
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:
                     # The common part of an aperture's predictions is found once, while images are compared.
                     predictor = pool.submit(self._predictor, traced, settings[0], watch, shared)
-                compared = [pool.submit(self._compare, traced.truth, each, shared) for each in drawn]
-                predicted = [pool.submit(_predict, predictor, each, shared) for each in drawn]
-                charges = [pool.submit(_charged, start, predictor, each, shared) for each in drawn]
-                comparisons = [each.result() for each in compared]
-                predictions = [each.result() for each in predicted]
-                budgets = [each.result() for each in charges]
+                tasks = [pool.submit(self._judged, traced, start, predictor, each, shared) for each in drawn]
+                judged = [each.result() for each in tasks]
                 # Timed separately: encoding pictures is not measurement.
                 with watch.stage("pictures"):
-                    maps = (comparison.maps for comparison in comparisons)
+                    maps = (each.maps for each in judged)
                     pictures = list(pool.map(self._encoded, (each.image for each in drawn), maps))
             for each in drawn:
                 watch.add(each.lap.seconds)
             yield [
-                MeasuredSetting(row=_row(traced, frame, comparison, prediction, budget), pictures=own)
-                for frame, comparison, prediction, budget, own in zip(
-                    drawn, comparisons, predictions, budgets, pictures, strict=True
-                )
+                MeasuredSetting(row=each.row, pictures=own)
+                for each, own in zip(judged, pictures, strict=True)
             ]
 
     def repeat(self, rows: Sequence[Measurement], budget_s: float) -> dict[DoubleFrustum, Timing]:
@@ -230,6 +236,25 @@ class SettingMeasurer:
                 truth, drawn.image, self._reference, radiance=self._shaded, perceptual=self._shaded
             )
 
+    def _judged(
+        self,
+        traced: TracedAperture,
+        start: ChainStart,
+        predictor: Future[Predictor],
+        drawn: _Drawn,
+        shared: SharedStopwatch,
+    ) -> _Judged:
+        """Compare a frame with the truth, predict its errors, and charge what is wrong to causes."""
+        comparison = self._compare(traced.truth, drawn, shared)
+        prediction = _predict(predictor, drawn, shared)
+        ready = predictor.result()
+        with shared.stage(drawn.lap, "causes"):
+            links = ready.links(_settings(drawn.image))
+            budget = charged(start, drawn.image, links, comparison.maps)
+            budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage
+        row = _row(traced, drawn, comparison, prediction, budget)
+        return _Judged(row=row, maps=comparison.maps)
+
     def _predictor(
         self, traced: TracedAperture, settings: DoubleFrustum, watch: Stopwatch, shared: SharedStopwatch
     ) -> Predictor:
@@ -240,13 +265,15 @@ class SettingMeasurer:
             predictor.predict(settings)
         return predictor
 
-    def _chain_start(self, traced: TracedAperture, drawn: Sequence[_Drawn]) -> ChainStart:
+    def _chain_start(
+        self, traced: TracedAperture, drawn: Sequence[_Drawn], known: dict[DoubleFrustum, HogelImage]
+    ) -> ChainStart:
         """Return the chain of the first frame's cameras up to the frame with exact depth."""
         exact = with_exact_depth(_settings(drawn[0].image))
         frames = [each.image for each in drawn if _settings(each.image) == exact]
         if not frames:
             frames = [self._rasterizer.render(traced.aperture, exact, normals=False, color=False)]
-        models = traced_models(self._reference, traced.aperture, exact)
+        models = traced_models(self._reference, traced.aperture, exact, known)
         bits = int(self._rasterizer.device["subpixel_bits"])
         images = (traced.truth, *models, frames[0])
         return ChainStart(reference=self._reference, images=images, subpixel_bits=bits)
@@ -263,14 +290,6 @@ def _predict(predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatc
         return ready.predict(_settings(drawn.image))
 
 
-def _charged(
-    start: ChainStart, predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatch
-) -> Budget:
-    ready = predictor.result()
-    with shared.stage(drawn.lap, "causes"):
-        return charged(start, drawn.image, ready.links(_settings(drawn.image)))
-
-
 def _same_cameras(start: ChainStart, settings: DoubleFrustum) -> bool:
     return with_exact_depth(settings) == start.images[-1].camera.settings
 
@@ -284,6 +303,7 @@ def _row(
         comparison=comparison.numbers,
         causes=budget.causes,
         unexplained=int(budget.explanation.unexplained.sum()),
+        shear=budget.start.shear,
         predicted=prediction,
         times_s=StageTimes(trace=traced.trace_s, **drawn.lap.seconds),
         parts_s=StageParts(raster=RasterParts(gpu=drawn.gpu_s)),

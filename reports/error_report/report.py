@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
@@ -28,7 +29,7 @@ from xfrustum.reports.measurements.best import Recommendation, best_setting, sen
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -82,6 +83,10 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     nears: Sequence[float] | None = None,
     apertures: Sequence[Aperture] | None = None,
     depths: Sequence[DepthBuffer] | None = None,
+    pivots: Sequence[Pivot] | None = None,
+    fits: Sequence[Fit | float] | None = None,
+    offsets: Sequence[Offset] | None = None,
+    slabs: Sequence[tuple[float, ...]] | None = None,
     tracer: str = "embree",
     effects: str = "auto",
     progress: bool = False,
@@ -98,6 +103,10 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
     depths
         Depth formats with mappings; `DEFAULT_DEPTHS` where None.
+    pivots, fits, offsets, slabs
+        Values that `DoubleFrustum` takes; every combination is measured with every near and depth buffer.
+        Where None: both pivots of a recentered frustum, and one value of all else. An empty tuple among
+        `slabs` stands for no cuts.
     tracer
         Reference that traces the truth.
     effects
@@ -112,7 +121,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         objects, an unwritable folder, no OpenGL.
     """
     apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
-    settings = _settings(scene, nears, depths)
+    geometries = geometry_grid(scene.frustum, pivots, fits, offsets, slabs)
+    settings = _settings(scene, nears, depths, geometries)
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, apertures)
@@ -138,16 +148,25 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
 
 
 def _settings(
-    scene: Scene, nears: Sequence[float] | None, depths: Sequence[DepthBuffer] | None
+    scene: Scene,
+    nears: Sequence[float] | None,
+    depths: Sequence[DepthBuffer] | None,
+    geometries: Sequence[CameraGeometry],
 ) -> tuple[DoubleFrustum, ...]:
-    """Return every near with every depth buffer, each once, checked against the scene."""
-    settings = settings_grid(
-        dict.fromkeys(default_nears(scene.frustum) if nears is None else nears),
-        dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths),
-    )
+    """Return every near with every depth buffer and geometry, each once, checked against the scene.
+
+    Without an offset the near plane clips, so that it must lie before the first cut: larger nears are left
+    out where they are none that anybody asked for.
+    """
+    chosen = tuple(dict.fromkeys(default_nears(scene.frustum) if nears is None else nears))
+    buffers = tuple(dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths))
+    settings: list[DoubleFrustum] = []
+    for geometry in geometries:
+        usable = [near for near in chosen if nears is not None or geometry.admits(near, scene.frustum)]
+        settings += settings_grid(usable, buffers, [geometry])
     for setting in settings:
         setting.check_against(scene.frustum)
-    return settings
+    return tuple(settings)
 
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:

@@ -8,14 +8,11 @@ import plotly.graph_objects as go
 
 from xfrustum.reports.error_report import figures
 from xfrustum.reports.error_report.shading import EyeError
-from xfrustum.reports.measurements.measurement import Measurement, Sweep
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.reports.measurements.measurement import Measurement
 
 
-def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
-    """Return the figures of one aperture that `figures.curves` lacks, by name."""
-    rows = [(i, row) for i, row in enumerate(sweep.rows) if row.aperture == aperture]
-    reach = sweep.scene.frustum.longest_reach
+def curves(rows: Sequence[tuple[int, Measurement]], reach: float) -> dict[str, go.Figure]:
+    """Return the figures of one aperture and geometry that `figures.curves` lacks, by name."""
 
     def rms(row: Measurement) -> float | None:
         error = row.comparison.radiance

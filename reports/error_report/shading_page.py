@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import plotly.graph_objects as go
@@ -11,7 +12,7 @@ from xfrustum.compare.metrics.left_out import LeftOutNumbers
 from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE
 from xfrustum.reports.error_report import images, shading_figures
 from xfrustum.reports.error_report.shading import ShadingReport
-from xfrustum.reports.measurements.measurement import Sweep
+from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -61,9 +62,11 @@ def context(shading: ShadingReport | None) -> LightContext | None:
     return LightContext(report=shading, sentences=tuple(shading.sentences()), missed=tuple(missed))
 
 
-def curves(shading: ShadingReport | None, sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
-    """Return the further figures of an aperture, by name."""
-    return {} if shading is None else shading_figures.curves(sweep, aperture)
+def curves(
+    shading: ShadingReport | None, rows: Sequence[tuple[int, Measurement]], reach: float
+) -> dict[str, go.Figure]:
+    """Return the further figures of the rows of an aperture and a camera geometry, by name."""
+    return {} if shading is None else shading_figures.curves(rows, reach)
 
 
 def eye_figure(shading: ShadingReport | None) -> go.Figure | None:

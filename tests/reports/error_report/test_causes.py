@@ -15,7 +15,7 @@ from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, open_scene
+from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Pivot, open_scene
 
 MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
 JUDGED = 10_000
@@ -91,6 +91,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
         tmp_path_factory.mktemp("report"),
         nears=[1e-5, 0.1, 10.0],
         apertures=[scene.plate.aperture(3, 4)],
+        pivots=[Pivot.APERTURE],
     )
 
 
