@@ -16,7 +16,7 @@ from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
 from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
 from xfrustum.compare.metrics.error_maps import ErrorMaps, judged_pixels
-from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.metrics.surface import JudgedImage, surface_errors, wrong_surface
 from xfrustum.compare.prediction.chain import DEPTH, LINKS, PIVOT, RASTERIZATION, Chain
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
@@ -159,10 +159,17 @@ class ChainStart:
     def wrong(self) -> Mask:
         """(images, H, W) judged pixels with the wrong surface; images that are one are looked at once."""
         found = {id(self.truth): np.zeros_like(self.judged)}
-        for image in self.images:
+        for image in self.images[:-1]:
             if id(image) not in found:
                 found[id(image)] = wrong_surface(self.truth, image, self.reference) & self.judged
+        found[id(self.images[-1])] = self.exact.errors.wrong & self.judged
         return np.stack([found[id(image)] for image in self.images])
+
+    @cached_property
+    def exact(self) -> JudgedImage:
+        """The frame with exact depth, R0, and its wrong surfaces."""
+        image = self.images[-1]
+        return JudgedImage(image=image, errors=surface_errors(self.truth, image, self.reference))
 
     @cached_property
     def moved(self) -> Floats:
@@ -339,9 +346,9 @@ def charged(
     maps
         Error maps of the last image with its wrong surfaces, where it was compared with the truth already.
     """
-    numbers = np.concatenate((start.numbers, drawn.triangle[None]))
     differs = start.judged & (drawn.triangle != start.truth.triangle)
-    charge = np.where(differs, _last(numbers[1:] != numbers[:-1]), RIGHT).astype(np.int8)
+    numbers = np.concatenate((start.numbers[:, differs], drawn.triangle[differs][None]))
+    charge = _scattered(differs, _last(numbers[1:] != numbers[:-1]))
     if maps is None or maps.surface is None:
         wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
     else:
@@ -352,7 +359,7 @@ def charged(
         start=start,
         drawn=drawn,
         charge=charge,
-        surface_charge=np.where(wrong, _last(~start.wrong), RIGHT).astype(np.int8),
+        surface_charge=_scattered(wrong, _last(~start.wrong[:, wrong])),
         moved=displacement(drawn, start.truth.camera) if maps is None else maps.displacement,
         explanation=by_rasterizing.joined(by_depth),
         predicted=predicted,
@@ -360,5 +367,12 @@ def charged(
 
 
 def _last(changed: Mask) -> Indices:
-    """Return the last link that changed each pixel (links, H, W); any where none did."""
+    """Return the last link that changed each of some pixels (links, N); any where none did."""
     return np.asarray(len(changed) - 1 - np.argmax(changed[::-1], axis=0))
+
+
+def _scattered(pixels: Mask, links: Indices) -> NDArray[np.int8]:
+    """Return links (N,) of the pixels of a mask as a map (H, W), `RIGHT` at all others."""
+    charge = np.full(pixels.shape, RIGHT, dtype=np.int8)
+    charge[pixels] = links
+    return charge

@@ -71,9 +71,11 @@ def traced_models(
         Models of this aperture that are traced already, by their settings; new ones are added.
     """
     traced = {} if traced is None else traced
+    frustum = reference.scene.frustum
     links = [
-        replace(link, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-        for link in traced_settings(settings, reference.scene.frustum)
+        # A fit by default is the same as the one that it stands for.
+        replace(with_exact_depth(link), fit=link.fitted_height(frustum) or Fit.ANGLE)
+        for link in traced_settings(settings, frustum)
     ]
     for link in links:
         if link not in traced:

@@ -15,6 +15,7 @@ from xfrustum.compare import Comparison, ErrorMaps, compare_images
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.metrics.surface import JudgedImage
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
@@ -171,6 +172,7 @@ class SettingMeasurer:
         for settings in batches:
             drawn = [self._draw(traced.aperture, setting) for setting in settings]
             shared = SharedStopwatch()
+            shared_parts: tuple[str, ...] = ()
             if start is None or not _same_cameras(start, settings[0]):
                 # Traced once for all depth buffers of these cameras.
                 with watch.stage("causes"):
@@ -178,10 +180,14 @@ class SettingMeasurer:
                         # Camera geometries share the models of a near; those of others are not needed again.
                         models.clear()
                     start = self._chain_start(traced, drawn, models)
+                # These are found before they are needed, side by side.
+                shared_parts = ("exact", "wrong", "rounding", "steps")
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:
                     # The common part of an aperture's predictions is found once, while images are compared.
                     predictor = pool.submit(self._predictor, traced, settings[0], watch, shared)
+                for part in shared_parts:
+                    pool.submit(_prepare, start, part, watch, shared)
                 tasks = [pool.submit(self._judged, traced, start, predictor, each, shared) for each in drawn]
                 judged = [each.result() for each in tasks]
                 # Timed separately: encoding pictures is not measurement.
@@ -229,11 +235,18 @@ class SettingMeasurer:
             drawn = self._rasterizer.draw(aperture, settings, normals=False, color=True)
         return _Drawn(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
 
-    def _compare(self, truth: HogelImage, drawn: _Drawn, shared: SharedStopwatch) -> Comparison:
+    def _compare(
+        self, truth: HogelImage, drawn: _Drawn, exact: JudgedImage, shared: SharedStopwatch
+    ) -> Comparison:
         with shared.stage(drawn.lap, "compare"):
             # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
             return compare_images(
-                truth, drawn.image, self._reference, radiance=self._shaded, perceptual=self._shaded
+                truth,
+                drawn.image,
+                self._reference,
+                radiance=self._shaded,
+                perceptual=self._shaded,
+                judged=exact,
             )
 
     def _judged(
@@ -245,7 +258,8 @@ class SettingMeasurer:
         shared: SharedStopwatch,
     ) -> _Judged:
         """Compare a frame with the truth, predict its errors, and charge what is wrong to causes."""
-        comparison = self._compare(traced.truth, drawn, shared)
+        exact = start.exact
+        comparison = self._compare(traced.truth, drawn, exact, shared)
         prediction = _predict(predictor, drawn, shared)
         ready = predictor.result()
         with shared.stage(drawn.lap, "causes"):
@@ -282,6 +296,12 @@ class SettingMeasurer:
         return images.setting_pictures(
             drawn, maps, self._frustum.longest_reach, self._height_range, self._reduction
         )
+
+
+def _prepare(start: ChainStart, part: str, watch: Stopwatch, shared: SharedStopwatch) -> None:
+    """Find one of the properties of a chain's start, which keeps it."""
+    with shared.stage(watch, "causes"):
+        getattr(start, part)
 
 
 def _predict(predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatch) -> Prediction:
