@@ -134,11 +134,14 @@ class ChainStart:
         T0 to R0 of one aperture (`Chain.images`).
     subpixel_bits
         Subpixel bits of the device that drew R0.
+    truth_moved
+        (H, W, 2) displacement of the truth itself, which is rounding, where it is known already.
     """
 
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
+    truth_moved: Floats | None = None
 
     @property
     def truth(self) -> HogelImage:
@@ -174,7 +177,7 @@ class ChainStart:
     @cached_property
     def moved(self) -> Floats:
         """(images, H, W, 2) displacement in pixels, NaN where an image shows no surface off the plate."""
-        found: dict[int, Floats] = {}
+        found = {} if self.truth_moved is None else {id(self.truth): self.truth_moved}
         for image in self.images:
             if id(image) not in found:
                 found[id(image)] = displacement(image, self.truth.camera)

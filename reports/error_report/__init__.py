@@ -14,8 +14,6 @@ report           `xfrustum report`: writes index.html, report.json and measureme
 report_records   Dataclasses of the objects in report.json and of the rows in measurements.parquet
 shading          What a report says about light beside its rows: effects and their time, the eye vector,
                  what is missed
-shading_figures  The curves of a shaded scene: radiance error and FLIP against near, and the bent eye
-                 vector's share
 shading_measure  Measuring light for a report: effects and their time, the eye vector, what is missed
 shading_page     What the page of a report shows of a shaded scene, and nothing for others
 sweep            The main job: trace the truth once per aperture, rasterize every setting, compare each

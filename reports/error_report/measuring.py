@@ -7,12 +7,13 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from xfrustum.compare import Comparison, ErrorMaps, compare_images
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
+from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.metrics.surface import JudgedImage
@@ -76,6 +77,11 @@ class TracedAperture:
     trace_s: float
     picture: bytes
     alone: AloneNumbers
+
+    @cached_property
+    def moved(self) -> Floats:
+        """(H, W, 2) displacement of the truth itself, which is rounding."""
+        return displacement(self.truth, self.truth.camera)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,7 +296,9 @@ class SettingMeasurer:
         models = traced_models(self._reference, traced.aperture, exact, known)
         bits = int(self._rasterizer.device["subpixel_bits"])
         images = (traced.truth, *models, frames[0])
-        return ChainStart(reference=self._reference, images=images, subpixel_bits=bits)
+        return ChainStart(
+            reference=self._reference, images=images, subpixel_bits=bits, truth_moved=traced.moved
+        )
 
     def _encoded(self, drawn: HogelImage, maps: ErrorMaps) -> SettingPictures:
         return images.setting_pictures(

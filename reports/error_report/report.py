@@ -104,13 +104,9 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     depths
         Depth formats with mappings; `DEFAULT_DEPTHS` where None.
     pivots, fits, offsets, slabs
-        Values that `DoubleFrustum` takes; every combination is measured with every near and depth buffer.
-        Where None: both pivots of a recentered frustum, and one value of all else. An empty tuple among
-        `slabs` stands for no cuts.
-    tracer
-        Reference that traces the truth.
-    effects
-        Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
+        Camera geometries, every combination of which is measured; see `geometry_grid`.
+    tracer, effects
+        Reference that traces the truth, and effects that are simulated, as `--effects` takes them.
     progress
         Show a progress bar on standard error.
 
@@ -121,17 +117,13 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         objects, an unwritable folder, no OpenGL.
     """
     apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
-    geometries = geometry_grid(scene.frustum, pivots, fits, offsets, slabs)
-    settings = _settings(scene, nears, depths, geometries)
+    settings = _settings(scene, nears, depths, geometry_grid(scene.frustum, pivots, fits, offsets, slabs))
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, apertures)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
-        watch = Stopwatch()
-        with watch.stage("light"):
-            shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
-        measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
+        measured, shading = _with_light(measured, settings, effects, progress)
         record = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
@@ -145,6 +137,18 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         cost=measured.cost_sentence,
         command=recommended_command(measured),
     )
+
+
+def _with_light(
+    measured: Sweep, settings: Sequence[DoubleFrustum], effects: str, progress: bool
+) -> tuple[Sweep, ShadingReport | None]:
+    """Measure the light of a shaded scene besides; return the sweep with the time that this took."""
+    watch = Stopwatch()
+    with watch.stage("light"):
+        shading = measure_shading(
+            measured.scene, measured.apertures, settings, effects=effects, progress=progress
+        )
+    return (measured.with_stage("light", watch.seconds["light"]) if shading else measured), shading
 
 
 def _settings(
