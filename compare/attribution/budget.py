@@ -191,7 +191,7 @@ class ChainStart:
     @cached_property
     def everywhere(self) -> Mask:
         """(H, W) pixels at which all of these images show a surface off the plate."""
-        return np.isfinite(self.steps).all(axis=0)
+        return np.asarray(np.isfinite(self.steps).all(axis=0))
 
     def spreads(self, pixels: Mask) -> tuple[Spread | None, ...]:
         """Return how far each link but the last displaces some pixels; found once for the same pixels."""

@@ -97,12 +97,11 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     ----------
     out
         Folder for the files; `default_folder` where None. No file appears in it before all are complete.
-    nears
-        Near planes in scene units, each between 0 and the reach; 25 logarithmic ones where None.
+    nears, depths
+        Near planes in scene units, each between 0 and the reach, and depth formats with mappings; where None
+        25 logarithmic ones and `DEFAULT_DEPTHS`.
     apertures
         Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
-    depths
-        Depth formats with mappings; `DEFAULT_DEPTHS` where None.
     pivots, fits, offsets, slabs
         Camera geometries, every combination of which is measured; see `geometry_grid`.
     tracer, effects
@@ -113,8 +112,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     Raises
     ------
     InputError
-        A near outside 0 to the reach, nothing to measure, none of the apertures sees anything of the
-        objects, an unwritable folder, no OpenGL.
+        A setting that makes no sense, nothing to measure or to see, an unwritable folder, no OpenGL.
     """
     apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
     settings = _settings(scene, nears, depths, geometry_grid(scene.frustum, pivots, fits, offsets, slabs))
