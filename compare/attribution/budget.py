@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import explain
+from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
 from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
-from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import wrong_surface
-from xfrustum.compare.prediction.chain import DEPTH, LINKS, RASTERIZATION, Chain
+from xfrustum.compare.metrics.error_maps import ErrorMaps, judged_pixels
+from xfrustum.compare.metrics.surface import JudgedImage, surface_errors, wrong_surface
+from xfrustum.compare.prediction.chain import DEPTH, LINKS, PIVOT, RASTERIZATION, Chain
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
@@ -133,11 +134,14 @@ class ChainStart:
         T0 to R0 of one aperture (`Chain.images`).
     subpixel_bits
         Subpixel bits of the device that drew R0.
+    truth_moved
+        (H, W, 2) displacement of the truth itself, which is rounding, where it is known already.
     """
 
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
+    truth_moved: Floats | None = None
 
     @property
     def truth(self) -> HogelImage:
@@ -157,15 +161,27 @@ class ChainStart:
     @cached_property
     def wrong(self) -> Mask:
         """(images, H, W) judged pixels with the wrong surface; images that are one are looked at once."""
-        found = {
-            id(image): wrong_surface(self.truth, image, self.reference) & self.judged for image in self.images
-        }
+        found = {id(self.truth): np.zeros_like(self.judged)}
+        for image in self.images[:-1]:
+            if id(image) not in found:
+                found[id(image)] = wrong_surface(self.truth, image, self.reference) & self.judged
+        found[id(self.images[-1])] = self.exact.errors.wrong & self.judged
         return np.stack([found[id(image)] for image in self.images])
+
+    @cached_property
+    def exact(self) -> JudgedImage:
+        """The frame with exact depth, R0, and its wrong surfaces."""
+        image = self.images[-1]
+        return JudgedImage(image=image, errors=surface_errors(self.truth, image, self.reference))
 
     @cached_property
     def moved(self) -> Floats:
         """(images, H, W, 2) displacement in pixels, NaN where an image shows no surface off the plate."""
-        return np.stack([displacement(image, self.truth.camera) for image in self.images])
+        found = {} if self.truth_moved is None else {id(self.truth): self.truth_moved}
+        for image in self.images:
+            if id(image) not in found:
+                found[id(image)] = displacement(image, self.truth.camera)
+        return np.stack([found[id(image)] for image in self.images])
 
     @cached_property
     def steps(self) -> Floats:
@@ -173,13 +189,34 @@ class ChainStart:
         return lengths(np.diff(self.moved, axis=0))
 
     @cached_property
+    def everywhere(self) -> Mask:
+        """(H, W) pixels at which all of these images show a surface off the plate."""
+        return np.asarray(np.isfinite(self.steps).all(axis=0))
+
+    def spreads(self, pixels: Mask) -> tuple[Spread | None, ...]:
+        """Return how far each link but the last displaces some pixels; found once for the same pixels."""
+        key = np.packbits(pixels).tobytes()
+        if key not in self._spreads:
+            self._spreads[key] = tuple(Spread.of(step[pixels]) for step in self.steps)
+        return self._spreads[key]
+
+    @cached_property
+    def _spreads(self) -> dict[bytes, tuple[Spread | None, ...]]:
+        return {}
+
+    @cached_property
     def rounding(self) -> Causes:
         """Causes of what rasterization changed, with exact depth."""
         return self.causes_of(RASTERIZATION, self.images[-1])
 
-    def causes_of(self, link: int, after: HogelImage) -> Causes:
-        """Return the causes of what a link that rounds has changed between two images."""
-        return explain(self.reference.scene, self.images[link], after, self.subpixel_bits)
+    @cached_property
+    def shear(self) -> ShearNumbers | None:
+        """What the pivot alone does to the points that T2 shows; None where the pivot does nothing."""
+        return shear_numbers(self.images[PIVOT + 1], self.reference.scene.frustum)
+
+    def causes_of(self, link: int, after: HogelImage, pixels: Mask | None = None) -> Causes:
+        """Return the causes of what a link that rounds has changed between two images, at some pixels."""
+        return explain(self.reference.scene, self.images[link], after, self.subpixel_bits, pixels)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -194,6 +231,8 @@ class Budget:
         (H, W) number of the link that each wrong pixel is charged to, else `RIGHT`.
     surface_charge
         (H, W) the same by surfaces: number of the link from which on the pixel shows a wrong surface.
+    moved
+        (H, W, 2) displacement of the last image, as in `ChainStart.moved`.
     explanation
         Causes of the pixels charged to rasterization and depth.
     predicted
@@ -204,6 +243,7 @@ class Budget:
     drawn: HogelImage
     charge: NDArray[np.int8]
     surface_charge: NDArray[np.int8]
+    moved: Floats
     explanation: Causes
     predicted: tuple[LinkPrediction, ...]
 
@@ -226,8 +266,7 @@ class Budget:
     @cached_property
     def displacement(self) -> VectorBudget:
         """Budget of displacement: columns and rows, pixels."""
-        last = displacement(self.drawn, self.start.truth.camera)
-        return VectorBudget.of(np.concatenate((self.start.moved, last[None])))
+        return VectorBudget.of(np.concatenate((self.start.moved, self.moved[None])))
 
     @cached_property
     def height(self) -> VectorBudget:
@@ -239,13 +278,12 @@ class Budget:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `LINKS`."""
-        last = displacement(self.drawn, self.start.truth.camera) - self.start.moved[-1]
-        steps = [*self.start.steps, lengths(last)]
-        everywhere = np.isfinite(steps).all(axis=0)
-        return tuple(self._cause(link, step[everywhere]) for link, step in enumerate(steps))
+        last = lengths(self.moved - self.start.moved[-1])
+        everywhere = self.start.everywhere & np.isfinite(last)
+        spreads = (*self.start.spreads(everywhere), Spread.of(last[everywhere]))
+        return tuple(self._cause(link, spread) for link, spread in enumerate(spreads))
 
-    def _cause(self, link: int, moved: Floats) -> Cause:
-        spread = Spread.of(moved)
+    def _cause(self, link: int, spread: Spread | None) -> Cause:
         return Cause(
             name=LINKS[link],
             surface=int((self.surface_charge == link).sum()),
@@ -289,7 +327,12 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     return charged(start, chain.images[-1], predictor.links(chain.settings))
 
 
-def charged(start: ChainStart, drawn: HogelImage, predicted: tuple[LinkPrediction, ...]) -> Budget:
+def charged(
+    start: ChainStart,
+    drawn: HogelImage,
+    predicted: tuple[LinkPrediction, ...],
+    maps: ErrorMaps | None = None,
+) -> Budget:
     """Charge every wrong pixel of a drawn image to one link of its chain.
 
     A pixel is charged to the last link that changed its triangle: the smallest for which every
@@ -303,23 +346,36 @@ def charged(start: ChainStart, drawn: HogelImage, predicted: tuple[LinkPredictio
         The last image: R1.
     predicted
         Prediction of each link.
+    maps
+        Error maps of the last image with its wrong surfaces, where it was compared with the truth already.
     """
-    numbers = np.concatenate((start.numbers, drawn.triangle[None]))
     differs = start.judged & (drawn.triangle != start.truth.triangle)
-    charge = np.where(differs, _last(numbers[1:] != numbers[:-1]), RIGHT).astype(np.int8)
-    wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
+    numbers = np.concatenate((start.numbers[:, differs], drawn.triangle[differs][None]))
+    charge = _scattered(differs, _last(numbers[1:] != numbers[:-1]))
+    if maps is None or maps.surface is None:
+        wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
+    else:
+        wrong = maps.surface
     by_rasterizing = start.rounding.within(charge == RASTERIZATION)
-    by_depth = start.causes_of(DEPTH, drawn).within(charge == DEPTH)
+    by_depth = start.causes_of(DEPTH, drawn, charge == DEPTH)
     return Budget(
         start=start,
         drawn=drawn,
         charge=charge,
-        surface_charge=np.where(wrong, _last(~start.wrong), RIGHT).astype(np.int8),
+        surface_charge=_scattered(wrong, _last(~start.wrong[:, wrong])),
+        moved=displacement(drawn, start.truth.camera) if maps is None else maps.displacement,
         explanation=by_rasterizing.joined(by_depth),
         predicted=predicted,
     )
 
 
 def _last(changed: Mask) -> Indices:
-    """Return the last link that changed each pixel (links, H, W); any where none did."""
+    """Return the last link that changed each of some pixels (links, N); any where none did."""
     return np.asarray(len(changed) - 1 - np.argmax(changed[::-1], axis=0))
+
+
+def _scattered(pixels: Mask, links: Indices) -> NDArray[np.int8]:
+    """Return links (N,) of the pixels of a mask as a map (H, W), `RIGHT` at all others."""
+    charge = np.full(pixels.shape, RIGHT, dtype=np.int8)
+    charge[pixels] = links
+    return charge

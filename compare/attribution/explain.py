@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from xfrustum.compare.rounding.cameras import Precision, RoundingCamera
 from xfrustum.compare.rounding.causes import Causes, find_causes, misplaced_pixels
 from xfrustum.reference.lines.lines import model_cameras
@@ -10,7 +12,13 @@ from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 
-def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: int) -> Causes:
+def explain(
+    scene: Scene,
+    model: HogelImage,
+    raster: HogelImage,
+    subpixel_bits: int,
+    pixels: Mask | None = None,
+) -> Causes:
     """Find the cause of every pixel where the raster shows another triangle than the traced model.
 
     Parameters
@@ -24,9 +32,14 @@ def explain(scene: Scene, model: HogelImage, raster: HogelImage, subpixel_bits: 
         Image whose camera carries the settings that it was drawn with.
     subpixel_bits
         Subpixel bits of the device that drew it.
+    pixels
+        (H, W) the pixels that are asked about; all where None.
     """
     cameras = drawing_cameras(scene, raster, subpixel_bits)
-    return find_causes(scene.triangles, cameras, model, raster, model.triangle != raster.triangle)
+    wrong: Mask = np.not_equal(model.triangle, raster.triangle)
+    if pixels is not None:
+        wrong &= pixels
+    return find_causes(scene.triangles, cameras, model, raster, wrong)
 
 
 def misplaced(scene: Scene, raster: HogelImage, subpixel_bits: int) -> Mask:

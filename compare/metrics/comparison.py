@@ -10,6 +10,7 @@ import numpy as np
 from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.compare.metrics.error_maps import ErrorMaps, error_maps
 from xfrustum.compare.metrics.radiance import RadianceNumbers, compare_radiance
+from xfrustum.compare.metrics.surface import JudgedImage
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
@@ -141,6 +142,7 @@ def compare_images(
     *,
     radiance: bool = True,
     perceptual: bool = False,
+    judged: JudgedImage | None = None,
 ) -> Comparison:
     """Judge a raster image of an aperture by the truth.
 
@@ -155,6 +157,9 @@ def compare_images(
         without it `surface` is None.
     radiance, perceptual
         Whether to compare colors, and how different the pictures look.
+    judged
+        Image of the same cameras that was judged by the same truth before, which saves time where both show
+        the same.
 
     Raises
     ------
@@ -169,7 +174,7 @@ def compare_images(
     _check_numbers(raster, reference)
     numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
-    maps, lengths = error_maps(truth, raster, reference, numbered=numbered)
+    maps, lengths = error_maps(truth, raster, reference, numbered=numbered, judged=judged)
     if colors:
         maps = replace(maps, radiance=colors.error)
     return Comparison(

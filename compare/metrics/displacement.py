@@ -26,8 +26,10 @@ class Spread:
         """Return the spread of some values of any shape, None where there are no values."""
         if values.size == 0:
             return None
-        p50, p95, p99 = np.percentile(values, [50, 95, 99])
         largest = float(values.max())
+        if largest == 0 and float(values.min()) == 0:
+            return cls(rms=0.0, p50=0.0, p95=0.0, p99=0.0, max=0.0)
+        p50, p95, p99 = np.percentile(values, [50, 95, 99])
         # Values are scaled first: near the plate the squares of displacements may overflow.
         rms = largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0 else 0.0
         return cls(rms=rms, p50=float(p50), p95=float(p95), p99=float(p99), max=largest)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.displacement import displacement, lengths
 from xfrustum.compare.metrics.pixel_bands import in_bands
-from xfrustum.compare.metrics.surface import surface_errors
+from xfrustum.compare.metrics.surface import JudgedImage, SurfaceErrors, surface_errors
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
@@ -47,7 +48,12 @@ class ErrorMaps:
 
 
 def error_maps(
-    truth: HogelImage, raster: HogelImage, reference: Reference | None, *, numbered: bool
+    truth: HogelImage,
+    raster: HogelImage,
+    reference: Reference | None,
+    *,
+    numbered: bool,
+    judged: JudgedImage | None = None,
 ) -> tuple[ErrorMaps, Floats]:
     """Return the error maps without that of radiance, and the lengths of all displacements, (N,) px.
 
@@ -59,8 +65,16 @@ def error_maps(
         Tracer of this scene; without it there is no `surface`.
     numbered
         Whether the raster image names triangles.
+    judged
+        Image judged before that may show the same at most pixels; see `surface_errors`.
     """
-    bands = in_bands(truth, raster, partial(_judge, truth.camera, reference, numbered))
+
+    def errors_of(true: HogelImage, shown: HogelImage, rows: slice) -> SurfaceErrors:
+        assert reference is not None
+        return surface_errors(true, shown, reference, judged.rows(rows) if judged else None)
+
+    surfaces = errors_of if reference else None
+    bands = in_bands(truth, raster, partial(_judge, truth.camera, surfaces, numbered))
     maps = [band.maps for band in bands]
     surface = [part.surface for part in maps if part.surface is not None]
     outside = [part.outside for part in maps if part.outside is not None]
@@ -93,7 +107,7 @@ class _Band:
 
 def _judge(
     camera: HogelCamera,
-    reference: Reference | None,
+    surfaces: Callable[[HogelImage, HogelImage, slice], SurfaceErrors] | None,
     numbered: bool,
     truth: HogelImage,
     raster: HogelImage,
@@ -101,7 +115,7 @@ def _judge(
 ) -> _Band:
     judged = judged_pixels(truth)
     shift = displacement(raster, camera, rows)
-    errors = surface_errors(truth, raster, reference) if reference else None
+    errors = surfaces(truth, raster, rows) if surfaces else None
     maps = ErrorMaps(
         judged=judged,
         surface=errors.wrong & judged if errors else None,

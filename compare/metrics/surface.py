@@ -104,7 +104,33 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     return surface_errors(truth, raster, reference).wrong
 
 
-def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) -> SurfaceErrors:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedImage:
+    """An image whose wrong surfaces are known, beside which images with other depth buffers are judged.
+
+    Most of their pixels show the same point of the same triangle. What is found for a pixel depends on no
+    other pixel, so that such pixels need not be judged again.
+    """
+
+    image: HogelImage
+    errors: SurfaceErrors
+
+    def rows(self, some: slice) -> JudgedImage:
+        """Return a band of rows."""
+        errors = SurfaceErrors(wrong=self.errors.wrong[some], outside=self.errors.outside[some])
+        return JudgedImage(image=self.image.rows(some), errors=errors)
+
+    def shows_the_same(self, other: HogelImage) -> Mask:
+        """Return the pixels (H, W) at which another image shows the same point of the same triangle."""
+        same: Mask = (self.image.triangle == other.triangle) & (self.image.triangle != NOTHING)
+        for axis in range(3):
+            same &= self.image.position[..., axis] == other.position[..., axis]
+        return same
+
+
+def surface_errors(
+    truth: HogelImage, raster: HogelImage, reference: Reference, judged: JudgedImage | None = None
+) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
     A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
@@ -114,18 +140,32 @@ def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) 
 
     The film ends half a pixel beyond the outermost pixels' centers, so that a picture that is displaced by
     less shows nothing from outside.
+
+    Parameters
+    ----------
+    truth, raster
+        The true image, and the image that is judged by it.
+    reference
+        Tracer of the scene.
+    judged
+        Image judged by the same truth, which may show the same at most pixels.
     """
     scene = reference.scene
+    known = (
+        np.zeros(raster.covered.shape, dtype=np.bool_) if judged is None else judged.shows_the_same(raster)
+    )
     wrong = other_surfaces(truth, raster, scene)
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
-    unproven = raster.off_plate.copy()
-    unproven.flat[_surely_seen(truth, raster, raster.off_plate & ~wrong, scene)] = False
+    unproven = raster.off_plate & ~known
+    unproven.flat[_surely_seen(truth, raster, unproven & ~wrong, scene)] = False
     outside = _outside_film(unproven, raster, truth.camera, scene)
     wrong |= outside
     wrong |= hidden_pixels(
         unproven & ~wrong, raster, scene, lambda points: reference.hidden(truth.camera.aperture, points)
     )
+    if judged is not None:
+        wrong[known], outside[known] = judged.errors.wrong[known], judged.errors.outside[known]
     return SurfaceErrors(wrong=wrong, outside=outside)
 
 

@@ -14,6 +14,9 @@ from xfrustum.scenes.plate.plate import Aperture
 LINKS = ("near offset", "pivot", "fit", "slabs", "rasterization", "depth")
 """What each link changes; link k leads from image k to image k + 1 of the chain."""
 
+PIVOT = 1
+"""The link that moves the center of the shear."""
+
 RASTERIZATION, DEPTH = 4, 5
 """The links that round, and must explain themselves."""
 
@@ -55,13 +58,24 @@ def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
 
 
 def traced_models(
-    reference: Reference, aperture: Aperture, settings: DoubleFrustum
+    reference: Reference,
+    aperture: Aperture,
+    settings: DoubleFrustum,
+    traced: dict[DoubleFrustum, HogelImage] | None = None,
 ) -> tuple[HogelImage, ...]:
-    """Return T1 to T4 of an aperture; a link that changes no setting changes no image, and is not traced."""
-    traced: dict[DoubleFrustum, HogelImage] = {}
+    """Return T1 to T4 of an aperture; a link that changes no setting changes no image, and is not traced.
+
+    Parameters
+    ----------
+    traced
+        Models of this aperture that are traced already, by their settings; new ones are added.
+    """
+    traced = {} if traced is None else traced
+    frustum = reference.scene.frustum
     links = [
-        replace(link, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
-        for link in traced_settings(settings, reference.scene.frustum)
+        # A fit by default is the same as the one that it stands for.
+        replace(with_exact_depth(link), fit=link.fitted_height(frustum) or Fit.ANGLE)
+        for link in traced_settings(settings, frustum)
     ]
     for link in links:
         if link not in traced:

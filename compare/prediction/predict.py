@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from threading import Lock
 
 import numpy as np
 
@@ -102,27 +103,34 @@ class Predictor:
         self._stacks = Stacks.of(truth, gaps)
         self._silhouettes = Silhouettes(truth, frustum)
         self._border = Border(truth, frustum)
+        # Threads that ask for the same cameras wait for the one that was first.
+        self._predicting, self._linking = Lock(), Lock()
         self._without_depth: dict[DoubleFrustum, Prediction] = {}
+        self._depth_shares: dict[DoubleFrustum, float] = {}
         self._links_without_depth: dict[DoubleFrustum, tuple[LinkPrediction, ...]] = {}
 
     def predict(self, settings: DoubleFrustum) -> Prediction:
         """Return the errors to be expected with some settings."""
         # The depth buffer displaces nothing: settings that differ only in depth share the other errors.
         cameras = with_exact_depth(settings)
-        if cameras not in self._without_depth:
-            judged = max(self._stacks.judged, 1)
-            self._without_depth[cameras] = Prediction(
-                displacement_px=_spread(displacement_lengths(self._points, self._frustum, cameras)),
-                silhouettes=self._silhouettes.wrong_pixels(cameras) / judged,
-                snapped=self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / judged,
-                depth=0.0,
-                outside=self._border.fraction(cameras),
-                separation=Separations(c=None, c_star=None),
-            )
+        with self._predicting:
+            if cameras not in self._without_depth:
+                self._without_depth[cameras] = self._predict_without_depth(cameras)
         return replace(
             self._without_depth[cameras],
-            depth=depth_wrong_share(self._stacks, self._frustum, settings),
+            depth=self._depth_share(settings),
             separation=self.separations(settings),
+        )
+
+    def _predict_without_depth(self, cameras: DoubleFrustum) -> Prediction:
+        judged = max(self._stacks.judged, 1)
+        return Prediction(
+            displacement_px=_spread(displacement_lengths(self._points, self._frustum, cameras)),
+            silhouettes=self._silhouettes.wrong_pixels(cameras) / judged,
+            snapped=self._silhouettes.snapped_pixels(cameras, self._subpixel_bits) / judged,
+            depth=0.0,
+            outside=self._border.fraction(cameras),
+            separation=Separations(c=None, c_star=None),
         )
 
     def links(self, settings: DoubleFrustum) -> tuple[LinkPrediction, ...]:
@@ -131,11 +139,18 @@ class Predictor:
         Rasterization and depth displace nothing except by the rounding of positions.
         """
         cameras = with_exact_depth(settings)
-        if cameras not in self._links_without_depth:
-            self._links_without_depth[cameras] = self._undrawn_links(cameras)
-        share = depth_wrong_share(self._stacks, self._frustum, settings)
+        with self._linking:
+            if cameras not in self._links_without_depth:
+                self._links_without_depth[cameras] = self._undrawn_links(cameras)
+        share = self._depth_share(settings)
         depth = LinkPrediction(displacement_rms_px=None, surface_pixels=share * self._stacks.judged)
         return (*self._links_without_depth[cameras], depth)
+
+    def _depth_share(self, settings: DoubleFrustum) -> float:
+        """Return the share of pixels that depth makes wrong, found once for the same settings."""
+        if settings not in self._depth_shares:
+            self._depth_shares[settings] = depth_wrong_share(self._stacks, self._frustum, settings)
+        return self._depth_shares[settings]
 
     def _undrawn_links(self, cameras: DoubleFrustum) -> tuple[LinkPrediction, ...]:
         """Return the errors to be expected of all links but depth."""

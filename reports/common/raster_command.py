@@ -5,17 +5,24 @@ from __future__ import annotations
 import shlex
 
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
 
 def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> str:
-    """Return the command that draws an aperture with near, depth buffer and cuts, quoted for a shell."""
+    """Return the command that draws an aperture with these settings, quoted for a shell."""
     words = ["xfrustum", "raster", scene.source or scene.name]
     if aperture != scene.plate.middle:
         words += ["--aperture", f"{aperture.column},{aperture.row}"]
     words += ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]
     words += ["--mapping", str(settings.mapping)]
+    # Options that are left out have their usual values.
+    if settings.pivot is not Pivot.APERTURE:
+        words += ["--pivot", str(settings.pivot)]
+    if settings.fit is not None:
+        words += ["--fit", str(settings.fit) if isinstance(settings.fit, Fit) else f"{settings.fit:g}"]
+    if settings.offset is not Offset.PLATE:
+        words += ["--offset", str(settings.offset)]
     if settings.slabs:
         words += ["--slabs", ",".join(f"{height:g}" for height in settings.slabs)]
     return shlex.join([*words, "--out", "raster.exr"])

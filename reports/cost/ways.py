@@ -1,4 +1,4 @@
-"""The configurations whose cost is measured: near, depth, mapping, slabs, samples, effects, tracers."""
+"""The configurations whose cost is measured: near, depth, mapping, slabs, offset, samples, effects, tracers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
 
 NEARS_PER_REACH = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -32,6 +32,9 @@ CUTS_PER_REACH = ((0.1,), (0.03, 0.2), (0.01, 0.05, 0.25))
 See docs/method.md, "Splitting".
 """
 NEARS_PER_CUT = (1e-1, 1e-2)
+NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
+"""Near planes of cameras that stay in the aperture, over the shorter reach: they displace nothing, and leave a
+gap of near on both sides of the plate. Their depth buffer, D32F reversed, orders surfaces at any near."""
 USUAL_NEAR_PER_REACH = 1e-3
 """Near plane at which samples and effects are measured: their cost does not depend on it."""
 
@@ -45,6 +48,7 @@ class DrawnConfiguration(Configuration):
     depth: DepthFormat
     mapping: DepthMapping
     slabs: tuple[float, ...]
+    offset: Offset
     aperture_samples: int
     effects: tuple[Effect, ...]
 
@@ -86,7 +90,7 @@ class Way:
 
 
 def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> Iterator[Way]:
-    """Yield near planes with depth buffers and mappings, slabs, samples of the aperture, effects."""
+    """Yield nears with depth buffers and mappings, slabs, cameras without an offset, samples, effects."""
     reach, usual = scene.frustum.longest_reach, USUAL_NEAR_PER_REACH * scene.frustum.longest_reach
     once = replace(scene.sampling, aperture=1)
     for depth, mapping in DEPTHS:
@@ -98,6 +102,14 @@ def drawn(scene: Scene, aperture: Aperture, drawers: dict[str, Rasterizer]) -> I
             slabs = tuple(cut * reach for cut in cuts)
             settings = DoubleFrustum(near=share * slabs[0], slabs=slabs)
             yield _raster(scene, aperture, drawers["auto"], settings, once, family=f"{len(cuts) + 1} slabs")
+    for share in NEARS_WITHOUT_OFFSET_PER_REACH:
+        settings = DoubleFrustum(
+            near=share * min(scene.frustum.reach),
+            depth=DepthFormat.D32F,
+            mapping=DepthMapping.REVERSED,
+            offset=Offset.NONE,
+        )
+        yield _raster(scene, aperture, drawers["auto"], settings, once, family="no offset")
     samples = scene.sampling.aperture
     for count in sorted({2, samples} if samples > 1 else ()):
         sampling = replace(once, aperture=count)
@@ -119,6 +131,8 @@ def _raster(
     label = near_label(settings.near, scene.units, scene.frustum.longest_reach, settings.depth_label)
     if settings.slabs:
         label += f" and cuts at {', '.join(digits(cut) for cut in settings.slabs)}"
+    if settings.offset is Offset.NONE:
+        label += " and no offset, which leaves a gap at the plate"
     if sampling.aperture > 1:
         label += f", {sampling.aperture} aperture samples"
     if family == "all effects":
@@ -138,6 +152,7 @@ def _raster(
             depth=settings.depth,
             mapping=settings.mapping,
             slabs=settings.slabs,
+            offset=settings.offset,
             aperture_samples=sampling.aperture,
             effects=tuple(sorted(drawer.effects, key=list(Effect).index)),
         ),

@@ -4,6 +4,8 @@ causes           Causes of wrong surfaces over near: a stacked figure for each d
                  dominates
 figures          The curves of a report, as plotly figures: error against near, prediction drawn in, time
                  per stage
+geometries       Camera geometries of a report side by side: curves over near, and what the shear alone
+                 does to points
 images           Pictures for people: encoded, small, with scales that stay the same over a whole report
 measuring        How settings are measured at an aperture: truth, frames, comparisons, predictions, and
                  their times
@@ -12,8 +14,6 @@ report           `xfrustum report`: writes index.html, report.json and measureme
 report_records   Dataclasses of the objects in report.json and of the rows in measurements.parquet
 shading          What a report says about light beside its rows: effects and their time, the eye vector,
                  what is missed
-shading_figures  The curves of a shaded scene: radiance error and FLIP against near, and the bent eye
-                 vector's share
 shading_measure  Measuring light for a report: effects and their time, the eye vector, what is missed
 shading_page     What the page of a report shows of a shaded scene, and nothing for others
 sweep            The main job: trace the truth once per aperture, rasterize every setting, compare each

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
 
 import plotly.graph_objects as go
@@ -11,19 +11,16 @@ from xfrustum.compare import Spread
 from xfrustum.compare.metrics.comparison import Share
 from xfrustum.reports.common.figure_style import COLORS, INK, log_axis, look, style
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
-from xfrustum.scenes.plate.plate import Aperture
 
 Number = Callable[[Measurement], float | None]
 
 
-def curves(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
-    """Return the figures of one aperture, by name.
+def curves(rows: Sequence[tuple[int, Measurement]], reach: float) -> dict[str, go.Figure]:
+    """Return the figures of the rows of one aperture and one camera geometry, by name.
 
     Every measured point carries its row number in the sweep as `customdata`, so that the page
     can show the pictures of the point that was clicked.
     """
-    rows = [(i, row) for i, row in enumerate(sweep.rows) if row.aperture == aperture]
-    reach = sweep.scene.frustum.longest_reach
     return {
         "surface": _surface_figure(rows, reach),
         "displacement_p99": _displacement_figure(
@@ -75,6 +72,22 @@ def number_figure(
     """Draw a number of each row against near, one line for each depth buffer; zeros are left out."""
     figure = go.Figure()
     _add_depth_lines(figure, rows, reach, number)
+    figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
+    _log_axes(figure, title)
+    return figure
+
+
+def grouped_figure(
+    groups: Mapping[str, Sequence[tuple[int, Measurement]]], reach: float, number: Number, title: str
+) -> go.Figure:
+    """Draw a number of each row against near, one line for each named group; zeros are left out."""
+    figure = go.Figure()
+    _add_lines(
+        figure,
+        {name: sorted(g, key=lambda one: one[1].settings.near) for name, g in groups.items()},
+        reach,
+        number,
+    )
     figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g}")
     _log_axes(figure, title)
     return figure
@@ -184,7 +197,12 @@ def _displacement_figure(
 def _add_depth_lines(
     figure: go.Figure, rows: Sequence[tuple[int, Measurement]], reach: float, number: Number
 ) -> None:
-    groups = _by_depth(rows)
+    _add_lines(figure, _by_depth(rows), reach, number)
+
+
+def _add_lines(
+    figure: go.Figure, groups: Mapping[str, Sequence[tuple[int, Measurement]]], reach: float, number: Number
+) -> None:
     for place, (label, group) in enumerate(groups.items()):
         color, symbol = look(place)
         # Curves that coincide stay visible: each lies thinner on the one before.

@@ -7,14 +7,16 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from xfrustum.compare import Comparison, ErrorMaps, compare_images
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
+from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
+from xfrustum.compare.metrics.surface import JudgedImage
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
@@ -76,6 +78,11 @@ class TracedAperture:
     picture: bytes
     alone: AloneNumbers
 
+    @cached_property
+    def moved(self) -> Floats:
+        """(H, W, 2) displacement of the truth itself, which is rounding."""
+        return displacement(self.truth, self.truth.camera)
+
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredSetting:
@@ -92,6 +99,14 @@ class _Drawn:
     image: HogelImage
     lap: Stopwatch
     gpu_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judged:
+    """The row of a frame, and its error maps."""
+
+    row: Measurement
+    maps: ErrorMaps
 
 
 class SettingMeasurer:
@@ -159,34 +174,37 @@ class SettingMeasurer:
         """
         predictor: Future[Predictor] | None = None
         start: ChainStart | None = None
+        models: dict[DoubleFrustum, HogelImage] = {}
         for settings in batches:
             drawn = [self._draw(traced.aperture, setting) for setting in settings]
             shared = SharedStopwatch()
+            shared_parts: tuple[str, ...] = ()
             if start is None or not _same_cameras(start, settings[0]):
                 # Traced once for all depth buffers of these cameras.
                 with watch.stage("causes"):
-                    start = self._chain_start(traced, drawn)
+                    if any(known.near != settings[0].near for known in models):
+                        # Camera geometries share the models of a near; those of others are not needed again.
+                        models.clear()
+                    start = self._chain_start(traced, drawn, models)
+                # These are found before they are needed, side by side.
+                shared_parts = ("exact", "wrong", "rounding", "steps")
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:
                     # The common part of an aperture's predictions is found once, while images are compared.
                     predictor = pool.submit(self._predictor, traced, settings[0], watch, shared)
-                compared = [pool.submit(self._compare, traced.truth, each, shared) for each in drawn]
-                predicted = [pool.submit(_predict, predictor, each, shared) for each in drawn]
-                charges = [pool.submit(_charged, start, predictor, each, shared) for each in drawn]
-                comparisons = [each.result() for each in compared]
-                predictions = [each.result() for each in predicted]
-                budgets = [each.result() for each in charges]
+                for part in shared_parts:
+                    pool.submit(_prepare, start, part, watch, shared)
+                tasks = [pool.submit(self._judged, traced, start, predictor, each, shared) for each in drawn]
+                judged = [each.result() for each in tasks]
                 # Timed separately: encoding pictures is not measurement.
                 with watch.stage("pictures"):
-                    maps = (comparison.maps for comparison in comparisons)
+                    maps = (each.maps for each in judged)
                     pictures = list(pool.map(self._encoded, (each.image for each in drawn), maps))
             for each in drawn:
                 watch.add(each.lap.seconds)
             yield [
-                MeasuredSetting(row=_row(traced, frame, comparison, prediction, budget), pictures=own)
-                for frame, comparison, prediction, budget, own in zip(
-                    drawn, comparisons, predictions, budgets, pictures, strict=True
-                )
+                MeasuredSetting(row=each.row, pictures=own)
+                for each, own in zip(judged, pictures, strict=True)
             ]
 
     def repeat(self, rows: Sequence[Measurement], budget_s: float) -> dict[DoubleFrustum, Timing]:
@@ -223,12 +241,39 @@ class SettingMeasurer:
             drawn = self._rasterizer.draw(aperture, settings, normals=False, color=True)
         return _Drawn(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
 
-    def _compare(self, truth: HogelImage, drawn: _Drawn, shared: SharedStopwatch) -> Comparison:
+    def _compare(
+        self, truth: HogelImage, drawn: _Drawn, exact: JudgedImage, shared: SharedStopwatch
+    ) -> Comparison:
         with shared.stage(drawn.lap, "compare"):
             # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
             return compare_images(
-                truth, drawn.image, self._reference, radiance=self._shaded, perceptual=self._shaded
+                truth,
+                drawn.image,
+                self._reference,
+                radiance=self._shaded,
+                perceptual=self._shaded,
+                judged=exact,
             )
+
+    def _judged(
+        self,
+        traced: TracedAperture,
+        start: ChainStart,
+        predictor: Future[Predictor],
+        drawn: _Drawn,
+        shared: SharedStopwatch,
+    ) -> _Judged:
+        """Compare a frame with the truth, predict its errors, and charge what is wrong to causes."""
+        exact = start.exact
+        comparison = self._compare(traced.truth, drawn, exact, shared)
+        prediction = _predict(predictor, drawn, shared)
+        ready = predictor.result()
+        with shared.stage(drawn.lap, "causes"):
+            links = ready.links(_settings(drawn.image))
+            budget = charged(start, drawn.image, links, comparison.maps)
+            budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage
+        row = _row(traced, drawn, comparison, prediction, budget)
+        return _Judged(row=row, maps=comparison.maps)
 
     def _predictor(
         self, traced: TracedAperture, settings: DoubleFrustum, watch: Stopwatch, shared: SharedStopwatch
@@ -240,16 +285,20 @@ class SettingMeasurer:
             predictor.predict(settings)
         return predictor
 
-    def _chain_start(self, traced: TracedAperture, drawn: Sequence[_Drawn]) -> ChainStart:
+    def _chain_start(
+        self, traced: TracedAperture, drawn: Sequence[_Drawn], known: dict[DoubleFrustum, HogelImage]
+    ) -> ChainStart:
         """Return the chain of the first frame's cameras up to the frame with exact depth."""
         exact = with_exact_depth(_settings(drawn[0].image))
         frames = [each.image for each in drawn if _settings(each.image) == exact]
         if not frames:
             frames = [self._rasterizer.render(traced.aperture, exact, normals=False, color=False)]
-        models = traced_models(self._reference, traced.aperture, exact)
+        models = traced_models(self._reference, traced.aperture, exact, known)
         bits = int(self._rasterizer.device["subpixel_bits"])
         images = (traced.truth, *models, frames[0])
-        return ChainStart(reference=self._reference, images=images, subpixel_bits=bits)
+        return ChainStart(
+            reference=self._reference, images=images, subpixel_bits=bits, truth_moved=traced.moved
+        )
 
     def _encoded(self, drawn: HogelImage, maps: ErrorMaps) -> SettingPictures:
         return images.setting_pictures(
@@ -257,18 +306,16 @@ class SettingMeasurer:
         )
 
 
+def _prepare(start: ChainStart, part: str, watch: Stopwatch, shared: SharedStopwatch) -> None:
+    """Find one of the properties of a chain's start, which keeps it."""
+    with shared.stage(watch, "causes"):
+        getattr(start, part)
+
+
 def _predict(predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatch) -> Prediction:
     ready = predictor.result()
     with shared.stage(drawn.lap, "predict"):
         return ready.predict(_settings(drawn.image))
-
-
-def _charged(
-    start: ChainStart, predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatch
-) -> Budget:
-    ready = predictor.result()
-    with shared.stage(drawn.lap, "causes"):
-        return charged(start, drawn.image, ready.links(_settings(drawn.image)))
 
 
 def _same_cameras(start: ChainStart, settings: DoubleFrustum) -> bool:
@@ -284,6 +331,7 @@ def _row(
         comparison=comparison.numbers,
         causes=budget.causes,
         unexplained=int(budget.explanation.unexplained.sum()),
+        shear=budget.start.shear,
         predicted=prediction,
         times_s=StageTimes(trace=traced.trace_s, **drawn.lap.seconds),
         parts_s=StageParts(raster=RasterParts(gpu=drawn.gpu_s)),

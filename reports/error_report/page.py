@@ -12,8 +12,9 @@ from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reports.common import formatting
+from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.common.templates_environment import html_page
-from xfrustum.reports.error_report import causes, figures, images, shading_page
+from xfrustum.reports.error_report import causes, figures, geometries, images, shading_page
 from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S
 from xfrustum.reports.error_report.shading import ShadingReport, milliseconds
 from xfrustum.reports.error_report.tables import recommended_command
@@ -46,6 +47,7 @@ class PageRow:
     """One row as the page's script reads it; pictures by the keys of `PageData.pictures`."""
 
     aperture: tuple[int, int]
+    geometry: int
     depth: str
     near: float
     comparison: ComparisonNumbers
@@ -65,6 +67,8 @@ class PageData:
     ----------
     rows
         One for each aperture and setting.
+    geometries
+        Names of the camera geometries, which the rows number.
     apertures
         Column and row of each aperture.
     truths
@@ -76,7 +80,7 @@ class PageData:
     pictures
         Data addresses by key; each picture once, however many settings share it.
     curves
-        Figures of each aperture by name; None where a figure shows no point.
+        Figures of each aperture and geometry by name; None where a figure shows no point.
     eye
         Figure of the bent eye vector, where there is one.
     times, cost
@@ -84,13 +88,14 @@ class PageData:
     """
 
     rows: tuple[PageRow, ...]
+    geometries: tuple[str, ...]
     apertures: tuple[tuple[int, int], ...]
     truths: tuple[str, ...]
     start: int
     units: str
     reach: float
     pictures: dict[str, str]
-    curves: tuple[dict[str, go.Figure | None], ...]
+    curves: tuple[tuple[dict[str, go.Figure | None], ...], ...]
     eye: go.Figure | None
     times: go.Figure
     cost: go.Figure
@@ -131,13 +136,8 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "shading": shading_page.context(shading),
         "trade_off": trade_off.answers(options, recommended=recommended),
         "total_s": sweep.wall_s,
-        "dominant": [
-            (
-                aperture,
-                causes.sentences([row for row in sweep.rows if row.aperture == aperture], sweep.scene.units),
-            )
-            for aperture in sweep.apertures
-        ],
+        "geometries": geometries.context(sweep),
+        "dominant": _dominant(sweep),
         "unexplained": sum(row.unexplained for row in sweep.rows),
         "page_data": _page_data(sweep, shading),
     }
@@ -153,35 +153,60 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
 def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
     """Return what the page's script reads."""
     pictures: dict[str, str] = {}
-    rows = tuple(_row_data(row, own, pictures) for row, own in zip(sweep.rows, sweep.pictures, strict=True))
+    rows = tuple(
+        _row_data(row, own, pictures, sweep.geometries.index(CameraGeometry.of(row.settings)))
+        for row, own in zip(sweep.rows, sweep.pictures, strict=True)
+    )
+    names = geometry_names(sweep.geometries)
     chosen = best.best_setting(sweep.rows).settings
     start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
     return PageData(
         rows=rows,
+        geometries=tuple(names[one] for one in sweep.geometries),
         apertures=tuple(aperture.index for aperture in sweep.apertures),
         truths=tuple(_keep(encoded, pictures) for encoded in sweep.truths),
         start=start,
         units=sweep.scene.units,
         reach=sweep.scene.frustum.longest_reach,
         pictures=pictures,
-        curves=tuple(_curves(sweep, shading, aperture) for aperture in sweep.apertures),
+        curves=tuple(
+            tuple(_curves(sweep, shading, aperture, one) for one in sweep.geometries)
+            for aperture in sweep.apertures
+        ),
         eye=shading_page.eye_figure(shading),
         times=figures.stage_times(sweep),
         cost=trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX),
     )
 
 
-def _curves(sweep: Sweep, shading: ShadingReport | None, aperture: Aperture) -> dict[str, go.Figure | None]:
-    """Return the figures of an aperture by name; None for those without a point."""
-    drawn = figures.curves(sweep, aperture) | shading_page.curves(shading, sweep, aperture)
+def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
+    """Return which causes dominate, under a heading for each aperture and geometry."""
+    names = geometry_names(sweep.geometries)
+    found = []
+    for aperture in sweep.apertures:
+        for geometry in sweep.geometries:
+            name = names[geometry] if len(sweep.geometries) > 1 else ""
+            heading = f"Aperture {aperture.column},{aperture.row}" + (f", {name}" if name else "")
+            rows = [row for _, row in sweep.numbered(aperture, geometry)]
+            found.append((heading, causes.sentences(rows, sweep.scene.units)))
+    return found
+
+
+def _curves(
+    sweep: Sweep, shading: ShadingReport | None, aperture: Aperture, geometry: CameraGeometry
+) -> dict[str, go.Figure | None]:
+    """Return the figures of an aperture and geometry by name; None for those without a point."""
+    reach, rows = sweep.scene.frustum.longest_reach, sweep.numbered(aperture, geometry)
+    drawn = figures.curves(rows, reach) | shading_page.curves(shading, rows, reach)
+    drawn |= geometries.comparison_figures(sweep, aperture)
     curves = {name: None if figures.is_blank(figure) else figure for name, figure in drawn.items()}
-    numbered = [(number, row) for number, row in enumerate(sweep.rows) if row.aperture == aperture]
-    return curves | {"causes": causes.cause_figure(numbered, sweep.scene.frustum.longest_reach)}
+    return curves | {"causes": causes.cause_figure(rows, reach)}
 
 
-def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str]) -> PageRow:
+def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str], geometry: int) -> PageRow:
     return PageRow(
         aperture=row.aperture.index,
+        geometry=geometry,
         depth=row.settings.depth_label,
         near=row.settings.near,
         comparison=row.comparison,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
@@ -28,7 +29,7 @@ from xfrustum.reports.measurements.best import Recommendation, best_setting, sen
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -82,6 +83,10 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     nears: Sequence[float] | None = None,
     apertures: Sequence[Aperture] | None = None,
     depths: Sequence[DepthBuffer] | None = None,
+    pivots: Sequence[Pivot] | None = None,
+    fits: Sequence[Fit | float] | None = None,
+    offsets: Sequence[Offset] | None = None,
+    slabs: Sequence[tuple[float, ...]] | None = None,
     tracer: str = "embree",
     effects: str = "auto",
     progress: bool = False,
@@ -92,36 +97,31 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     ----------
     out
         Folder for the files; `default_folder` where None. No file appears in it before all are complete.
-    nears
-        Near planes in scene units, each between 0 and the reach; 25 logarithmic ones where None.
+    nears, depths
+        Near planes in scene units, each between 0 and the reach, and depth formats with mappings; where None
+        25 logarithmic ones and `DEFAULT_DEPTHS`.
     apertures
         Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
-    depths
-        Depth formats with mappings; `DEFAULT_DEPTHS` where None.
-    tracer
-        Reference that traces the truth.
-    effects
-        Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
+    pivots, fits, offsets, slabs
+        Camera geometries, every combination of which is measured; see `geometry_grid`.
+    tracer, effects
+        Reference that traces the truth, and effects that are simulated, as `--effects` takes them.
     progress
         Show a progress bar on standard error.
 
     Raises
     ------
     InputError
-        A near outside 0 to the reach, nothing to measure, none of the apertures sees anything of the
-        objects, an unwritable folder, no OpenGL.
+        A setting that makes no sense, nothing to measure or to see, an unwritable folder, no OpenGL.
     """
     apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
-    settings = _settings(scene, nears, depths)
+    settings = _settings(scene, nears, depths, geometry_grid(scene.frustum, pivots, fits, offsets, slabs))
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, apertures)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
-        watch = Stopwatch()
-        with watch.stage("light"):
-            shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
-        measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
+        measured, shading = _with_light(measured, settings, effects, progress)
         record = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(
@@ -137,17 +137,38 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     )
 
 
+def _with_light(
+    measured: Sweep, settings: Sequence[DoubleFrustum], effects: str, progress: bool
+) -> tuple[Sweep, ShadingReport | None]:
+    """Measure the light of a shaded scene besides; return the sweep with the time that this took."""
+    watch = Stopwatch()
+    with watch.stage("light"):
+        shading = measure_shading(
+            measured.scene, measured.apertures, settings, effects=effects, progress=progress
+        )
+    return (measured.with_stage("light", watch.seconds["light"]) if shading else measured), shading
+
+
 def _settings(
-    scene: Scene, nears: Sequence[float] | None, depths: Sequence[DepthBuffer] | None
+    scene: Scene,
+    nears: Sequence[float] | None,
+    depths: Sequence[DepthBuffer] | None,
+    geometries: Sequence[CameraGeometry],
 ) -> tuple[DoubleFrustum, ...]:
-    """Return every near with every depth buffer, each once, checked against the scene."""
-    settings = settings_grid(
-        dict.fromkeys(default_nears(scene.frustum) if nears is None else nears),
-        dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths),
-    )
+    """Return every near with every depth buffer and geometry, each once, checked against the scene.
+
+    Without an offset the near plane clips, so that it must lie before the first cut: larger nears are left
+    out where they are none that anybody asked for.
+    """
+    chosen = tuple(dict.fromkeys(default_nears(scene.frustum) if nears is None else nears))
+    buffers = tuple(dict.fromkeys(DEFAULT_DEPTHS if depths is None else depths))
+    settings: list[DoubleFrustum] = []
+    for geometry in geometries:
+        usable = [near for near in chosen if nears is not None or geometry.admits(near, scene.frustum)]
+        settings += settings_grid(usable, buffers, [geometry])
     for setting in settings:
         setting.check_against(scene.frustum)
-    return settings
+    return tuple(settings)
 
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from xfrustum.compare import Spread
 from xfrustum.compare.attribution.budget import Cause, CauseNumbers
+from xfrustum.compare.attribution.shear import ShearNumbers
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reference.alone import AloneNumbers
@@ -76,6 +77,7 @@ class RowNumbers:
     near_per_reach: float
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
     unexplained: int
+    shear: ShearNumbers | None
     predicted_displacement_px: Spread | None
     predicted_surface: PredictedSurface
     smallest_separation: Separations
@@ -124,6 +126,7 @@ class ReportRecord:
     apertures: tuple[Aperture, ...]
     best: RecommendationRecord
     best_per_depth: tuple[BestRecord, ...]
+    best_per_geometry: tuple[BestRecord, ...]
     rows: tuple[ReportRow, ...]
     tracers_alone: tuple[AloneRecord, ...]
     versions: Mapping[str, str]

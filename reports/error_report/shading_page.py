@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import plotly.graph_objects as go
 
 from xfrustum.compare.metrics.left_out import LeftOutNumbers
 from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE
-from xfrustum.reports.error_report import images, shading_figures
+from xfrustum.reports.error_report import figures, images
 from xfrustum.reports.error_report.shading import ShadingReport
-from xfrustum.reports.measurements.measurement import Sweep
+from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -61,16 +62,38 @@ def context(shading: ShadingReport | None) -> LightContext | None:
     return LightContext(report=shading, sentences=tuple(shading.sentences()), missed=tuple(missed))
 
 
-def curves(shading: ShadingReport | None, sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
-    """Return the further figures of an aperture, by name."""
-    return {} if shading is None else shading_figures.curves(sweep, aperture)
+def curves(
+    shading: ShadingReport | None, rows: Sequence[tuple[int, Measurement]], reach: float
+) -> dict[str, go.Figure]:
+    """Return the further figures of the rows of an aperture and a camera geometry, by name."""
+    if shading is None:
+        return {}
+
+    def rms(row: Measurement) -> float | None:
+        error = row.comparison.radiance
+        return None if error is None else error.rms or None
+
+    def flip(row: Measurement) -> float | None:
+        error = row.comparison.radiance
+        return None if error is None else error.flip or None
+
+    return {
+        "radiance": figures.number_figure(rows, reach, rms, "rms radiance error, linear"),
+        "flip": figures.number_figure(rows, reach, flip, "FLIP, mean over the picture"),
+    }
 
 
 def eye_figure(shading: ShadingReport | None) -> go.Figure | None:
     """Return the figure of the bent eye vector; None where there is none."""
     if shading is None or not shading.eye:
         return None
-    return shading_figures.eye_figure(shading.eye, shading.scene.frustum.longest_reach)
+    reach = shading.scene.frustum.longest_reach
+    return figures.pair_figure(
+        [error.near / reach for error in shading.eye],
+        [error.measured for error in shading.eye],
+        [error.predicted for error in shading.eye],
+        "rms change of radiance at the same surface points",
+    )
 
 
 def _uri(encoded: bytes) -> str:

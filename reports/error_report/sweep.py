@@ -14,6 +14,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reports.common import provenance
+from xfrustum.reports.common.geometry import CameraGeometry
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S, MeasuredSetting, SettingMeasurer
@@ -57,10 +58,21 @@ def default_nears(frustum: Frustum) -> tuple[float, ...]:
     return tuple(float(fraction) * frustum.longest_reach for fraction in fractions)
 
 
-def settings_grid(nears: Iterable[float], depths: Iterable[DepthBuffer]) -> tuple[DoubleFrustum, ...]:
-    """Return every near with every depth buffer: all nears of the first buffer first."""
+def settings_grid(
+    nears: Iterable[float],
+    depths: Iterable[DepthBuffer],
+    geometries: Iterable[CameraGeometry] = (CameraGeometry(),),
+) -> tuple[DoubleFrustum, ...]:
+    """Return every near with every depth buffer and camera geometry: all nears of the first buffer first.
+
+    The buffers of the first geometry come before those of the second.
+    """
+    nears, depths = tuple(nears), tuple(depths)
     return tuple(
-        DoubleFrustum(near=near, depth=depth, mapping=mapping) for depth, mapping in depths for near in nears
+        geometry.with_depth(near, depth, mapping)
+        for geometry in geometries
+        for depth, mapping in depths
+        for near in nears
     )
 
 
@@ -178,10 +190,12 @@ def _run(
 def _batches(settings: Sequence[DoubleFrustum], size: int) -> Iterator[Sequence[DoubleFrustum]]:
     """Yield parts of about one size whose cameras are the same: these share the traced links of the chain.
 
-    A smaller remainder would leave processors idle, so that the parts of one pair of cameras are equal.
+    Geometries of one near follow one another, for they share some of these links too. A smaller remainder
+    would leave processors idle, so that the parts of one pair of cameras are equal.
     """
     grouped: dict[DoubleFrustum, list[DoubleFrustum]] = {}
-    for setting in settings:
+    nears = list(dict.fromkeys(setting.near for setting in settings))
+    for setting in sorted(settings, key=lambda one: nears.index(one.near)):
         grouped.setdefault(with_exact_depth(setting), []).append(setting)
     for group in grouped.values():
         count = max(1, round(len(group) / size))

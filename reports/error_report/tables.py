@@ -22,7 +22,13 @@ from xfrustum.reports.error_report.report_records import (
     TableRow,
 )
 from xfrustum.reports.error_report.shading import ShadingReport
-from xfrustum.reports.measurements.best import Recommendation, best_per_depth, best_setting, sentence
+from xfrustum.reports.measurements.best import (
+    Recommendation,
+    best_per_depth,
+    best_per_geometry,
+    best_setting,
+    sentence,
+)
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_record import trade_off_record
@@ -43,6 +49,7 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
             confidence=CONFIDENCE,
         ),
         best_per_depth=tuple(_best_record(best, reach) for best in best_per_depth(sweep.rows)),
+        best_per_geometry=tuple(_best_record(best, reach) for best in best_per_geometry(sweep.rows)),
         rows=tuple(
             ReportRow(aperture=row.aperture.index, numbers=_row_numbers(row, reach), causes=row.causes)
             for row in sweep.rows
@@ -98,6 +105,7 @@ def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
         near_per_reach=row.settings.near / reach,
         comparison=row.comparison,
         unexplained=row.unexplained,
+        shear=row.shear,
         predicted_displacement_px=predicted.displacement_px,
         predicted_surface=PredictedSurface(
             fraction=predicted.surface_fraction,

@@ -8,6 +8,7 @@ from itertools import groupby
 
 from xfrustum.compare.metrics.paired import is_worse
 from xfrustum.reports.common.formatting import _plain, digits, percent
+from xfrustum.reports.common.geometry import CameraGeometry, geometries_of, geometry_names
 from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -73,6 +74,10 @@ class Recommendation:
     displacement_p99_px: float
     radiance_fraction: float | None
     window: Window
+
+
+_Line = tuple[DepthFormat, DepthMapping, CameraGeometry]
+"""What all settings of one window have in common: depth buffer and camera geometry."""
 
 
 class _Candidate:
@@ -148,10 +153,11 @@ def _best(candidates: list[_Candidate]) -> list[_Candidate]:
 def best_setting(rows: Sequence[Measurement]) -> Recommendation:
     """Return what is recommended: the middle of the widest window of equally good near planes.
 
-    A window is a run of near planes of one depth buffer, as they were measured, that all are `equally_good`.
-    Where windows are equally wide, the one with the larger nears is taken, and where these are equal too, the
-    depth buffer that comes first. Its middle, by ratio, is farthest both from nears so large that they bend
-    the picture and from nears so small that they starve it of depth; of two middles the larger near is taken.
+    A window is a run of near planes of one depth buffer and one camera geometry, as they were measured, that
+    all are `equally_good`. Where windows are equally wide, the one with the larger nears is taken, and where
+    these are equal too, the geometry and the depth buffer that come first. Its middle, by ratio, is farthest
+    both from nears so large that they bend the picture and from nears so small that they starve it of depth;
+    of two middles the larger near is taken.
 
     Raises
     ------
@@ -175,10 +181,11 @@ def _window(run: Sequence[_Candidate]) -> Window:
     return Window(low=run[0].settings.near, high=run[-1].settings.near, nears=len(run))
 
 
-def _by_depth(candidates: Sequence[_Candidate]) -> dict[tuple[DepthFormat, DepthMapping], list[_Candidate]]:
-    grouped: dict[tuple[DepthFormat, DepthMapping], list[_Candidate]] = {}
+def _by_depth(candidates: Sequence[_Candidate]) -> dict[_Line, list[_Candidate]]:
+    grouped: dict[_Line, list[_Candidate]] = {}
     for one in candidates:
-        grouped.setdefault((one.settings.depth, one.settings.mapping), []).append(one)
+        line = one.settings.depth, one.settings.mapping, CameraGeometry.of(one.settings)
+        grouped.setdefault(line, []).append(one)
     return grouped
 
 
@@ -206,6 +213,17 @@ def best_per_depth(rows: Sequence[Measurement]) -> list[Recommendation]:
     return [best_setting(group) for group in grouped.values()]
 
 
+def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
+    """Return the best setting of each camera geometry, in the order in which the rows name the geometries.
+
+    A setting is compared only with settings of the same pivot, fit, offset and cuts.
+    """
+    grouped: dict[CameraGeometry, list[Measurement]] = {}
+    for row in rows:
+        grouped.setdefault(CameraGeometry.of(row.settings), []).append(row)
+    return [best_setting(group) for group in grouped.values()]
+
+
 def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
     """Say which near planes and which depth buffer are best, and how good they are.
 
@@ -225,10 +243,12 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
     apertures = len({row.aperture for row in rows})
     where = f" at the worst of {apertures} apertures" if apertures > 1 else ""
     chosen = "The one setting measured" if settings == 1 else f"Best of {settings} settings"
+    name = geometry_names(geometries_of(row.settings for row in rows))[CameraGeometry.of(best.settings)]
+    cameras = f" and {name}" if name else ""
     wrong = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
     return (
         f"{chosen}: near {near_range(best.window)} {units} "
-        f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth"
+        f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
         f"{_equally(best, units)}{wrong}, {_colors(best)}"
         f"and 99 % of the picture lies within {pixels(best.displacement_p99_px)} of where it belongs."
     )

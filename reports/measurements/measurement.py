@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from xfrustum.compare.attribution.budget import Cause
+from xfrustum.compare.attribution.shear import ShearNumbers
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reference.alone import AloneNumbers
+from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
 from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -85,6 +88,8 @@ class Measurement:
         Wall seconds per stage.
     parts_s
         Seconds of the parts of stages.
+    shear
+        What the pivot does to the points that are shown; None where it does nothing.
     wrong
         By `surface` and `radiance`: the judged pixels that show the wrong surface, or a color that is off
         by more than 1/255; empty where they were not kept.
@@ -98,6 +103,7 @@ class Measurement:
     predicted: Prediction
     times_s: StageTimes
     parts_s: StageParts
+    shear: ShearNumbers | None = None
     wrong: Mapping[str, PixelSet] = field(default_factory=dict, repr=False)
 
     def wrong_share(self, kind: str) -> float:
@@ -234,6 +240,19 @@ class Sweep:
     def with_stage(self, name: str, seconds: float) -> Sweep:
         """Return the sweep with one more stage, which was done after all others."""
         return replace(self, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
+
+    @cached_property
+    def geometries(self) -> tuple[CameraGeometry, ...]:
+        """Camera geometries of all settings, each once."""
+        return geometries_of(row.settings for row in self.rows)
+
+    def numbered(self, aperture: Aperture, geometry: CameraGeometry) -> list[tuple[int, Measurement]]:
+        """Return the rows of an aperture and a geometry, with their numbers."""
+        return [
+            (number, row)
+            for number, row in enumerate(self.rows)
+            if row.aperture == aperture and CameraGeometry.of(row.settings) == geometry
+        ]
 
     @property
     def cost(self) -> SweepCost:

@@ -4,8 +4,9 @@ const get = (id) => document.getElementById(id);
 const config = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
 const depths = [...new Set(data.rows.map((row) => row.depth))];
 const same = (a, b) => a[0] === b[0] && a[1] === b[1];
-const state = { aperture: 0, depth: depths[0], near: 0 };
-let drawnAperture = -1;
+const state = { aperture: 0, geometry: 0, depth: depths[0], near: 0 };
+let drawn = "";
+const curves = () => data.curves[state.aperture][state.geometry];
 
 function short(value, unit = "") {
   if (value === null || value === undefined) return "–";
@@ -17,7 +18,7 @@ function short(value, unit = "") {
 
 function candidates() {
   return data.rows
-    .filter((row) => same(row.aperture, data.apertures[state.aperture]) && row.depth === state.depth)
+    .filter((row) => same(row.aperture, data.apertures[state.aperture]) && row.geometry === state.geometry && row.depth === state.depth)
     .sort((a, b) => a.near - b.near);
 }
 
@@ -27,8 +28,7 @@ function closest(rows) {
 }
 
 function drawPlots() {
-  const curves = data.curves[state.aperture];
-  for (const [name, figure] of Object.entries(curves)) {
+  for (const [name, figure] of Object.entries(curves())) {
     const place = get("plot-" + name);
     place.hidden = figure === null;
     if (figure === null) continue;
@@ -39,11 +39,12 @@ function drawPlots() {
       if (index !== undefined) choose(data.rows[index]);
     });
   }
-  drawnAperture = state.aperture;
+  drawn = `${state.aperture} ${state.geometry}`;
 }
 
 function choose(row) {
   state.aperture = data.apertures.findIndex((index) => same(index, row.aperture));
+  state.geometry = row.geometry;
   state.depth = row.depth;
   state.near = row.near;
   show();
@@ -123,6 +124,7 @@ function show() {
   const row = rows[place];
   state.near = row.near;
   get("aperture").value = state.aperture;
+  get("geometry").value = state.geometry;
   get("near").max = rows.length - 1;
   get("near").value = place;
   get("near-value").textContent = `${short(row.near)} ${data.units} = ${short(row.near / data.reach)} of the reach`;
@@ -138,9 +140,9 @@ function show() {
   }
   numbers(row);
   predictions(row);
-  if (drawnAperture !== state.aperture) drawPlots();
+  if (drawn !== `${state.aperture} ${state.geometry}`) drawPlots();
   const upright = { type: "line", xref: "x", yref: "paper", x0: row.near / data.reach, x1: row.near / data.reach, y0: 0, y1: 1, line: { color: "#80868f", width: 1.2, dash: "dot" } };
-  for (const [name, figure] of Object.entries(data.curves[state.aperture])) if (figure !== null) Plotly.relayout(get("plot-" + name), { shapes: [upright] });
+  for (const [name, figure] of Object.entries(curves())) if (figure !== null) Plotly.relayout(get("plot-" + name), { shapes: [upright] });
 }
 
 for (const depth of depths) {
@@ -151,6 +153,7 @@ for (const depth of depths) {
   get("depths").append(button);
 }
 get("aperture").addEventListener("change", (event) => { state.aperture = Number(event.target.value); show(); });
+get("geometry").addEventListener("change", (event) => { state.geometry = Number(event.target.value); show(); });
 get("near").addEventListener("input", (event) => { state.near = candidates()[event.target.value].near; show(); });
 
 // One window on all pictures: scale and offset in units of a picture's width and height.
@@ -187,7 +190,7 @@ get("panels").addEventListener("pointerdown", (event) => {
 });
 get("panels").addEventListener("dblclick", () => { Object.assign(pane, { scale: 1, x: 0, y: 0 }); place(); });
 
-for (const name of Object.keys(data.curves[0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
+for (const name of Object.keys(data.curves[0][0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
 Plotly.newPlot(get("plot-cost"), data.cost.data, data.cost.layout, config);
 Plotly.newPlot(get("plot-times"), data.times.data, data.times.layout, { ...config, displayModeBar: false });
 choose(data.rows[data.start]);

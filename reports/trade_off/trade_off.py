@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from xfrustum.reports.common.formatting import digits, percent
+from xfrustum.reports.common.geometry import CameraGeometry
+from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, Timing
 from xfrustum.reports.common.turns import open_races
 from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX, best_setting, pixels
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 STRICTER_FRACTION = 0.2
@@ -30,10 +33,11 @@ class Configuration:
 
 @dataclass(frozen=True, kw_only=True)
 class SweptConfiguration(Configuration):
-    """A near plane with a depth buffer, in words."""
+    """A near plane with a depth buffer, in words, and with a camera geometry."""
 
     near: float
     depth: str
+    geometry: CameraGeometry = field(metadata=INLINED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,8 +334,12 @@ def options_of(sweep: Sweep) -> list[Option]:
         Option(
             renderer="raster",
             label=label,
-            family=rows[0].settings.depth_label,
-            configuration=SweptConfiguration(near=rows[0].settings.near, depth=rows[0].settings.depth_label),
+            family=_family(rows[0].settings),
+            configuration=SweptConfiguration(
+                near=rows[0].settings.near,
+                depth=rows[0].settings.depth_label,
+                geometry=CameraGeometry.of(rows[0].settings),
+            ),
             displacement_p99_px=max(row.displacement_p99_px for row in rows),
             surface_fraction=max(row.surface_fraction for row in rows),
             time_s=sweep.frames_s.get(rows[0].settings, Timing.of([rows[0].times_s.raster])),
@@ -350,8 +358,19 @@ def recommended_of(sweep: Sweep, options: Sequence[Option]) -> Option:
 
 def raster_label(row: Measurement, sweep: Sweep) -> str:
     """Return the words for a row's settings."""
-    scene = sweep.scene
-    return near_label(row.settings.near, scene.units, scene.frustum.longest_reach, row.settings.depth_label)
+    scene, settings = sweep.scene, row.settings
+    label = near_label(settings.near, scene.units, scene.frustum.longest_reach, settings.depth_label)
+    return _with_geometry(label, settings)
+
+
+def _family(settings: DoubleFrustum) -> str:
+    return _with_geometry(settings.depth_label, settings)
+
+
+def _with_geometry(label: str, settings: DoubleFrustum) -> str:
+    """Add to some words what is not usual about the cameras."""
+    described = CameraGeometry.of(settings).described
+    return f"{label}, {described}" if described else label
 
 
 def near_label(near: float, units: str, reach: float, depth: str) -> str:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.geometry.placement import place, placement
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.library.optics import gratings, mirror, mirror_spheres, plain
 from xfrustum.scenes.library.studio import studio, studio_car
@@ -30,6 +31,15 @@ _RECENTERED = Frustum(
 # A screen behind the plate, around the car, and a plate so small that its corners see the car too.
 _CAR_PLATE = Plate(size=(40.0, 30.0), hogels=(81, 61))
 _CAR_RECENTERED = replace(_RECENTERED, screen=Screen(height=-60.0, center=(4.0, -8.0), size=(100.0, 80.0)))
+
+# A two-step hologram (paper, section 2): the plate is the master in the view zone, and its content lies about
+# the plane in which the transfer will be placed. All apertures project the rectangle of the transfer.
+_TRANSFER_HEIGHT, _CAR_MIDDLE = -150.0, -17.0
+_TRANSFER = Frustum(
+    resolution=(512, 384),
+    reach=(50.0, 250.0),
+    screen=Screen(height=_TRANSFER_HEIGHT, center=(-14.0, -11.0), size=(120.0, 90.0)),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +75,12 @@ class Listing:
     triangles: int
 
 
+def _transferred_car() -> tuple[SceneObject, ...]:
+    """Return the car about the transfer plane: all of it lies behind the plate, the master."""
+    behind = placement(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, _TRANSFER_HEIGHT - _CAR_MIDDLE))
+    return tuple(place(part, behind) for part in car())
+
+
 def _nothing() -> tuple[SceneObject, ...]:
     return ()
 
@@ -80,6 +96,11 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
             objects=car,
             plate=_CAR_PLATE,
             frustum=_CAR_RECENTERED,
+        ),
+        "car-transfer": Builtin(
+            purpose="a master for transfer: the car behind the plate, the screen in the transfer plane through it",
+            objects=_transferred_car,
+            frustum=_TRANSFER,
         ),
         "asymmetric": Builtin(
             purpose="different parts on both sides of the plate: no flip or swap of axes goes unseen",

@@ -33,7 +33,14 @@ from xfrustum.cli.streams import printable_output, say
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
-    from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+    from xfrustum.scenes.plate.double_frustum import (
+        DepthFormat,
+        DepthMapping,
+        DoubleFrustum,
+        Fit,
+        Offset,
+        Pivot,
+    )
 
 BAD_INPUT = 2
 """Exit status where the user can mend what is wrong."""
@@ -95,6 +102,29 @@ def cli(
     type=options.Depths(),
     help="Depth buffers, such as d24,d32f:reversed.  [default: five]",
 )
+@click.option(
+    "--pivot",
+    "pivots",
+    type=options.NameList("Pivot"),
+    help="Centers of the shear.  [default: aperture; if recentered, both]",
+)
+@click.option(
+    "--fit",
+    "fits",
+    type=options.FitHeights(),
+    help="Heights |z| drawn exactly, such as angle,screen,15.  [default: the first cut, or angle]",
+)
+@click.option(
+    "--offset",
+    "offsets",
+    type=options.NameList("Offset"),
+    help="Whether cameras step back; none leaves a gap of near at the plate.  [default: plate]",
+)
+@click.option(
+    "--slabs",
+    type=options.CutLists(),
+    help="Heights |z| at which both frusta are cut, such as '15,40;20;none'.  [default: none]",
+)
 @options.tracer_option
 @cli_light.light_options(*cli_light.ALL)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
@@ -106,6 +136,10 @@ def report(
     nears: tuple[float, ...] | None,
     apertures: tuple[tuple[int, int], ...] | None,
     depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
+    pivots: tuple[Pivot, ...] | None,
+    fits: tuple[Fit | float, ...] | None,
+    offsets: tuple[Offset, ...] | None,
+    slabs: tuple[tuple[float, ...], ...] | None,
     tracer: str,
     light: Light,
     out: Path | None,
@@ -114,7 +148,8 @@ def report(
 ) -> None:
     """Sweep near planes and depth formats; write index.html, report.json, measurements.parquet.
 
-    A recentered frustum is measured at two corners of the plate too.
+    Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
+    measured at two corners of the plate too.
     """
     from xfrustum.reports.error_report.report import make_report
 
@@ -131,6 +166,10 @@ def report(
         nears=nears,
         apertures=chosen,
         depths=depths,
+        pivots=pivots,
+        fits=fits,
+        offsets=offsets,
+        slabs=slabs,
         tracer=tracer,
         effects=light.effects,
         progress=not quiet,

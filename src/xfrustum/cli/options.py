@@ -103,6 +103,49 @@ class Sizes(click.ParamType[tuple[int, ...]]):
         return sizes
 
 
+class NameList(click.ParamType[tuple[StrEnum, ...]]):
+    """Names out of an enumeration of `xfrustum.scenes.plate.double_frustum`, separated by commas."""
+
+    def __init__(self, enumeration: str) -> None:
+        self._one = Name(enumeration)
+        self.name = enumeration
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Return the names to choose from."""
+        return f"{self._one.get_metavar(param, ctx)},.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[StrEnum, ...]:
+        """Return the members of these names in the order given."""
+        return tuple(self._one.convert(part.strip(), param, ctx) for part in str(value).split(","))
+
+
+class FitHeights(click.ParamType["tuple[Fit | float, ...]"]):
+    """Fits as `FitHeight` takes them, separated by commas."""
+
+    name = "angle|screen|Z,.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[Fit | float, ...]:
+        """Return the names and heights in the order given."""
+        return tuple(FitHeight().convert(part.strip(), param, ctx) for part in str(value).split(","))
+
+
+class CutLists(click.ParamType[tuple[tuple[float, ...], ...]]):
+    """Lists of cuts, as `Numbers` takes them, separated by semicolons; `none` is the list without a cut."""
+
+    name = "Z,Z;none"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[tuple[float, ...], ...]:
+        """Return the cuts of each list."""
+        parts = [part.strip().lower() for part in str(value).split(";")]
+        return tuple(() if part == "none" else Numbers().convert(part, param, ctx) for part in parts)
+
+
 class FitHeight(click.ParamType["Fit | float"]):
     """The word `angle` or `screen`, or a height."""
 

@@ -26,6 +26,7 @@ from xfrustum.reports.common.timing import CONFIDENCE, Timing
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.cost import ways as cost_ways
 from xfrustum.reports.error_report.images import _levels
+from xfrustum.reports.measurements.best import DISPLACEMENT_TIE_PX
 from xfrustum.reports.trade_off.trade_off import (
     Configuration,
     Option,
@@ -270,6 +271,10 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert main(arguments) == 0
     printed = json.loads(capsys.readouterr().out)
     assert {"raster", "embree", "mitsuba", "certified"} == {row["renderer"] for row in printed["rows"]}
+    stays = [row for row in printed["rows"] if row["configuration"].get("offset") == "none"]
+    assert len(stays) == len(cost_ways.NEARS_WITHOUT_OFFSET_PER_REACH)
+    # Cameras in the aperture displace nothing: what is measured is the rounding of positions.
+    assert all(row["error"]["displacement_p99_px"] < DISPLACEMENT_TIE_PX for row in stays)
     for row in printed["rows"]:
         assert set(row["error"]) == {"displacement_p99_px", "surface_fraction"}
         low, high = row["time_s"]["interval"]

@@ -14,7 +14,7 @@ from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes import DepthFormat, DoubleFrustum, open_scene
+from xfrustum.scenes import DepthFormat, DoubleFrustum, Pivot, open_scene
 
 JUDGED = 10_000
 
@@ -74,6 +74,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
         tmp_path_factory.mktemp("report"),
         nears=[1e-5, 0.1, 10.0],
         apertures=[scene.plate.aperture(3, 4)],
+        pivots=[Pivot.APERTURE],
     )
 
 

@@ -123,7 +123,7 @@ def test_the_page_is_still_one_file_that_asks_for_nothing(files: ReportFiles) ->
     ):
         assert part in own
     data = page_data(files)
-    assert {"radiance", "flip"} <= set(data["curves"][0]) and data["eye"]["data"]
+    assert {"radiance", "flip"} <= set(data["curves"][0][0]) and data["eye"]["data"]
     assert all("radiance" in row["pictures"] for row in data["rows"])
 
 
@@ -137,7 +137,7 @@ def test_an_unshaded_scene_has_none_of_it(tmp_path: Path) -> None:
     assert "Both scales of errors are logarithmic" in html and "display white" not in html
     data = page_data(files)
     assert data["eye"] is None and "radiance" not in data["rows"][0]["pictures"]
-    assert set(data["curves"][0]).isdisjoint({"radiance", "flip"})
+    assert set(data["curves"][0][0]).isdisjoint({"radiance", "flip"})
 
 
 def test_a_matte_scene_has_no_curve_of_the_eye_vector(tmp_path: Path) -> None:

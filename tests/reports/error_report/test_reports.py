@@ -6,7 +6,7 @@ import io
 import json
 import re
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -80,7 +80,7 @@ def test_a_recentered_scene_is_measured_in_the_middle_and_at_two_corners(files: 
     apertures = [(a["column"], a["row"]) for a in files.content["apertures"]]
     columns, rows = open_scene("asymmetric-recentered").plate.hogels
     assert apertures == [(columns // 2, rows // 2), (0, 0), (columns - 1, rows - 1)]
-    assert len(files.content["rows"]) == 3 * len(NEARS) * len(DEPTHS)
+    assert len(files.content["rows"]) == 3 * 2 * len(NEARS) * len(DEPTHS)
 
 
 def test_the_json_has_no_nan_and_says_what_was_returned(files: ReportFiles) -> None:
@@ -115,7 +115,7 @@ def test_times_of_every_stage_are_in_every_row_and_add_up(files: ReportFiles) ->
     for stage in ("raster", "compare"):
         assert sum(row["times_s"][stage] for row in rows) == pytest.approx(total[stage])
     assert total["trace"] == pytest.approx(
-        sum(row["times_s"]["trace"] for row in rows) / len(NEARS) / len(DEPTHS)
+        sum(row["times_s"]["trace"] for row in rows) / 2 / len(NEARS) / len(DEPTHS)
     )
 
 
@@ -229,7 +229,7 @@ def test_the_curves_of_surfaces_have_a_closed_form_for_every_depth_buffer(files:
     html = files.html.read_text()
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
     assert found
-    for curves in json.loads(found[1])["curves"]:
+    for curves in chain.from_iterable(json.loads(found[1])["curves"]):
         names = [line["name"] for line in curves["surface"]["data"]]
         assert names == [
             "D24 standard",
@@ -283,7 +283,7 @@ def test_an_empty_scene_has_a_report_too(tmp_path: Path) -> None:
     assert flat["displacement_px_rms"] is None
     assert flat["predicted_displacement_px_rms"] is None
     # Where there is nothing to plot there is no plot; that no pixel is wrong is something.
-    (curves,) = page_data(made.html)["curves"]
+    ((curves,),) = page_data(made.html)["curves"]
     assert {name for name, figure in curves.items() if figure is None} == {
         "causes",
         "displacement_p99",

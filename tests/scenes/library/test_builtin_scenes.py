@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes import InputError, Scene, open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.geometry.refine import refine
@@ -127,6 +128,25 @@ def test_the_car_has_the_size_of_the_papers_and_straddles_the_plate() -> None:
     assert open_scene("car-recentered").frustum.recentered
     centers = scene.triangles.mean(axis=1)[:, 2]
     assert 0.2 < float((centers > 0).mean()) < 0.8
+
+
+def test_the_transfer_has_all_content_behind_the_plate_and_the_transfer_plane_through_it() -> None:
+    """The master lies in the view zone; every corner of its plate sees the whole of the transfer's rectangle."""
+    scene = open_scene("car-transfer")
+    heights, screen = scene.vertices[:, 2], scene.frustum.screen
+    assert screen is not None
+    assert heights.max() < 0 and -scene.frustum.reach[1] < heights.min()
+    assert heights.min() < screen.height < heights.max()
+    car = open_scene("car").vertices
+    np.testing.assert_allclose(scene.vertices - car, np.tile([0, 0, -133.0], (len(car), 1)), atol=1e-12)
+    for aperture in scene.plate.corners:
+        shear, half_extent = film_window(scene.frustum, aperture)
+        for axis, place in enumerate((aperture.x, aperture.y)):
+            low, high = (
+                place + -screen.height * (shear[axis] + side * half_extent[axis]) for side in (-1, 1)
+            )
+            assert high - low == pytest.approx(screen.size[axis])
+            assert (low + high) / 2 == pytest.approx(screen.center[axis])
 
 
 @pytest.mark.parametrize("name", ["car", "asymmetric", "large-triangles"])

@@ -1,0 +1,199 @@
+"""Camera geometries of a report side by side: curves over near, and what the shear alone does to points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import plotly.graph_objects as go
+
+from xfrustum.compare.attribution.shear import ShearNumbers
+from xfrustum.reports.common.formatting import digits, percent
+from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
+from xfrustum.reports.error_report import figures
+from xfrustum.reports.measurements import best
+from xfrustum.reports.measurements.best import Recommendation
+from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.scenes.plate.double_frustum import Offset, Pivot
+from xfrustum.scenes.plate.plate import Aperture
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownGeometry:
+    """One camera geometry on the page: its name, and its best setting."""
+
+    name: str
+    best: Recommendation
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShearRow:
+    """What the shear does at one aperture and near."""
+
+    aperture: Aperture
+    near: float
+    numbers: ShearNumbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeometryContext:
+    """What the page says about camera geometries.
+
+    Attributes
+    ----------
+    shown
+        Each geometry with its best setting.
+    depth_label
+        Depth buffer of the curves that compare geometries.
+    sentences
+        What the comparison comes to, in words.
+    shear
+        What the shear about the cameras does, per aperture and near; each near once.
+    without_offset
+        Whether the cameras of some geometry stay in the aperture.
+    """
+
+    shown: tuple[ShownGeometry, ...]
+    depth_label: str
+    sentences: tuple[str, ...]
+    shear: tuple[ShearRow, ...]
+    without_offset: bool
+
+
+def context(sweep: Sweep) -> GeometryContext:
+    """Return what the page says about the camera geometries of a sweep."""
+    names = geometry_names(sweep.geometries)
+    found = best.best_per_geometry(sweep.rows)
+    shown = tuple(ShownGeometry(name=names[CameraGeometry.of(one.settings)], best=one) for one in found)
+    shear = _shear_rows(sweep)
+    sentences = [*_compared(shown, sweep.scene.units), *_shear_sentences(shear, sweep)]
+    return GeometryContext(
+        shown=shown,
+        depth_label=best.best_setting(sweep.rows).settings.depth_label,
+        sentences=tuple(sentences),
+        shear=shear,
+        without_offset=any(one.offset is Offset.NONE for one in sweep.geometries),
+    )
+
+
+def comparison_figures(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
+    """Return curves of an aperture with a line for each geometry, by name; none of a single geometry.
+
+    All lines are drawn with the depth buffer of the best setting.
+    """
+    if len(sweep.geometries) < 2:
+        return {}
+    label, reach = best.best_setting(sweep.rows).settings.depth_label, sweep.scene.frustum.longest_reach
+    names = geometry_names(sweep.geometries)
+    groups = {
+        names[one]: [item for item in sweep.numbered(aperture, one) if item[1].settings.depth_label == label]
+        for one in sweep.geometries
+    }
+
+    def wrong(row: Measurement) -> float | None:
+        return row.surface_fraction or None
+
+    def moved(row: Measurement) -> float | None:
+        return row.displacement_p99_px or None
+
+    numbers: tuple[tuple[str, Callable[[Measurement], float | None], str], ...] = (
+        ("geometry_surface", wrong, "share of pixels with the wrong surface"),
+        ("geometry_displacement", moved, "99th percentile of displacement, px"),
+    )
+    return {
+        name: figures.grouped_figure(groups, reach, number, title) for name, number, title in numbers
+    } | _shear_figure(sweep, aperture)
+
+
+def _shear_figure(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
+    rows = [row for row in _shear_rows(sweep) if row.aperture == aperture]
+    if not rows:
+        return {}
+    reach = sweep.scene.frustum.longest_reach
+    figure = figures.pair_figure(
+        [row.near / reach for row in rows],
+        [row.numbers.rms_px for row in rows],
+        [row.numbers.closed_form_rms_px for row in rows],
+        "rms displacement by the shear alone, px",
+    )
+    return {"geometry_shear": figure}
+
+
+def _shear_rows(sweep: Sweep) -> tuple[ShearRow, ...]:
+    """Return the shear of each aperture and near, ascending; depth buffers, fits and cuts share it."""
+    found: dict[tuple[int, float], ShearRow] = {}
+    for row in sweep.rows:
+        if row.shear is not None:
+            place = sweep.apertures.index(row.aperture)
+            shown = ShearRow(aperture=row.aperture, near=row.settings.near, numbers=row.shear)
+            found.setdefault((place, row.settings.near), shown)
+    return tuple(found[key] for key in sorted(found))
+
+
+def _compared(shown: Sequence[ShownGeometry], units: str) -> list[str]:
+    """Say for each geometry how good its best setting is, where there are several."""
+    if len(shown) < 2:
+        return []
+    return [
+        f"With {one.name} the best setting is near {digits(one.best.settings.near)} {units} and "
+        f"{one.best.settings.depth_label} depth: {percent(one.best.surface_fraction)} of the judged pixels "
+        "show the wrong surface, and 99 % of the picture lies within "
+        f"{best.pixels(one.best.displacement_p99_px)} of where it belongs."
+        for one in shown
+    ]
+
+
+def _shear_sentences(shear: Sequence[ShearRow], sweep: Sweep) -> list[str]:
+    if not shear:
+        return []
+    units = sweep.scene.units
+    worst = max(shear, key=lambda row: row.numbers.rms_px)
+    apart = max(
+        abs(row.numbers.rms_px / row.numbers.closed_form_rms_px - 1)
+        for row in shear
+        if row.numbers.closed_form_rms_px > 0
+    )
+    where = f"near {digits(worst.near)} {units} and aperture {worst.aperture.column},{worst.aperture.row}"
+    said = [
+        "A shear about the cameras' own centers moves what is drawn by up to "
+        f"{digits(worst.numbers.rms_px)} px (rms, at {where}); a shear about the aperture moves nothing.",
+        "What is traced and the closed form -k n/((|z| + n) t) differ by "
+        + (f"at most {percent(apart)} at every near." if apart > _EQUAL else "nothing but rounding."),
+    ]
+    if any(one.pivot is Pivot.APERTURE for one in sweep.geometries):
+        said.append(_limits(sweep))
+    return said
+
+
+_EQUAL = 1e-6
+"""Relative difference of two displacements below which only rounding tells them apart: pixels are counted in
+double precision, and shears of a ten-thousandth of a pixel still have nine digits."""
+
+
+def _limits(sweep: Sweep) -> str:
+    """Say up to which near each pivot keeps the displacement that nobody sees."""
+    parts = []
+    for pivot in Pivot:
+        kept = _kept_nears(sweep, pivot)
+        if kept is not None:
+            where = (
+                f"up to near {digits(kept)} {sweep.scene.units}" if kept else "at no near that was measured"
+            )
+            parts.append(f"with pivot {pivot} {where}")
+    return (
+        f"99 % of the picture lies within {digits(best.UNSEEN_DISPLACEMENT_PX)} px " + ", ".join(parts) + "."
+    )
+
+
+def _kept_nears(sweep: Sweep, pivot: Pivot) -> float | None:
+    """Return the largest near at which every aperture keeps it, with the usual fit, offset and no cuts."""
+    usual = CameraGeometry(pivot=pivot)
+    moved: dict[float, float] = {}
+    label = best.best_setting(sweep.rows).settings.depth_label
+    for row in sweep.rows:
+        if CameraGeometry.of(row.settings) == usual and row.settings.depth_label == label:
+            near = row.settings.near
+            moved[near] = max(moved.get(near, 0.0), row.displacement_p99_px)
+    if not moved:
+        return None
+    return max((near for near, px in moved.items() if px <= best.UNSEEN_DISPLACEMENT_PX), default=0.0)
