@@ -14,11 +14,10 @@ from xfrustum.compare.diagnosis.faults import CONVENTIONS, MISTAKEN_UNITS, Fault
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.judging.judged import Judging
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.model.scene import Scene
 
 MIN_FITTED_CLAIMS = 100
 """Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted and the
@@ -155,10 +154,10 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
     faults may have misled the fit; and then scenes in wrong units, which may show too little to be fitted.
     """
     # Step 1: the fitted guess, with the halves put together as the images have them.
-    nominal, scene = test.nominal, test.reference.scene
+    nominal = test.nominal
     model, *others = _composed(test, fit.model)
     if _enough(test.share(model)):
-        also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(scene, nominal, model))
+        also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(test, model))
         return model, replace(fit, alternatives=also)
     # Step 2: the alternatives of the fit. Claims cannot tell them apart, but the reach may cut them
     # differently.
@@ -176,11 +175,11 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
         whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
         # Where too little is seen to be fitted, orientation and order may be wrong as well.
         for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
-            tried += [[one] for one in (size, *_twins(scene, nominal, size))]
+            tried += [[one] for one in (size, *_twins(test, size))]
     # Step 4: the best of all that were tried, without idle faults.
     found, *others = min(tried, key=lambda models: test.wrong(models[0]))
     best = test.reduced(found)
-    others = [*(others if best == found else []), *_twins(scene, nominal, best)]
+    others = [*(others if best == found else []), *_twins(test, best)]
     if (best.scene_scale, best.pitch) == (model.scene_scale, model.pitch):
         return best, replace(fit, alternatives=(*fit.alternatives, *others))
     # The best guess is a common mistake of units: its interval is not known from a fit.
@@ -192,14 +191,16 @@ MAX_PITCH_DIFFERENCE = 1e-3
 be off by `parameters.SMALLEST_FACTOR`, half of this, without having a name."""
 
 
-def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnModel, ...]:
+def _twins(test: ExplanationTest, model: DrawnModel) -> tuple[DrawnModel, ...]:
     """Return guesses with other faults that show the same images, except for what the reach cuts off.
 
     Through a centered frustum an image depends on (P - a) / s alone. Moving the apertures to one side equals
     moving the scene to the other side, and enlarging the scene equals shrinking the plate by the same factor.
+    Through a recentered one, another shear may show the same images.
     """
+    scene, nominal = test.reference.scene, test.nominal
     if scene.frustum.recentered:
-        return ()
+        return _sheared_twins(test, model)
     found = []
     x, y, z = model.scene_offset
     if (x, y) != nominal.scene_offset[:2] and model.aperture_offset == nominal.aperture_offset:
@@ -210,6 +211,29 @@ def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnM
     elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
         found.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
     return tuple(found)
+
+
+def _sheared_twins(test: ExplanationTest, model: DrawnModel) -> tuple[DrawnModel, ...]:
+    """Return guesses with other shears that explain the images as well as one with a wrong shear.
+
+    Where everything visible lies on one side of the plate, images do not say what became of the other camera.
+    In one aperture alone, a missing or reversed shear equals a projection screen at another place.
+    """
+    scene, nominal = test.reference.scene, test.nominal
+    screen = scene.frustum.screen
+    if screen is None or model.recentering is nominal.recentering:
+        return ()
+    tried = []
+    if model.recentering is not Recentering.NONE:
+        kept = (nominal.recentering, model.recentering, Recentering.NONE)
+        tried += [replace(model, recentering=other) for other in Recentering if other not in kept]
+    apertures = {model.placed(model.answers(scene, image.camera.aperture)) for image in test.images}
+    factor = model.recentering.factor(1)
+    if len(apertures) == 1 and factor == model.recentering.factor(-1):
+        (there,) = apertures
+        x, y = ((factor - 1) * (m - a) for m, a in zip(screen.center, (there.x, there.y), strict=True))
+        tried.append(replace(model, recentering=nominal.recentering, screen_center=(x, y)))
+    return tuple(one for one in tried if test.unexplained(one) <= test.unexplained(model))
 
 
 def _unbounded(
