@@ -460,7 +460,7 @@ def wrong_surfaces(
     scene, plate = reference.scene, question.plate_height
     wrong = other_surfaces(answer, image, scene)
     pointed = np.isfinite(image.position).all(axis=-1)
-    known = pointed & ~wrong & covered_by(image)
+    known = pointed & covered_by(image)
     wrong |= (image.triangle != NOTHING) & ~pointed & (image.triangle != answer.triangle)
     sides = [(0, known & (image.height != plate))]
     if not question.one_pencil:
@@ -472,7 +472,7 @@ def wrong_surfaces(
     wrong |= outside
     for side, asked in sides if question.plain else ():
         hides = partial(_hides, reference, question, answer, side)
-        wrong |= hidden_pixels(asked & ~outside, image, scene, hides)
+        wrong |= hidden_pixels(asked & ~wrong, image, scene, hides)
     return SurfaceErrors(wrong=wrong, outside=outside)
 
 
