@@ -171,7 +171,7 @@ class DrawnModel:
     def frustum(self, scene: Scene) -> Frustum:
         """Return the scene's frustum with the projection screen where the guess has it."""
         screen = scene.frustum.screen
-        if screen is None:
+        if screen is None or (self.screen_center, self.screen_height) == ((0.0, 0.0), 1.0):
             return scene.frustum
         moved = replace(
             screen,

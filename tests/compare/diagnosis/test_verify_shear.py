@@ -17,7 +17,9 @@ from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import Camera, Scene
 
-SIZE = 48
+SIZE, MORE = 32, 64
+"""Sides of the films of quick tests and of slow ones, px."""
+
 SOME = [(0, 0), (4, 1), (2, 3), (1, 4), (3, 2)]
 """Hogels in each column and in each row of the plate, once."""
 
@@ -53,8 +55,8 @@ def check(found: Verification, expected: dict[str, float | str]) -> None:
         assert low is not None
         assert high is not None
         assert low <= size <= high
-        # The fault itself is fifty times as large or more.
-        assert high - low < 2e-3 * max(abs(size), 1.0) + 0.05
+        # The faults are thirty times as large or more.
+        assert high - low < 0.1
     assert not found.passed
     for hogel in found.hogels:
         assert hogel.corrected is not None
@@ -63,37 +65,37 @@ def check(found: Verification, expected: dict[str, float | str]) -> None:
     assert found.summary()["corrected"]["causes"]["unexplained"] == 0
 
 
-def verified(scene: Scene, fault: str, near: float | None) -> None:
+def verified(scene: Scene, fault: str, near: float | None, apertures: list[tuple[int, int]] = SOME) -> None:
     faults, expected = put_in(scene, fault)
     with Faulty(scene=scene, near=near, **faults) as renderer:
-        found = xfrustum.verify(scene, renderer, apertures=SOME)
+        found = xfrustum.verify(scene, renderer, apertures=apertures)
     check(found, {**expected, **({"near": near} if near else {})})
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_wrong_shear_is_named_and_no_other_fault(fault: str) -> None:
-    verified(small("asymmetric-recentered", SIZE), fault, None)
+    verified(small("asymmetric-recentered", SIZE), fault, None, SOME[:3])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["car-recentered", "teapot-recentered"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_wrong_shear_is_named_before_and_behind_other_screens(name: str, fault: str) -> None:
-    verified(small(name, 64), fault, None)
+    verified(small(name, MORE), fault, None)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["asymmetric-recentered", "car-recentered", "teapot-recentered"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_wrong_shear_and_a_near_offset_are_told_apart(name: str, fault: str) -> None:
-    scene = small(name, 64)
+    scene = small(name, MORE)
     verified(scene, fault, NEAR_PER_REACH * scene.frustum.longest_reach)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["car-recentered", "teapot-recentered"])
 def test_a_right_renderer_of_a_recentered_scene_stays_right(name: str) -> None:
-    scene = small(name, 64)
+    scene = small(name, MORE)
     with Faulty(scene=scene) as renderer:
         found = xfrustum.verify(scene, renderer, apertures=SOME)
     assert found.passed
@@ -109,9 +111,9 @@ def diagnosed(scene: Scene, model: DrawnModel, *apertures: tuple[int, int]) -> A
 
 
 def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> None:
-    scene = small("asymmetric-recentered", 32)
+    scene = small("asymmetric-recentered", SIZE)
     assert scene.frustum.screen is not None
-    per_px = scene.frustum.screen.size[0] / 32
+    per_px = scene.frustum.screen.size[0] / SIZE
     # The first name is that of what a renderer rather does: pixels are sampled within themselves.
     for shift, first, other in ((0.5, "shift-x", "screen-center-x"), (3.0, "screen-center-x", "shift-x")):
         named = diagnosed(scene, DrawnModel(screen_center=(-shift * per_px, 0.0)), *SOME[:3])
@@ -121,7 +123,7 @@ def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> N
 
 
 def test_one_hogel_does_not_tell_a_missing_shear_from_a_screen_elsewhere() -> None:
-    scene = small("asymmetric-recentered", 32)
+    scene = small("asymmetric-recentered", SIZE)
     named = diagnosed(scene, DrawnModel(recentering=Recentering.NONE), SOME[0])
     assert set(named) == {"not-recentered"}
     assert named["not-recentered"].alternatives == ("screen-center-x", "screen-center-y")
@@ -129,7 +131,7 @@ def test_one_hogel_does_not_tell_a_missing_shear_from_a_screen_elsewhere() -> No
 
 
 def test_what_lies_before_the_plate_alone_does_not_tell_whether_c_is_sheared_rightly() -> None:
-    whole = small("asymmetric-recentered", 32)
+    whole = small("asymmetric-recentered", SIZE)
     before = replace(whole, frustum=replace(whole.frustum, reach=(whole.frustum.reach[0], 1e-3)))
     named = diagnosed(before, DrawnModel(recentering=Recentering.C_STAR_REVERSED), *SOME[:3])
     assert set(named) == {"shear-sign"}
@@ -138,7 +140,7 @@ def test_what_lies_before_the_plate_alone_does_not_tell_whether_c_is_sheared_rig
 
 
 def test_a_centered_frustum_has_no_shear_to_be_wrong() -> None:
-    scene = small("asymmetric", 32)
+    scene = small("asymmetric", SIZE)
     named = diagnosed(scene, DrawnModel(shift=(3.0, 0.0)), *SOME[:3])
     assert set(named) == {"shift-x"}
     assert named["shift-x"].alternatives == ()
