@@ -14,6 +14,7 @@ from xfrustum.compare.diagnosis.faults import CONVENTIONS, MISTAKEN_UNITS, Fault
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.judging.judged import Judging
+from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
@@ -176,14 +177,24 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
         # Where too little is seen to be fitted, orientation and order may be wrong as well.
         for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
             tried += [[one] for one in (size, *_twins(test, size))]
+    if fit.by_color and test.reference.scene.frustum.recentered and not _enough(test.share(plain)):
+        # Registration moves pictures and makes them larger; it does not shear one aperture unlike another.
+        for way in dict.fromkeys((plain, nominal)):
+            shears = [shear for shear in Recentering if shear is not nominal.recentering]
+            tried += [[replace(way, recentering=shear)] for shear in shears]
     # Step 4: the best of all that were tried, without idle faults.
     found, *others = min(tried, key=lambda models: test.wrong(models[0]))
     best = test.reduced(found)
     others = [*(others if best == found else []), *_twins(test, best)]
-    if (best.scene_scale, best.pitch) == (model.scene_scale, model.pitch):
+    if _not_fitted(best) == _not_fitted(model):
         return best, replace(fit, alternatives=(*fit.alternatives, *others))
-    # The best guess is a common mistake of units: its interval is not known from a fit.
+    # The best guess is a common mistake of units, or another shear: its interval is not known from a fit.
     return best, _unbounded(fit, nominal, best, others)
+
+
+def _not_fitted(model: DrawnModel) -> tuple[object, ...]:
+    """Return what of a guess may have been tried instead of fitted."""
+    return model.scene_scale, model.pitch, model.recentering
 
 
 MAX_PITCH_DIFFERENCE = 1e-3
@@ -275,7 +286,10 @@ def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tup
     plain = model.with_parameters(nominal.parameters)
     factor = float(np.mean(model.fov))
     _, half = film_window(scene.frustum, scene.plate.middle)
-    tilt = 2 * np.asarray(model.shift) / scene.frustum.resolution * half * (1, -1)
+    shift = np.asarray(model.shift)
+    if scene.frustum.screen is not None:
+        shift = shift + np.asarray(model.screen_center) / parameters.screen_lengths(scene)
+    tilt = 2 * shift / scene.frustum.resolution * half * (1, -1)
     tried = []
     for z in heights:
         if factor != 1.0:
