@@ -178,15 +178,14 @@ def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometry
         fit.high,
         strict=True,
     )
-    named = {
-        name: (
-            scene.units if name in places else units.get(kind, scene.units),
-            *(_written(name, scene, float(number)) for number in (value, should)),
-            *sorted(_written(name, scene, float(number)) for number in (least, most)),
-        )
-        for name, kind, smallest, should, value, least, most in values
-        if abs(value - should) > smallest and not least <= should <= most
-    }
+    named: dict[str, tuple[str | None, float, float, float, float]] = {}
+    for name, kind, smallest, should, value, least, most in values:
+        if abs(value - should) > smallest and not least <= should <= most:
+            stated, nominally, *ends = (
+                _written(name, scene, float(number)) for number in (value, should, least, most)
+            )
+            unit_of = scene.units if name in places else units.get(kind, scene.units)
+            named[name] = unit_of, stated, nominally, min(ends), max(ends)
     for name, (unit, value, should, least, most) in named.items():
         others = _alternatives(name, scene, nominal, fit.alternatives, frozenset(named))
         words = _number_words(name, scene, value, should)

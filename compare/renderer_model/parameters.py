@@ -138,7 +138,7 @@ def screen_lengths(scene: Scene) -> Floats:
     screen = scene.frustum.screen
     assert screen is not None
     behind = -np.sign(screen.height)
-    return np.asarray(screen.size) / scene.frustum.resolution * behind * (1, -1)
+    return np.asarray(np.asarray(screen.size) / scene.frustum.resolution * behind * (1, -1))
 
 
 def smallest_named(scene: Scene) -> Floats:

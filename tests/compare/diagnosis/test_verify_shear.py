@@ -35,12 +35,13 @@ def put_in(scene: Scene, fault: str) -> tuple[dict[str, Any], dict[str, float | 
     assert screen is not None
     x, y = screen.center[0] + 0.05 * screen.size[0], screen.center[1] - 0.03 * screen.size[1]
     height = 1.25 * screen.height
-    return {
+    each: dict[str, tuple[dict[str, Any], dict[str, float | str]]] = {
         "screen-height": ({"screen_height": height}, {"screen-height": height}),
         "screen-center": ({"screen_center": (x, y)}, {"screen-center-x": x, "screen-center-y": y}),
         "not-recentered": ({"recentered": False}, {"not-recentered": "no shear"}),
         "shear-sign": ({"reversed_shears": frozenset({Camera.C_STAR})}, {"shear-sign": "C*"}),
-    }[fault]
+    }
+    return each[fault]
 
 
 def check(found: Verification, expected: dict[str, float | str]) -> None:
