@@ -13,6 +13,8 @@ findings      The reading of a renderer's pixels and the way it draws, tested to
 geometry_fit  Conventions and geometry of a renderer, from what its images claim: searched, fitted, bounded
 registration  Conventions and geometry from pictures without numbers of triangles: registered with the
               reference's own
+starts        The conventions and the numbers from which fits of geometry start: those under which claims
+              fail least
 stored_truth  Stored pixels beside what the truth would have stored, and the damage that explains the
               difference
 """

@@ -33,7 +33,7 @@ class _Films:
     places
         (N, 2) x and y of the apertures, scene units.
     shear
-        (N, 2) shears of the apertures' lines.
+        (N, 2) shears of the apertures' lines, where they are sheared as they must be.
     half
         (2,) half-extent of the film.
     per_px
@@ -86,7 +86,7 @@ def outside_px(claims: Claims, scene: Scene, model: DrawnModel, cap: float) -> F
 
 def _windows(scene: Scene, places: Floats, model: DrawnModel) -> tuple[Floats, Floats]:
     """Return shear (N, 2) and half-extent (2,) of the films of apertures at some places, by a guess."""
-    frustum = scene.frustum
+    frustum = model.frustum(scene)
     if frustum.screen is None:
         assert frustum.fov is not None
         return np.zeros_like(places), np.tan(np.asarray(frustum.fov) / 2) * model.fov
@@ -104,9 +104,10 @@ def _one_camera(corners: Floats, films: _Films, model: DrawnModel, side: int) ->
     offset = side * model.near if model.pivot is Pivot.CAMERA else 0.0
     px, py, z = corners.transpose(2, 1, 0)
     w = model.near - side * z
+    kx, ky = films.shear.T * model.recentering.factor(side)
     # In coordinates sheared about the aperture both cameras look straight (CONVENTIONS.md).
-    x = (px - films.places[:, 0] + films.shear[:, 0] * (z - offset)) * (side / films.half[0])
-    y = (py - films.places[:, 1] + films.shear[:, 1] * (z - offset)) * (side / films.half[1])
+    x = (px - films.places[:, 0] + kx * (z - offset)) * (side / films.half[0])
+    y = (py - films.places[:, 1] + ky * (z - offset)) * (side / films.half[1])
     # Step 2: the three edges as lines on the film, by cross products of corners; `values` is each line's
     # equation at the sampled point, and `volume` the determinant of the corners.
     following = [1, 2, 0]

@@ -14,11 +14,11 @@ from xfrustum.compare.diagnosis.faults import CONVENTIONS, MISTAKEN_UNITS, Fault
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.judging.judged import Judging
-from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
-from xfrustum.scenes.model.scene import Scene
 
 MIN_FITTED_CLAIMS = 100
 """Smallest number of claims that geometry is fitted to: several for each of the numbers to be fitted and the
@@ -155,10 +155,10 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
     faults may have misled the fit; and then scenes in wrong units, which may show too little to be fitted.
     """
     # Step 1: the fitted guess, with the halves put together as the images have them.
-    nominal, scene = test.nominal, test.reference.scene
+    nominal = test.nominal
     model, *others = _composed(test, fit.model)
     if _enough(test.share(model)):
-        also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(scene, nominal, model))
+        also = (*fit.alternatives, *others, *_by_depth(test, model, fit), *_twins(test, model))
         return model, replace(fit, alternatives=also)
     # Step 2: the alternatives of the fit. Claims cannot tell them apart, but the reach may cut them
     # differently.
@@ -176,15 +176,25 @@ def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, Geometry
         whole = replace(plain, front=nominal.front, overlaid=nominal.overlaid, culled=nominal.culled)
         # Where too little is seen to be fitted, orientation and order may be wrong as well.
         for size in (replace(way, scene_scale=f) for way in (nominal, whole) for f in MISTAKEN_UNITS):
-            tried += [[one] for one in (size, *_twins(scene, nominal, size))]
+            tried += [[one] for one in (size, *_twins(test, size))]
+    if fit.by_color and test.reference.scene.frustum.recentered and not _enough(test.share(plain)):
+        # Registration moves pictures and makes them larger; it does not shear one aperture unlike another.
+        for way in dict.fromkeys((plain, nominal)):
+            shears = [shear for shear in Recentering if shear is not nominal.recentering]
+            tried += [[replace(way, recentering=shear)] for shear in shears]
     # Step 4: the best of all that were tried, without idle faults.
     found, *others = min(tried, key=lambda models: test.wrong(models[0]))
     best = test.reduced(found)
-    others = [*(others if best == found else []), *_twins(scene, nominal, best)]
-    if (best.scene_scale, best.pitch) == (model.scene_scale, model.pitch):
+    others = [*(others if best == found else []), *_twins(test, best)]
+    if _not_fitted(best) == _not_fitted(model):
         return best, replace(fit, alternatives=(*fit.alternatives, *others))
-    # The best guess is a common mistake of units: its interval is not known from a fit.
+    # The best guess is a common mistake of units, or another shear: its interval is not known from a fit.
     return best, _unbounded(fit, nominal, best, others)
+
+
+def _not_fitted(model: DrawnModel) -> tuple[object, ...]:
+    """Return what of a guess may have been tried instead of fitted."""
+    return model.scene_scale, model.pitch, model.recentering
 
 
 MAX_PITCH_DIFFERENCE = 1e-3
@@ -192,14 +202,16 @@ MAX_PITCH_DIFFERENCE = 1e-3
 be off by `parameters.SMALLEST_FACTOR`, half of this, without having a name."""
 
 
-def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnModel, ...]:
+def _twins(test: ExplanationTest, model: DrawnModel) -> tuple[DrawnModel, ...]:
     """Return guesses with other faults that show the same images, except for what the reach cuts off.
 
     Through a centered frustum an image depends on (P - a) / s alone. Moving the apertures to one side equals
     moving the scene to the other side, and enlarging the scene equals shrinking the plate by the same factor.
+    Through a recentered one, another shear may show the same images.
     """
+    scene, nominal = test.reference.scene, test.nominal
     if scene.frustum.recentered:
-        return ()
+        return _sheared_twins(test, model)
     found = []
     x, y, z = model.scene_offset
     if (x, y) != nominal.scene_offset[:2] and model.aperture_offset == nominal.aperture_offset:
@@ -210,6 +222,29 @@ def _twins(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> tuple[DrawnM
     elif other != nominal.pitch[0] and abs(other / model.pitch[1] - 1) <= MAX_PITCH_DIFFERENCE:
         found.append(replace(model, scene_scale=factor / other, pitch=nominal.pitch))
     return tuple(found)
+
+
+def _sheared_twins(test: ExplanationTest, model: DrawnModel) -> tuple[DrawnModel, ...]:
+    """Return guesses with other shears that explain the images as well as one with a wrong shear.
+
+    Where everything visible lies on one side of the plate, images do not say what became of the other camera.
+    In one aperture alone, a missing or reversed shear equals a projection screen at another place.
+    """
+    scene, nominal = test.reference.scene, test.nominal
+    screen = scene.frustum.screen
+    if screen is None or model.recentering is nominal.recentering:
+        return ()
+    tried = []
+    if model.recentering is not Recentering.NONE:
+        kept = (nominal.recentering, model.recentering, Recentering.NONE)
+        tried += [replace(model, recentering=other) for other in Recentering if other not in kept]
+    apertures = {model.placed(model.answers(scene, image.camera.aperture)) for image in test.images}
+    factor = model.recentering.factor(1)
+    if len(apertures) == 1 and factor == model.recentering.factor(-1):
+        (there,) = apertures
+        x, y = ((factor - 1) * (m - a) for m, a in zip(screen.center, (there.x, there.y), strict=True))
+        tried.append(replace(model, recentering=nominal.recentering, screen_center=(x, y)))
+    return tuple(one for one in tried if test.unexplained(one) <= test.unexplained(model))
 
 
 def _unbounded(
@@ -251,7 +286,10 @@ def _by_depth(test: ExplanationTest, model: DrawnModel, fit: GeometryFit) -> tup
     plain = model.with_parameters(nominal.parameters)
     factor = float(np.mean(model.fov))
     _, half = film_window(scene.frustum, scene.plate.middle)
-    tilt = 2 * np.asarray(model.shift) / scene.frustum.resolution * half * (1, -1)
+    shift = np.asarray(model.shift)
+    if scene.frustum.screen is not None:
+        shift = shift + np.asarray(model.screen_center) / parameters.screen_lengths(scene)
+    tilt = 2 * shift / scene.frustum.resolution * half * (1, -1)
     tried = []
     for z in heights:
         if factor != 1.0:

@@ -155,6 +155,7 @@ def _simpler(model: DrawnModel, nominal: DrawnModel) -> Iterator[DrawnModel]:
     groups += [
         ("orientation",),
         ("order",),
+        ("recentering",),
         ("pivot",),
         ("fit",),
         ("front", "overlaid", "culled"),

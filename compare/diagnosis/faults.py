@@ -11,7 +11,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.geometry_fit import CORNER_PITCHES, GeometryFit
 from xfrustum.compare.renderer_model import parameters
-from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front
+from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Front, Recentering
 from xfrustum.compare.renderer_model.parameters import Kind
 from xfrustum.scenes.model.scene import Scene
 
@@ -20,6 +20,8 @@ SHIFT, FOV, PITCH = ("shift-x", "shift-y"), ("fov-x", "fov-y"), ("pitch-x", "pit
 APERTURE_OFFSET = ("aperture-offset-x", "aperture-offset-y")
 SCENE_OFFSET = ("scene-offset-x", "scene-offset-y", "scene-offset-z")
 SCENE_SCALE = "scene-scale"
+SCREEN_CENTER, SCREEN_HEIGHT = ("screen-center-x", "screen-center-y"), "screen-height"
+NOT_RECENTERED, SHEAR_SIGN = "not-recentered", "shear-sign"
 FRONT_MISSING, FRONT_NEAREST, NOT_OVERLAID, CULLING, LIGHTS = (
     "front-missing",
     "front-nearest",
@@ -97,6 +99,7 @@ def faults_of(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometr
     """
     return (
         *_conventions(nominal, found),
+        *_shear(scene, nominal, found, fit),
         *_numbers(scene, nominal, found, fit),
         *_halves(found, fit.alternatives),
     )
@@ -130,8 +133,41 @@ def _conventions(nominal: DrawnModel, found: DrawnModel) -> Iterator[Fault]:
         yield Fault(fault=FIT, value=str(found.fit), words=words)
 
 
+def _shear(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
+    """Yield the fault in the way cameras are sheared, if there is one."""
+    if found.recentering is nominal.recentering:
+        return
+    name, words = _shear_words(found.recentering)
+    value = "no shear" if name == NOT_RECENTERED else str(found.recentering)
+    others: dict[str, None] = {}
+    reversed_too: dict[str, None] = {}
+    for model in fit.alternatives:
+        if model.recentering is nominal.recentering:
+            others |= dict.fromkeys(_odd(scene, nominal, model))
+        elif model.recentering is not found.recentering:
+            reversed_too[f"of {model.recentering}"] = None
+    if reversed_too:
+        words += f" (or the shear {', or '.join(reversed_too)} is reversed: {_witnesses(fit)} cannot tell)"
+    if others:
+        words += f"; or {', '.join(others)}: {_witnesses(fit)} cannot tell"
+    yield Fault(fault=name, value=value, words=words, alternatives=tuple(others))
+
+
+def _shear_words(recentering: Recentering) -> tuple[str, str]:
+    """Return name and words of the fault of a wrong shear."""
+    if recentering is Recentering.NONE:
+        words = "frusta are not recentered: every aperture looks straight ahead, not at the projection screen"
+        return NOT_RECENTERED, words
+    if recentering is Recentering.BOTH_REVERSED:
+        return SHEAR_SIGN, "C and C* are sheared the wrong way, as for a screen on the plate's other side"
+    other = "C" if recentering is Recentering.C_STAR_REVERSED else "C*"
+    words = f"{recentering} is sheared the way of {other}; with respect to the plate the two are sheared in "
+    return SHEAR_SIGN, words + "opposite directions"
+
+
 def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: GeometryFit) -> Iterator[Fault]:
     units = {Kind.PIXELS: "px", Kind.FACTOR: "ratio", Kind.SIZE: "ratio"}
+    places = (*SCREEN_CENTER, SCREEN_HEIGHT)
     values = zip(
         parameters.FAULT_NAMES,
         parameters.KINDS,
@@ -142,11 +178,14 @@ def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometry
         fit.high,
         strict=True,
     )
-    named = {
-        name: (units.get(kind, scene.units), float(value), float(should), float(least), float(most))
-        for name, kind, smallest, should, value, least, most in values
-        if abs(value - should) > smallest and not least <= should <= most
-    }
+    named: dict[str, tuple[str | None, float, float, float, float]] = {}
+    for name, kind, smallest, should, value, least, most in values:
+        if abs(value - should) > smallest and not least <= should <= most:
+            stated, nominally, *ends = (
+                _written(name, scene, float(number)) for number in (value, should, least, most)
+            )
+            unit_of = scene.units if name in places else units.get(kind, scene.units)
+            named[name] = unit_of, stated, nominally, min(ends), max(ends)
     for name, (unit, value, should, least, most) in named.items():
         others = _alternatives(name, scene, nominal, fit.alternatives, frozenset(named))
         words = _number_words(name, scene, value, should)
@@ -163,6 +202,16 @@ def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometry
         )
 
 
+def _written(name: str, scene: Scene, number: float) -> float:
+    """Return a parameter as a fault states it: the place of a screen in scene units, others as they are."""
+    screen = scene.frustum.screen
+    if screen is None:
+        return number
+    if name in SCREEN_CENTER:
+        return screen.center[SCREEN_CENTER.index(name)] + number
+    return screen.height * number if name == SCREEN_HEIGHT else number
+
+
 def _witnesses(fit: GeometryFit) -> str:
     return "colors" if fit.by_color else "images"
 
@@ -171,29 +220,36 @@ def _alternatives(
     name: str, scene: Scene, nominal: DrawnModel, models: Sequence[DrawnModel], named: frozenset[str]
 ) -> tuple[str, ...]:
     """Return the faults that other guesses have instead of the named one, preferably along the same axis."""
-    smallest = parameters.smallest_named(scene)
-    kind = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
+    kind: dict[str, Kind] = dict(zip(parameters.FAULT_NAMES, parameters.KINDS, strict=True))
     ratios = (Kind.FACTOR, Kind.SIZE)
     found: dict[str, None] = {}
     for model in models:
-        off = np.abs(model.parameters - nominal.parameters) > smallest
-        other = [fault for fault, odd in zip(parameters.FAULT_NAMES, off, strict=True) if odd]
+        other = _odd(scene, nominal, model)
         # A guess that has this fault too is no alternative to it.
         if name in other:
             continue
         other = [fault for fault in other if fault not in named]
         # If a guess has several, a ratio replaces a ratio, and a length a length along the same axis.
-        alike = [fault for fault in other if (kind[fault] in ratios) == (kind[name] in ratios)] or other
+        alike = [fault for fault in other if (kind.get(fault) in ratios) == (kind[name] in ratios)] or other
         along = [fault for fault in alike if _axis(fault) in ("", _axis(name)) or not _axis(name)]
         found |= dict.fromkeys(along or alike)
     return tuple(found)
+
+
+def _odd(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
+    """Return the names of the faults of a guess in its shear and in its numbers."""
+    off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
+    names = [fault for fault, odd in zip(parameters.FAULT_NAMES, off, strict=True) if odd]
+    if model.recentering is nominal.recentering:
+        return names
+    return [_shear_words(model.recentering)[0], *names]
 
 
 def _axis(fault: str) -> str:
     return fault[-1] if fault[-2:] in ("-x", "-y", "-z") else ""
 
 
-def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
+def _number_words(name: str, scene: Scene, value: float, should: float) -> str:  # noqa: PLR0911 - one per kind
     if name in SHIFT:
         side = (("left", "right"), ("above", "below"))[SHIFT.index(name)][value > 0]
         side = f"{side} their centers" if name == SHIFT[1] else f"to the {side} of their centers"
@@ -211,8 +267,15 @@ def _number_words(name: str, scene: Scene, value: float, should: float) -> str:
         return _aperture_words(APERTURE_OFFSET.index(name), scene, value)
     if name in SCENE_OFFSET or name == SCENE_SCALE:
         return _scene_words(name, scene, value)
+    if name == SCREEN_HEIGHT or name in SCREEN_CENTER:
+        return _screen_words(name, scene, value, should)
     stated = f", not by {should:.5g}" if should else ", which nobody mentioned"
     return f"both cameras step back by a near offset of {value:.5g} {scene.units}{stated}"
+
+
+def _screen_words(name: str, scene: Scene, value: float, should: float) -> str:
+    place = "at height " if name == SCREEN_HEIGHT else f"centered at {'xy'[SCREEN_CENTER.index(name)]} = "
+    return f"the projection screen is {place}{value:.5g} {scene.units} instead of {should:.5g}"
 
 
 def _scene_words(name: str, scene: Scene, value: float) -> str:

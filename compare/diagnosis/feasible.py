@@ -2,7 +2,9 @@
 
 Each claim gives an inequality: the distance of the pixel's center from each edge of its triangle, counted
 inward, is at least zero. After linearizing, the guesses that satisfy all claims form a convex cell; linear
-programming finds its extent along each axis.
+programming finds its extent along each axis. A renderer without a near offset may have one that is too small
+to be seen, because no camera has its near plane in its center: all values are allowed that some such offset
+allows.
 """
 
 from __future__ import annotations
@@ -29,6 +31,11 @@ NEIGHBORHOOD_PX = 0.5
 right to a fraction of a pixel, so that edges farther away bound nothing."""
 
 
+UNSEEN_NEAR_PER_REACH = parameters.SMALLEST_FACTOR * parameters.TOLD_APART_PER_REACH
+"""Largest near offset, as a part of the reach, that a renderer may have unseen: at the depth at which offsets
+are told apart it widens the film by the smallest factor that has a name."""
+
+
 def feasible_interval(
     claims: Claims, scene: Scene, model: DrawnModel, free: Sequence[int], noise_px: float
 ) -> tuple[Floats, Floats, Floats]:
@@ -53,25 +60,33 @@ def feasible_interval(
         return values, low, high
     allowed = SNAP_PX + noise_px
     here, rows = _bounding(claims, scene, model, allowed)
-    # Step 1: how fast each distance changes with each free parameter, by finite differences.
-    steps = parameters.derivative_steps(scene, values)[list(free)]
-    slopes = np.empty((len(here), len(free)))
-    for column, (place, step) in enumerate(zip(free, steps, strict=True)):
+    # Step 1: how fast each distance changes with each parameter that may move, by finite differences. An
+    # unseen near offset moves too; it has no interval of its own.
+    (near,) = parameters.places("near")
+    unseen = [near] if near not in free and not model.near else []
+    moving = [*free, *unseen]
+    steps = parameters.derivative_steps(scene, values)[moving]
+    slopes = np.empty((len(here), len(moving)))
+    for column, (place, step) in enumerate(zip(moving, steps, strict=True)):
         moved = values.copy()
         moved[place] += step
         slopes[:, column] = _distances(claims, scene, model.with_parameters(moved), rows) - here
-    finite = np.isfinite(slopes).all(axis=1)
+    kept = np.isfinite(slopes).all(axis=1)
     # Step 2: here + slopes . x >= -allowed, with x in steps, and each parameter within its bounds.
-    least, most = (limit[list(free)] - values[list(free)] for limit in parameters.bounds(scene))
+    least, most = (limit[moving] - values[moving] for limit in parameters.bounds(scene))
     box = np.stack((least / steps, most / steps), axis=1)
+    if unseen:
+        box[-1, 1] = UNSEEN_NEAR_PER_REACH * scene.frustum.longest_reach / steps[-1]
+        # Surfaces in the plate itself move by any distance, and not in proportion.
+        kept &= np.abs(slopes[:, -1]) * box[-1, 1] < NEIGHBORHOOD_PX
     # Step 3: the smallest and the largest value of each parameter in the cell, by linear programming.
     middle = values.copy()
-    for column, (place, step) in enumerate(zip(free, steps, strict=True)):
+    for column, (place, step) in enumerate(zip(free, steps[: len(free)], strict=True)):
         ends = []
         for sign in (1.0, -1.0):
-            cost = np.zeros(len(free))
+            cost = np.zeros(len(moving))
             cost[column] = sign
-            found = linprog(cost, A_ub=-slopes[finite], b_ub=here[finite] + allowed, bounds=box)
+            found = linprog(cost, A_ub=-slopes[kept], b_ub=here[kept] + allowed, bounds=box)
             ends.append(found.x[column] * step if found.status == 0 else -sign * np.inf)
         low[place], high[place] = values[place] + ends[0], values[place] + ends[1]
         if np.isfinite(ends).all():

@@ -18,9 +18,9 @@ from scipy.optimize import least_squares
 from xfrustum.compare.diagnosis.claims import Claims
 from xfrustum.compare.diagnosis.containment import outside_px
 from xfrustum.compare.diagnosis.feasible import SNAP_PX, feasible_interval
+from xfrustum.compare.diagnosis.starts import starting_points
 from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
-from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
@@ -51,17 +51,7 @@ MAX_SPOILED_HOGEL_FRACTION = 0.5
 """Largest share of the hogels that may be left out: a rule that holds in fewer than half of them is no
 convention."""
 
-START_NEARS = (0.0, *np.geomspace(1e-6, 0.3, 12).tolist())
-"""Starting points for near, as parts of the reach."""
-
-START_SCALES = (1e-3, 0.03, 0.3, 3.0, 30.0)
-"""Starting points for the size of the scene. Places on the film change with the inverse of the size, so that
-larger sizes than the last one look like it."""
-
-START_FILMS = (0.5, 2.0, 3.0)
-"""Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
-
-USUAL_GROUPS = ("shift", "fov", "pitch", "near")
+USUAL_GROUPS = ("shift", "fov", "pitch", "near", *parameters.SCREEN_GROUPS)
 """Groups of parameters that are fitted first: where they suffice, fewer and better-conditioned numbers are
 fitted."""
 
@@ -80,11 +70,12 @@ ATTRACTION_PX = 1.0
 """Largest failure of a claim that the first, rough fit counts by its square, in pixels: neighboring outlines
 are about that far apart. Larger failures count linearly."""
 
+MAX_SAMPLING_PX = 0.5 + parameters.SMALLEST_SHIFT_PX
+"""Largest shift, in pixels, that is taken for a sampling point where a moved projection screen shows the same
+images: a pixel is sampled within itself, and the rest is the size that a shift must have to be noticed."""
+
 CORNER_PITCHES = 0.01
 """Largest distance from the corner of a hogel at which an aperture counts as being there, in pitches."""
-
-MAX_STARTS = 4
-"""Largest number of starting points from the search that are fitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,7 +134,7 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
     # Step 1: the nominal guess is often right or nearly right. The search is skipped where it is.
     if _noise(some, scene, nominal) > SNAP_PX:
         # Step 2: search the conventions, and try guesses with at most one group off nominal.
-        starts = _search(few, scene, nominal)
+        starts = starting_points(few, scene, nominal)
         limit = NOISE_FACTOR * SNAP_PX
         one = _simplest(some, scene, nominal, starts, range(2), limit)
         if one is None:
@@ -152,7 +143,7 @@ def fit_geometry(claims: Claims, scene: Scene, nominal: DrawnModel) -> GeometryF
             freest = _freest(few, scene, nominal, starts)
             claims, spoiled = _without_spoiled(claims, scene, freest)
             some = claims.thinned(MAX_FITTED_CLAIMS)
-            freest = _fitted(some, scene, nominal, freest, _freest_groups(claims))
+            freest = _fitted(some, scene, nominal, freest, _freest_groups(claims, scene))
             noise = _noise(some, scene, freest)
             if noise <= MAX_NOISE_PX:
                 limit, counts = NOISE_FACTOR * max(noise, SNAP_PX), range(MAX_GROUPS + 1)
@@ -207,61 +198,34 @@ def _noise(claims: Claims, scene: Scene, model: DrawnModel) -> float:
     return float(np.quantile(outside, 1 - MAX_MISPLACED_FRACTION)) if len(outside) else 0.0
 
 
-def _search(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[DrawnModel]:
-    """Return the best few discrete conventions and starting points for near."""
-    cap = scene.frustum.resolution[0] / 2
-    reach = scene.frustum.longest_reach
-    ranked = []
-    # Step 1: every orientation and order, each with a few values of near, scale and film.
-    several = len(np.unique(claims.hogel, axis=0)) > 1
-    orders = list(orientations(claims.hogels)) if several else [UPRIGHT]
-    for orientation, order in itertools.product(orientations(claims.size), orders):
-        upright = replace(nominal, orientation=orientation, order=order)
-        tried = [
-            replace(upright, near=near) for near in {nominal.near, *(reach * n for n in START_NEARS[::4])}
-        ]
-        tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
-        tried += [replace(upright, fov=(film, film)) for film in START_FILMS]
-        ranked += [(float(outside_px(claims, scene, model, cap).mean()), model) for model in tried]
-    ranked.sort(key=lambda pair: (pair[0], pair[1].orientation.changes + pair[1].order.changes))
-    # Step 2: the best conventions, each with all values of near.
-    conventions = {(model.orientation, model.order): model for _, model in reversed(ranked[:6])}
-    finely = [
-        (float(outside_px(claims, scene, fine, cap).mean()), fine)
-        for model in conventions.values()
-        for near in {nominal.near, *(reach * part for part in START_NEARS)}
-        for fine in (replace(model, near=near),)
-    ]
-    finely.sort(key=lambda pair: pair[0])
-    scaled = [model for _, model in ranked if model.scene_scale != nominal.scene_scale]
-    filmed = [model for _, model in ranked if model.fov != nominal.fov]
-    best = [model for _, model in finely[:MAX_STARTS]]
-    # Step 3: the best starts, and the best one of each group that was searched.
-    return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1], *filmed[:1]]))
+def _groups(claims: Claims, scene: Scene) -> tuple[str, ...]:
+    """Return the groups that claims can determine.
+
+    Claimed points move with the scene, and do not show it; a centered frustum has no projection screen.
+    """
+    unseen = {"scene-offset", "scene-scale"} if claims.of_points else set()
+    if not scene.frustum.recentered:
+        unseen |= set(parameters.SCREEN_GROUPS)
+    return tuple(name for name in parameters.GROUP_NAMES if name not in unseen)
 
 
-def _groups(claims: Claims) -> tuple[str, ...]:
-    """Return the groups that claims can determine; claimed points move with the scene, and do not show it."""
-    moved = {"scene-offset", "scene-scale"} if claims.of_points else set()
-    return tuple(name for name in parameters.GROUP_NAMES if name not in moved)
-
-
-def _freest_groups(claims: Claims) -> tuple[str, ...]:
+def _freest_groups(claims: Claims, scene: Scene) -> tuple[str, ...]:
     """Return the groups that are free together at first.
 
     Moving the apertures looks like moving the scene with the film: only one of the two is free.
     """
-    groups = _groups(claims)
+    groups = _groups(claims, scene)
     same = "aperture-offset" if "scene-offset" in groups else ""
     return tuple(name for name in groups if name != same)
 
 
 def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[DrawnModel]) -> DrawnModel:
     """Return the best guess with everything free."""
-    usual = tuple(name for name in _freest_groups(claims) if name in USUAL_GROUPS)
+    groups = _freest_groups(claims, scene)
+    usual = tuple(name for name in groups if name in USUAL_GROUPS)
     fits = []
     # Step 1: the usual groups alone, which are fewer and better conditioned; then all, from the best fit.
-    for free in (usual, _freest_groups(claims)):
+    for free in (usual, groups):
         for start in starts:
             fits.append(_fitted(claims, scene, nominal, start, free))
             kept, _ = _without_spoiled(claims, scene, fits[-1])
@@ -275,7 +239,7 @@ def _freest(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequence[
     if scene.frustum.recentered:
         best = min(
             (
-                _fitted(claims, scene, nominal, replace(freest, pivot=pivot, fit=fit), _freest_groups(claims))
+                _fitted(claims, scene, nominal, replace(freest, pivot=pivot, fit=fit), groups)
                 for pivot in Pivot
                 for fit in (Fit.ANGLE, Fit.SCREEN)
             ),
@@ -300,7 +264,7 @@ def _simplest(
     few = claims.thinned(MAX_SCREENED_CLAIMS)
     for count in counts:
         passing: dict[tuple[str, ...], tuple[tuple[float, ...], DrawnModel]] = {}
-        for free in itertools.combinations(_groups(claims), count):
+        for free in itertools.combinations(_groups(claims, scene), count):
             for start in _variants(scene, nominal, starts, free):
                 # Three fits, each more expensive: a rough one on few claims already rejects most sets.
                 model = _fitted(few, scene, nominal, start, free, roughly=True)
@@ -328,7 +292,7 @@ def _least_wrong(claims: Claims, scene: Scene, nominal: DrawnModel, starts: Sequ
     """Return the best guess with at most one group off nominal, for use where no guess is good."""
     fits = [
         (free, _fitted(claims, scene, nominal, start, free))
-        for free in ((), *((name,) for name in _groups(claims)))
+        for free in ((), *((name,) for name in _groups(claims, scene)))
         for start in _variants(scene, nominal, starts[:1], free)
     ]
     free, model = min(fits, key=lambda found: _misfit(claims, scene, found[1]))
@@ -343,6 +307,8 @@ def _rank(
     preference = sum(parameters.PREFERENCE.index(name) for name in free)
     if "aperture-offset" in free and at_corner(scene, model):
         preference = -1
+    if "shift" in free and scene.frustum.recentered and np.abs(model.shift).max() > MAX_SAMPLING_PX:
+        preference += len(parameters.PREFERENCE)
     return (*odd, preference, _misfit(claims, scene, model))
 
 
@@ -360,8 +326,12 @@ def _oddity(scene: Scene, model: DrawnModel, nominal: DrawnModel) -> tuple[int, 
     A fit to the screen can also be written as a field of view: the way with fewer numbers is preferred.
     """
     off = np.abs(model.parameters - nominal.parameters) > parameters.smallest_named(scene)
-    choices = int(model.pivot is not nominal.pivot) + int(model.fit is not nominal.fit)
-    return int(off.sum()), choices
+    chosen = (
+        (model.pivot, nominal.pivot),
+        (model.fit, nominal.fit),
+        (model.recentering, nominal.recentering),
+    )
+    return int(off.sum()), sum(one is not other for one, other in chosen)
 
 
 def _variants(
@@ -370,7 +340,8 @@ def _variants(
     """Return the start values of fits of some groups, taken from the starting points.
 
     A fault that a starting point states in another group is translated: the freest guess has a moved scene
-    in place of moved apertures, and may have another pitch in place of another size.
+    in place of moved apertures, may have another pitch in place of another size, and may have a part of a
+    moved screen as a shift of the sampling points, or the reverse.
     """
     variants: dict[tuple[object, ...], DrawnModel] = {}
     for start in starts:
@@ -382,6 +353,14 @@ def _variants(
             spoken = replace(
                 spoken, scene_scale=start.scene_scale / float(np.clip(start.pitch[0], 0.01, 1e3))
             )
+        if scene.frustum.screen is not None:
+            per_px = parameters.screen_lengths(scene)
+            if "shift" not in free:
+                moved = np.asarray(start.screen_center) + np.asarray(start.shift) * per_px
+                spoken = replace(spoken, screen_center=(float(moved[0]), float(moved[1])))
+            elif "screen-center" not in free:
+                shift = np.asarray(start.shift) + np.asarray(start.screen_center) / per_px
+                spoken = replace(spoken, shift=(float(shift[0]), float(shift[1])))
         values = nominal.parameters
         for name in free:
             index = list(parameters.places(name))

@@ -16,13 +16,15 @@ from scipy.stats import t as student
 from scipy.stats.qmc import Halton
 from skimage.registration import phase_cross_correlation
 
-from xfrustum.compare.diagnosis.geometry_fit import GeometryFit
+from xfrustum.compare.diagnosis.geometry_fit import MAX_SAMPLING_PX, GeometryFit
+from xfrustum.compare.renderer_model import parameters
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.orientations import UPRIGHT, orientations
 from xfrustum.compare.renderer_model.pictures import as_gray, picture_of
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
 
 SUPERSAMPLING = 8
 """Reference pixels for each pixel of an image, along each side; values between them are interpolated."""
@@ -131,9 +133,32 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
     low[:4], high[:4] = best - half, best + half
     # A number whose interval holds the nominal value keeps the nominal value.
     values[:4] = np.where(np.abs(best - values[:4]) <= half, values[:4], best)
-    return GeometryFit(
+    fit = GeometryFit(
         model=model.with_parameters(values), low=low, high=high, free=("shift", "fov"), noise_px=0.0
     )
+    return fit if reference.scene.frustum.screen is None else _or_screen(reference.scene, fit)
+
+
+def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
+    """Return a fit to pictures of a recentered frustum, in which a moved screen looks like a shift.
+
+    A shift within the pixel is kept, with the moved screen as an alternative; beyond it, the reverse.
+    """
+    shift = np.asarray(fit.model.shift)
+    if not shift.any():
+        return fit
+    per_px = parameters.screen_lengths(scene)
+    x, y = (shift * per_px).tolist()
+    moved = replace(fit.model, shift=(0.0, 0.0), screen_center=(x, y))
+    if np.abs(shift).max() <= MAX_SAMPLING_PX:
+        return replace(fit, alternatives=(moved,))
+    of_shift, of_screen = list(parameters.places("shift")), list(parameters.places("screen-center"))
+    low, high = fit.low.copy(), fit.high.copy()
+    ends = np.sort((low[of_shift] * per_px, high[of_shift] * per_px), axis=0)
+    low[of_screen], high[of_screen] = ends
+    low[of_shift] = high[of_shift] = 0.0
+    free = ("screen-center", "fov")
+    return replace(fit, model=moved, low=low, high=high, free=free, alternatives=(fit.model,))
 
 
 def _conventions(

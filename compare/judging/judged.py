@@ -1,12 +1,13 @@
 """One hogel of a foreign renderer, judged by a question: the truth, or what its author declares.
 
 The arithmetic is that of `xfrustum.compare.metrics`: which pixels are judged, which show another surface or a
-hidden point, where the film shows a point and how far that is from the pixel's center. The two judges are not
-one function, because they are asked different things. `compare_images` has a truth and an image that answer
-the same question, name surfaces and say where these lie; it also knows that the true frustum sees the plate
-through the aperture only. A foreign image may be turned, may name triangles that do not exist, or show
-colors alone, and its question may be two offset cameras, which do see the plate, and of which the front one
-covers the other. Here colors are right or wrong within a tolerance; there their error is measured.
+hidden point or one from outside the film, where the film shows a point and how far that is from the pixel's
+center. The two judges are not one function, because they are asked different things. `compare_images` has a
+truth and an image that answer the same question, name surfaces and say where these lie; it also knows that
+the true frustum sees the plate through the aperture only. A foreign image may be turned, may name triangles
+that do not exist, or show colors alone, and its question may be two offset cameras, which do see the plate,
+and of which the front one covers the other. Here colors are right or wrong within a tolerance; there their
+error is measured.
 """
 
 from __future__ import annotations
@@ -29,7 +30,14 @@ from xfrustum.compare.judging.outline_shift import (
 from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.film import pixel_centers
-from xfrustum.compare.metrics.surface import covered_by, existing_triangles, hidden_pixels, other_surfaces
+from xfrustum.compare.metrics.surface import (
+    SurfaceErrors,
+    covered_by,
+    existing_triangles,
+    hidden_pixels,
+    other_surfaces,
+    outside_film,
+)
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
 from xfrustum.compare.renderer_model.pictures import (
@@ -99,10 +107,11 @@ SURFACES = "wrong surfaces"
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceFigures:
-    """Pixels that show the wrong surface, and their share."""
+    """Pixels that show the wrong surface, their share, and those of them that show what belongs outside."""
 
     wrong: int
     fraction: float
+    outside: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +151,8 @@ class Figures:
         Number of shown pixels that differ in it.
     surface
         Number of shown pixels with the wrong surface; None where the image does not say.
+    outside
+        Number of these whose point belongs outside the film.
     claimed, invalid
         Number of shown pixels where the image shows something, and of those that name a triangle or an object
         which the scene does not have.
@@ -166,6 +177,7 @@ class Figures:
     by: str
     wrong: int
     surface: int | None
+    outside: int
     claimed: int
     invalid: int
     displacement_px: Spread | None
@@ -206,7 +218,7 @@ class Figures:
         """The numbers alone, without the images."""
         surface = None
         if self.surface is not None:
-            surface = SurfaceFigures(wrong=self.surface, fraction=self.judged_fraction)
+            surface = SurfaceFigures(wrong=self.surface, fraction=self.judged_fraction, outside=self.outside)
         return HogelNumbers(
             shown=self.shown,
             by=self.by,
@@ -250,9 +262,10 @@ def judge(
     seen = _compared(reference, question, image, points, judging)
     answer, upright, by, shown = seen.answer, seen.upright, seen.by, seen.shown
     invalid = invalid_claims(reference, question, image) & shown
-    surface = None
+    surface, outside = None, 0
     if by not in COLOR_ONLY:
-        surface = (wrong_surfaces(reference, question, answer, upright) & shown) | invalid
+        errors = wrong_surfaces(reference, question, answer, upright)
+        surface, outside = (errors.wrong & shown) | invalid, int((errors.outside & shown).sum())
     radiance = None
     if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
         radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
@@ -263,6 +276,7 @@ def judge(
         by=by,
         wrong=int(seen.differs.sum()),
         surface=None if surface is None else int(surface.sum()),
+        outside=outside,
         claimed=int((seen.covered & shown).sum()),
         invalid=int(invalid.sum()),
         displacement_px=spread,
@@ -434,27 +448,32 @@ def _named_by(image: HogelImage, compared: Compared) -> str:
     return "color" if compared is Compared.COLOR else "outlines"
 
 
-def wrong_surfaces(reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage) -> Mask:
-    """Return the pixels that show the wrong surface, (H, W): see `xfrustum.compare.metrics.surface`.
+def wrong_surfaces(
+    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage
+) -> SurfaceErrors:
+    """Return the pixels that show the wrong surface: see `xfrustum.compare.metrics.surface`.
 
-    A point is hidden when its own camera's line meets something else first, or when it lies behind
-    the plate and the answer has the viewer's half where the point is drawn. A triangle that neither
-    camera draws anywhere shows no point, and is wrong.
+    A point belongs outside the film when its own camera draws it beyond the border. It is hidden when its own
+    camera's line meets something else first, or when it lies behind the plate and the answer has the viewer's
+    half where the point is drawn. A triangle that neither camera draws anywhere shows no point, and is wrong.
     """
     scene, plate = reference.scene, question.plate_height
     wrong = other_surfaces(answer, image, scene)
     pointed = np.isfinite(image.position).all(axis=-1)
-    known = pointed & ~wrong & covered_by(image)
+    known = pointed & covered_by(image)
     wrong |= (image.triangle != NOTHING) & ~pointed & (image.triangle != answer.triangle)
-    if not question.plain:
-        return wrong
     sides = [(0, known & (image.height != plate))]
-    if question.near:
+    if not question.one_pencil:
         sides = [(1, known & (image.height < plate)), (-1, known & (image.height > plate))]
+    outside = np.zeros_like(wrong)
     for side, asked in sides:
+        pencil = question.pencil(scene, answer.camera.aperture, side)
+        outside |= outside_film(asked, image, scene, pencil)
+    wrong |= outside
+    for side, asked in sides if question.plain else ():
         hides = partial(_hides, reference, question, answer, side)
-        wrong |= hidden_pixels(asked, image, scene, hides)
-    return wrong
+        wrong |= hidden_pixels(asked & ~wrong, image, scene, hides)
+    return SurfaceErrors(wrong=wrong, outside=outside)
 
 
 def _hides(

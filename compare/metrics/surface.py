@@ -4,10 +4,10 @@ Their number does not depend on how finely a mesh is tessellated: reports put it
 merely displaced shows no wrong surface.
 
 A pixel can be wrong in three ways. It shows a surface where there is none, no surface where there is one, or
-that of another object (`other_surfaces`); or the point that it shows belongs outside the film; or that point
-is hidden behind something else (`hidden_pixels`). Lines along which points are hidden depend on the question:
-here they are those of the true frustum, in `xfrustum.compare.judging.judged` those of a renderer's own
-cameras.
+that of another object (`other_surfaces`); or the point that it shows belongs outside the film
+(`outside_film`); or that point is hidden behind something else (`hidden_pixels`). The film, and the lines
+along which points are hidden, depend on the question: here they are those of the true frustum, in
+`xfrustum.compare.judging.judged` those of a renderer's own cameras.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import true_pixel
+from xfrustum.compare.metrics.film import true_lines
 from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
+from xfrustum.reference.lines.lines import Pencil, pixel_places
 from xfrustum.scenes.arrays import Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelCamera, HogelImage
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 
@@ -159,7 +160,7 @@ def surface_errors(
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
     unproven = raster.off_plate & ~known
     unproven.flat[_surely_seen(truth, raster, unproven & ~wrong, scene)] = False
-    outside = _outside_film(unproven, raster, truth.camera, scene)
+    outside = outside_film(unproven, raster, scene, true_lines(truth.camera))
     wrong |= outside
     wrong |= hidden_pixels(
         unproven & ~wrong, raster, scene, lambda points: reference.hidden(truth.camera.aperture, points)
@@ -169,17 +170,29 @@ def surface_errors(
     return SurfaceErrors(wrong=wrong, outside=outside)
 
 
-def _outside_film(asked: Mask, shown: HogelImage, camera: HogelCamera, scene: Scene) -> Mask:
+def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
     """Return which of the asked pixels show a point that belongs outside the film, however it was rounded.
 
-    A point that is known to within a tolerance is known on the film to within that over |z| t.
+    A point that is known to within a tolerance is known on the film to within that over w t, with w its depth
+    from the center of the lines: |z| for the true frustum.
+
+    Parameters
+    ----------
+    asked
+        (H, W) pixels that show a surface point off the plane of the pencil's center.
+    shown
+        Image that is judged.
+    scene
+        Scene that it shows.
+    pencil
+        Lines of the film.
     """
     pixels = np.flatnonzero(asked)
     points = _shown_points(shown, pixels, scene)
-    sides = np.asarray(camera.resolution, dtype=np.float64)
-    per_length = sides / (2 * np.asarray(camera.half_extent))
-    known_to = points.tolerance[:, None] * per_length / np.abs(points.position[:, 2:])
-    place = true_pixel(points.position, camera)
+    sides = np.asarray(pencil.resolution, dtype=np.float64)
+    per_length = sides / (2 * np.asarray(pencil.half_extent))
+    known_to = points.tolerance[:, None] * per_length / np.abs(points.position[:, 2:] - pencil.center[2])
+    place = pixel_places(points.position, pencil)
     beyond = (place < -0.5 - known_to) | (place > sides - 0.5 + known_to)
     found = np.zeros_like(asked)
     found.flat[pixels] = beyond.any(axis=1)

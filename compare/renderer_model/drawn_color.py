@@ -16,8 +16,8 @@ from xfrustum.scenes.model.scene import Scene
 def colored(scene: Scene, model: DrawnModel, answer: HogelImage) -> HogelImage:
     """Return a prediction with the color of each pixel's own surface point; nothing is averaged.
 
-    All cameras of a guess share the slopes of their lines, whichever half wins. Where its lights are not
-    conjugated, C* shares them with C, and needs L* = -L.
+    Each half is seen along the lines of its own camera. Where lights are not conjugated, C* shares them with
+    C, and needs L* = -L.
     """
     right = _radiance(Shader(scene), scene, model, answer)
     if model.conjugated:
@@ -37,7 +37,11 @@ def _radiance(shader: Shader, scene: Scene, model: DrawnModel, answer: HogelImag
     color = np.zeros((*answer.triangle.shape, 3), dtype=np.float32)
     covered = answer.triangle != NOTHING
     number = answer.triangle[covered]
-    directions = model.pencil(scene, answer.camera.aperture, 1).directions()
+    directions, of_c_star = (
+        model.pencil(scene, answer.camera.aperture, side).directions() for side in (1, -1)
+    )
+    front = answer.height > model.plate_height
+    directions[front] = of_c_star[front]
     hits = Hits(
         triangle=number,
         normal=scene.normals[number],

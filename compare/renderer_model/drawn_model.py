@@ -17,6 +17,7 @@ from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Fit, Pivot
+from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -41,6 +42,35 @@ class Culled(StrEnum):
     CLOCKWISE = "clockwise"
 
 
+class Recentering(StrEnum):
+    """How the cameras of a recentered frustum are sheared; a centered frustum has no shear."""
+
+    RIGHT = "right"
+    """C and C* in opposite directions with respect to the plate (paper, figure 6): both have the shear k."""
+    NONE = "none"
+    """Neither is sheared: each aperture looks straight ahead, and the film keeps its extent."""
+    C_STAR_REVERSED = "C*"
+    """C* has -k: it is sheared the way of C."""
+    C_REVERSED = "C"
+    """C has -k: it is sheared the way of C*."""
+    BOTH_REVERSED = "C and C*"
+    """Both have -k, as for a screen on the other side of the plate."""
+
+    def factor(self, side: int) -> float:
+        """Return the factor of the shear of C (side 1 or 0) or of C* (side -1)."""
+        return _SHEAR_FACTORS[self][side < 0]
+
+
+_SHEAR_FACTORS = {
+    Recentering.RIGHT: (1.0, 1.0),
+    Recentering.NONE: (0.0, 0.0),
+    Recentering.C_STAR_REVERSED: (1.0, -1.0),
+    Recentering.C_REVERSED: (-1.0, 1.0),
+    Recentering.BOTH_REVERSED: (-1.0, -1.0),
+}
+"""Factors of the shear k of C and of C*."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DrawnModel:
     """How a plate was drawn.
@@ -63,6 +93,12 @@ class DrawnModel:
     scene_offset, scene_scale
         How the scene lies to plate and cameras: a point p of it is drawn where scene_scale p + scene_offset
         belongs.
+    screen_center, screen_height
+        By how much the center of its projection screen is moved, x and y, scene units; and the screen's
+        height over that of the scene's. Both mean nothing for a centered frustum. A screen at another height
+        keeps its size.
+    recentering
+        How its cameras are sheared; it means nothing for a centered frustum.
     pivot, fit
         As in the design; they mean nothing at near 0.
     front, overlaid
@@ -82,6 +118,9 @@ class DrawnModel:
     aperture_offset: tuple[float, float] = (0.0, 0.0)
     scene_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scene_scale: float = 1.0
+    screen_center: tuple[float, float] = (0.0, 0.0)
+    screen_height: float = 1.0
+    recentering: Recentering = Recentering.RIGHT
     pivot: Pivot = Pivot.APERTURE
     fit: Fit = Fit.ANGLE
     front: Front = Front.FARTHEST
@@ -93,6 +132,11 @@ class DrawnModel:
     def plain(self) -> bool:
         """Whether all faces are drawn, and the farthest surface of the viewer's half wins over the other."""
         return self.front is Front.FARTHEST and self.overlaid and self.culled is Culled.NONE
+
+    @property
+    def one_pencil(self) -> bool:
+        """Whether C and C* share their lines: both stand in the aperture, with the same shear."""
+        return not self.near and self.recentering.factor(1) == self.recentering.factor(-1)
 
     @property
     def parameters(self) -> Floats:
@@ -124,15 +168,32 @@ class DrawnModel:
             y=aperture.y * self.pitch[1] + self.aperture_offset[1],
         )
 
+    def frustum(self, scene: Scene) -> Frustum:
+        """Return the scene's frustum with the projection screen where the guess has it."""
+        screen = scene.frustum.screen
+        if screen is None or (self.screen_center, self.screen_height) == ((0.0, 0.0), 1.0):
+            return scene.frustum
+        moved = replace(
+            screen,
+            height=screen.height * self.screen_height,
+            center=(screen.center[0] + self.screen_center[0], screen.center[1] + self.screen_center[1]),
+        )
+        return replace(scene.frustum, screen=moved)
+
     def pencil(self, scene: Scene, aperture: Aperture, side: int) -> Pencil:
-        """Return the lines of C (side 1), of C* (side -1), or of both where near is 0 (side 0).
+        """Return the lines of C (side 1), of C* (side -1), or of both where they share them (side 0).
 
         They are lines of the scene as it was asked for: where a renderer has moved it or made it larger,
         the cameras are moved and made smaller instead.
         """
-        frustum = scene.frustum
+        frustum = self.frustum(scene)
         crossed = crossed_frustum(frustum, self.placed(aperture))
-        crossed = replace(crossed, half_extent=_products(crossed.half_extent, self.fov))
+        factor = self.recentering.factor(side)
+        crossed = replace(
+            crossed,
+            shear=_products(crossed.shear, (factor, factor)),
+            half_extent=_products(crossed.half_extent, self.fov),
+        )
         fitted = None
         if self.fit is Fit.SCREEN and frustum.screen is not None:
             fitted = abs(frustum.screen.height)

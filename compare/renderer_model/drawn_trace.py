@@ -26,7 +26,7 @@ def trace_drawn(reference: Reference, model: DrawnModel, aperture: Aperture) -> 
 
 def drawn_layers(scene: Scene, model: DrawnModel, aperture: Aperture) -> list[Layer]:
     """Return what the cameras of a guess show, in drawing order: what comes later covers."""
-    if model.plain and not model.near:
+    if model.plain and model.one_pencil:
         return [layer(scene, model.pencil(scene, aperture, 0))]
     back = layer(scene, model.pencil(scene, aperture, 1), culled=model.culled)
     if model.front is Front.MISSING:

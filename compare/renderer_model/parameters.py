@@ -38,6 +38,8 @@ class Kind(StrEnum):
     """A ratio of any magnitude."""
     OFFSET = "offset"
     """A length of the scene, of either sign."""
+    SCREEN = "screen"
+    """A length on the projection screen, of either sign."""
     NEAR = "near"
     """A length of the scene, not negative, of any magnitude."""
 
@@ -87,14 +89,22 @@ GROUPS = (
         nominal=0.0,
     ),
     Group(name="scene-scale", faults=("scene-scale",), kind=Kind.SIZE, nominal=1.0),
+    Group(name="screen-center", faults=("screen-center-x", "screen-center-y"), kind=Kind.SCREEN, nominal=0.0),
+    Group(name="screen-height", faults=("screen-height",), kind=Kind.SIZE, nominal=1.0),
 )
 """All groups, in the order of `DrawnModel.parameters`."""
+
+SCREEN_GROUPS = ("screen-center", "screen-height")
+"""Groups that mean something for recentered frusta alone."""
 
 GROUP_NAMES = tuple(group.name for group in GROUPS)
 FAULT_NAMES = tuple(fault for group in GROUPS for fault in group.faults)
 KINDS = tuple(group.kind for group in GROUPS for _ in group.faults)
 
-PREFERENCE = ("shift", "fov", "near", "scene-offset", "aperture-offset", "pitch", "scene-scale")
+PREFERENCE = (
+    *("shift", "screen-center", "fov", "screen-height", "near"),
+    *("scene-offset", "aperture-offset", "pitch", "scene-scale"),
+)
 """Order in which groups are named that explain images equally well."""
 
 
@@ -114,6 +124,23 @@ def pixel_length(scene: Scene) -> float:
     return TOLD_APART_PER_REACH * frustum.longest_reach * 2 * half / frustum.resolution[0]
 
 
+def screen_pixel_length(scene: Scene) -> float:
+    """Return the width of a pixel on the projection screen, scene units; 1 where there is no screen."""
+    frustum = scene.frustum
+    return 1.0 if frustum.screen is None else frustum.screen.size[0] / frustum.resolution[0]
+
+
+def screen_lengths(scene: Scene) -> Floats:
+    """Return how far a shift by a pixel to the right and one down moves the film on the screen, x and y (2,).
+
+    On a screen before the plate the film is mirrored in both axes.
+    """
+    screen = scene.frustum.screen
+    assert screen is not None
+    behind = -np.sign(screen.height)
+    return np.asarray(np.asarray(screen.size) / scene.frustum.resolution * behind * (1, -1))
+
+
 def smallest_named(scene: Scene) -> Floats:
     """Return by how much each number must be off nominal to be worth a name."""
     smallest = {
@@ -121,6 +148,7 @@ def smallest_named(scene: Scene) -> Floats:
         Kind.FACTOR: SMALLEST_FACTOR,
         Kind.SIZE: SMALLEST_FACTOR,
         Kind.OFFSET: SMALLEST_SHIFT_PX * pixel_length(scene),
+        Kind.SCREEN: SMALLEST_SHIFT_PX * screen_pixel_length(scene),
         Kind.NEAR: 0.0,
     }
     return np.array([smallest[kind] for kind in KINDS])
@@ -130,6 +158,7 @@ def fit_scales(scene: Scene, values: Floats) -> Floats:
     """Return the size of a small step of each number for the least squares."""
     reach = scene.frustum.longest_reach
     steps = {Kind.PIXELS: 0.1, Kind.FACTOR: 1e-3, Kind.OFFSET: 1e-2 * reach}
+    steps[Kind.SCREEN] = steps[Kind.PIXELS] * screen_pixel_length(scene)
     relative = {Kind.SIZE: (0.03, 0.0), Kind.NEAR: (0.03, 1e-6 * reach)}
     return np.array([_step(steps, relative, kind, value) for kind, value in zip(KINDS, values, strict=True)])
 
@@ -138,6 +167,7 @@ def derivative_steps(scene: Scene, values: Floats) -> Floats:
     """Return steps for derivatives by each number, small against what is to be told apart."""
     reach = scene.frustum.longest_reach
     steps = {Kind.PIXELS: 1e-4, Kind.FACTOR: 1e-6, Kind.OFFSET: 1e-4 * pixel_length(scene)}
+    steps[Kind.SCREEN] = steps[Kind.PIXELS] * screen_pixel_length(scene)
     relative = {Kind.SIZE: (1e-6, 0.0), Kind.NEAR: (1e-4, 1e-9 * reach)}
     return np.array([_step(steps, relative, kind, value) for kind, value in zip(KINDS, values, strict=True)])
 
@@ -150,6 +180,7 @@ def bounds(scene: Scene) -> tuple[Floats, Floats]:
         Kind.FACTOR: (0.01, np.inf),
         Kind.SIZE: (1e-6, 1e6),
         Kind.OFFSET: (-np.inf, np.inf),
+        Kind.SCREEN: (-np.inf, np.inf),
         Kind.NEAR: (0.0, 0.9 * reach),
     }
     low, high = np.array([limits[kind] for kind in KINDS]).T

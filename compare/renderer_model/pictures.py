@@ -32,10 +32,13 @@ def reference_colors(reference: Reference, question: DrawnModel, answer: HogelIm
     Where color is an average, near offsets bend nothing, and the viewer's half wins as it must.
     """
     aperture = answer.camera.aperture
-    nominal = question.parameters.tolist() == DrawnModel().parameters.tolist()
+    right = DrawnModel()
+    nominal = question.parameters.tolist() == right.parameters.tolist()
+    nominal &= question.recentering is right.recentering
     if question.plain and question.conjugated and nominal:
         return replace(answer, color=reference.trace(aperture).color)
-    if not (averages(reference.scene.sampling) and question.conjugated):
+    shared = replace(question, near=0.0).one_pencil
+    if not (averages(reference.scene.sampling) and question.conjugated and shared):
         return colored(reference.scene, question, answer)
     return replace(answer, color=picture_of(reference, question, aperture).color)
 

@@ -49,13 +49,18 @@ def totals(figures: Sequence[HogelNumbers | None]) -> PlateNumbers | None:
     if not known:
         return None
     shown, wrong = sum(one.shown for one in known), sum(one.wrong for one in known)
-    surfaces = [one.surface.wrong for one in known if one.surface is not None]
+    surfaces = [one.surface for one in known if one.surface is not None]
     spreads = [one.displacement_px.p99 for one in known if one.displacement_px is not None]
     colored = [one.radiance.wrong for one in known if one.radiance is not None]
     causes = [one.causes for one in known if one.causes is not None]
     surface = None
     if surfaces:
-        surface = SurfaceFigures(wrong=sum(surfaces), fraction=sum(surfaces) / max(shown, 1))
+        of_surface = sum(one.wrong for one in surfaces)
+        surface = SurfaceFigures(
+            wrong=of_surface,
+            fraction=of_surface / max(shown, 1),
+            outside=sum(one.outside for one in surfaces),
+        )
     return PlateNumbers(
         hogels=len(known),
         by=" or ".join(sorted({one.by for one in known})),
@@ -80,7 +85,9 @@ def figures_words(figures: HogelNumbers | PlateNumbers) -> str:
     """Return figures of one hogel, or of all, in words; each says which wrong it counts."""
     parts = [f"{figures.shown:,} pixels show something"]
     if figures.surface is not None:
-        parts.append(f"{SURFACES} {figures.surface.wrong:,} ({percent(figures.surface.fraction)})")
+        outside = f", {figures.surface.outside:,} from outside the film" if figures.surface.outside else ""
+        share = percent(figures.surface.fraction)
+        parts.append(f"{SURFACES} {figures.surface.wrong:,} ({share}{outside})")
     counted = " or ".join(WRONG_WORDS[name] for name in figures.by.split(" or "))
     parts.append(f"{counted} {figures.wrong:,} ({percent(figures.fraction)})")
     if figures.invalid:

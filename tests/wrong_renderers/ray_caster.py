@@ -41,6 +41,12 @@ class Mistakes:
     """Offset of a pixel's sampling point to the right and down, px."""
     near: float = 0.0
     """Distance by which both cameras step back, mm."""
+    screen_height: float = 1.0
+    """Factor of the projection screen's height; its size stays."""
+    screen_center: tuple[float, float] = (0.0, 0.0)
+    """Offset of the projection screen's center, mm."""
+    shear: tuple[float, float] = (1.0, 1.0)
+    """Factors of the shears of C and of C*."""
     winner: str = "first"
     """Rule for the surface that wins; `rank` has the names."""
     cull: int = 0
@@ -80,8 +86,13 @@ def cast(triangles: Floats, center: Floats, directions: Floats) -> Hits:
     return Hits(pixel=np.concatenate(pixels), triangle=np.concatenate(numbers), s=np.concatenate(depths))
 
 
-def lines(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Floats, Floats, Floats]:
-    """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by CONVENTIONS.md."""
+def lines(
+    world: World, i: int, j: int, wrong: Mistakes = RIGHT, camera: int = 0
+) -> tuple[Floats, Floats, Floats]:
+    """Return the aperture, the directions (H * W, 3) of its lines, and its shear, by CONVENTIONS.md.
+
+    The lines are those of C (camera 0) or of C* (camera 1), which are the same where nothing is wrong.
+    """
     (columns, rows), (width, height) = world.hogels, world.resolution
     sx, sy = world.size
     x = ((i + 0.5) * sx / columns - sx / 2) * wrong.plate[0] + wrong.aperture[0] * sx / columns
@@ -89,7 +100,8 @@ def lines(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Floats
     k, t = np.zeros(2), np.tan(np.radians(world.fov_deg) / 2)
     if world.screen:
         z, mx, my, full_x, full_y = world.screen
-        k = (np.array([mx, my]) - [x, y]) / -z
+        z, mx, my = z * wrong.screen_height, mx + wrong.screen_center[0], my + wrong.screen_center[1]
+        k = wrong.shear[camera] * (np.array([mx, my]) - [x, y]) / -z
         t = np.array([full_x, full_y]) / 2 / abs(z)
     t = t * wrong.film
     u = (2 * (np.arange(width) + wrong.sample[0]) + 1) / width - 1
@@ -99,18 +111,19 @@ def lines(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Floats
 
 
 def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hits, Floats]:
-    """Return all meetings of the two cameras' lines within their halves, and the lines' directions."""
+    """Return all meetings of the two cameras' lines within their halves, and these lines' directions."""
     center, directions, shear = lines(world, i, j, wrong)
+    _, directions_star, shear_star = lines(world, i, j, wrong, 1)
     triangles = world.triangles[world.seen] * wrong.scale + wrong.move
     n = wrong.near
-    if n == 0:
+    if n == 0 and wrong.shear[0] == wrong.shear[1]:
         hits = cast(triangles, center, directions)
         s = hits.s
     else:
-        step = n * (np.array([0.0, 0.0, 1.0]) - shear)
+        up = np.array([0.0, 0.0, 1.0])
         behind, before = (
-            cast(triangles, center + step, directions),
-            cast(triangles, center - step, directions),
+            cast(triangles, center + n * (up - shear), directions),
+            cast(triangles, center - n * (up - shear_star), directions_star),
         )
         keep, keep_star = behind.s > n, before.s < -n
         s = np.concatenate([behind.s[keep] - n, before.s[keep_star] + n])
@@ -121,11 +134,12 @@ def all_hits(world: World, i: int, j: int, wrong: Mistakes = RIGHT) -> tuple[Hit
         )
     keep = (s != 0) & (wrong.any_reach | ((s >= -world.reach[0]) & (s <= world.reach[1])))
     number = world.seen[hits.triangle]
+    along = np.where((s < 0)[:, None], directions_star[hits.pixel], directions[hits.pixel])
     if wrong.cull:
         a, b, c = np.moveaxis(triangles[hits.triangle], 1, 0)
-        seen = np.einsum("ni,ni->n", np.cross(b - a, c - a), -directions[hits.pixel])
+        seen = np.einsum("ni,ni->n", np.cross(b - a, c - a), -along)
         keep &= np.sign(seen) != wrong.cull
-    return Hits(pixel=hits.pixel[keep], triangle=number[keep], s=s[keep]), directions
+    return Hits(pixel=hits.pixel[keep], triangle=number[keep], s=s[keep]), along[keep]
 
 
 def rank(s: Floats, winner: str) -> Floats:
@@ -173,7 +187,7 @@ def met(world: World, i: int, j: int) -> Ints:
 
 
 def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Shown:
-    hits, directions = all_hits(world, i, j, wrong)
+    hits, along = all_hits(world, i, j, wrong)
     first = rank(hits.s, wrong.winner)
     order = np.lexsort((first, hits.pixel))
     order = order[np.isfinite(first[order])]
@@ -182,7 +196,7 @@ def _draw(world: World, i: int, j: int, wrong: Mistakes) -> Shown:
     triangle, radiance = np.full(height * width, -1), np.zeros((height * width, 3))
     triangle[pixel] = hits.triangle[order][at]
     front = hits.s[order][at] < 0
-    radiance[pixel] = shade(world, triangle[pixel], directions[pixel], front, wrong.light)
+    radiance[pixel] = shade(world, triangle[pixel], along[order][at], front, wrong.light)
     return Shown(triangle=triangle.reshape(height, width), radiance=radiance.reshape(height, width, 3))
 
 

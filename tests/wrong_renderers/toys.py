@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from PIL import Image
@@ -312,6 +312,19 @@ add("near-small", "both cameras step back by 0.3", Mistakes(near=0.3), "near")
 add("fov", "the film is 5 % too wide and high", Mistakes(film=(1.05, 1.05)), "fov-x fov-y")
 add("half-angle", "the full field of view is taken for half of it", half_angle, "fov-x fov-y")
 add("square-film", "the horizontal field of view for the vertical one", square_film, "fov-y")
+
+# The projection screen, which only a recentered frustum has.
+SCREEN_MISTAKES = {
+    "screen-height": ("the projection screen is 1.25 times as high", Mistakes(screen_height=1.25)),
+    "screen-center": ("the projection screen is moved by (4, -3)", Mistakes(screen_center=(4.0, -3.0))),
+    "not-recentered": ("no camera is sheared", Mistakes(shear=(0.0, 0.0))),
+    "shear-sign": ("C* is sheared the way of C", Mistakes(shear=(1.0, -1.0))),
+}
+"""Words and mistakes by the name of the fault, which is also that of the renderer."""
+for _fault, (_words, _mistakes) in SCREEN_MISTAKES.items():
+    add(_fault, _words, _mistakes, _fault, scene="attic")
+    _both = f"{_words}; both cameras step back by 2"
+    add(f"{_fault}-near", _both, replace(_mistakes, near=2.0), _fault, scene="attic")
 
 # Light.
 add("lights", "lights are not conjugated", Mistakes(light="not conjugated"), {RGB: "lights"}, (RGB,))

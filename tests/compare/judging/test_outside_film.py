@@ -1,0 +1,42 @@
+"""Both judges count the pixels that show what belongs outside the film, by one rule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.support.foreign_renderers import small
+from xfrustum.compare.judging.judged import judge
+from xfrustum.compare.metrics.surface import surface_errors
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_verify_counts_what_belongs_outside_the_film_as_a_comparison_does(name: str) -> None:
+    scene = small(name, 48)
+    reference, aperture = Reference(scene), scene.plate.aperture(1, 3)
+    settings = DoubleFrustum(near=8.0, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+    with Rasterizer(scene) as rasterizer:
+        image = rasterizer.render(aperture, settings)
+    truth = reference.trace(aperture)
+    compared = surface_errors(truth, image, reference)
+    judged = judge(reference, DrawnModel(), image, image.position.astype(np.float64))
+    assert compared.outside.any()
+    assert judged.outside == compared.outside.sum()
+    assert judged.numbers.surface is not None
+    assert judged.numbers.surface.outside == judged.outside
+    assert judged.surface == compared.wrong.sum()
+
+
+def test_a_question_of_offset_cameras_has_films_of_its_own() -> None:
+    scene = small("asymmetric", 48)
+    reference, aperture = Reference(scene), scene.plate.aperture(1, 3)
+    settings = DoubleFrustum(near=8.0, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
+    with Rasterizer(scene) as rasterizer:
+        image = rasterizer.render(aperture, settings)
+    judged = judge(reference, DrawnModel(near=8.0), image, image.position.astype(np.float64))
+    assert judged.outside == 0
+    assert judged.judged_fraction < 0.01
