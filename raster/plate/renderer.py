@@ -29,7 +29,7 @@ from xfrustum.raster.plate.submissions import Batching, Slot, groups, make_round
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import needed
+from xfrustum.scenes.model.effects import Question, needed
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -78,7 +78,7 @@ class PlateRenderer(ContextOwner):
             )
         self.scene, self.settings, self.content = scene, settings, content or PlateContent()
         asked = self.content.effects
-        self.effects = needed(scene) if asked is None else asked
+        self.effects = needed(scene, question=Question(settings=(settings,))) if asked is None else asked
         self._cameras = cameras_in_order(scene, settings, self.effects)
         self._context = open_context()
         try:

@@ -139,7 +139,7 @@ def _raster(
             mapping=settings.mapping,
             slabs=settings.slabs,
             aperture_samples=sampling.aperture,
-            effects=tuple(sorted(drawer.effects, key=list(Effect).index)),
+            effects=tuple(sorted(drawer.effects_for(settings), key=list(Effect).index)),
         ),
         picture=lambda: draw().image,
         draw=draw,

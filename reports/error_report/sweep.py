@@ -95,8 +95,10 @@ def sweep(
     """
     watch, begun = Stopwatch(), time.perf_counter()
     with watch.stage("prepare"):
-        reference = Reference(scene, tracer=tracer, effects=chosen(scene, effects))
-        rasterizer = Rasterizer(scene, effects=chosen(scene, effects))
+        # Both decide themselves what `auto` is: with a tiny near, pictures show surfaces beyond the reach.
+        simulated = None if effects == "auto" else chosen(scene, effects)
+        reference = Reference(scene, tracer=tracer, effects=simulated)
+        rasterizer = Rasterizer(scene, effects=simulated)
     reduction = _reduction(scene.frustum, len(apertures) * len(settings))
     measurer = SettingMeasurer(scene, reference, rasterizer, reduction)
     with rasterizer:

@@ -17,7 +17,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.plate.claims import Claims
 from xfrustum.reports.plate.store import PlateStore, open_store
-from xfrustum.scenes.model.effects import Effect, needed
+from xfrustum.scenes.model.effects import Effect, Question, needed
 from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
@@ -245,7 +245,8 @@ def described(renderer: PlateRenderer) -> PlateDescription:
     """Return everything that decides the pixels that a renderer draws."""
     scene = renderer.scene
     # More than the scene calls for changes no pixel.
-    simulated = renderer.effects & needed(scene, renderer.settings.camera)
+    question = Question(camera=renderer.settings.camera, settings=(renderer.settings,))
+    simulated = renderer.effects & needed(scene, question=question)
     return PlateDescription(
         scene=SceneDescription(
             name=scene.name,

@@ -15,7 +15,8 @@ from xfrustum.cli.streams import say
 if TYPE_CHECKING:
     from xfrustum.scenes.model.effects import Effect
     from xfrustum.scenes.model.scene import Scene
-    from xfrustum.scenes.plate.double_frustum import Camera
+    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+    from xfrustum.scenes.plate.plate import Aperture
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -85,12 +86,32 @@ class Light:
             raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
         return changed
 
-    def chosen(self, scene: Scene, camera: Camera | None = None) -> frozenset[Effect]:
-        """Return the effects that are asked for, for a scene and the cameras that draw it."""
-        from xfrustum.scenes.model.effects import chosen
+    def chosen(
+        self,
+        scene: Scene,
+        apertures: tuple[Aperture, ...] | None = None,
+        settings: DoubleFrustum | None = None,
+    ) -> frozenset[Effect]:
+        """Return the effects that are asked for.
+
+        Parameters
+        ----------
+        scene
+            Scene whose images are made.
+        apertures
+            Apertures of the images; None for all of the plate.
+        settings
+            Settings that the images are drawn with; None where they are traced.
+        """
+        from xfrustum.scenes.model.effects import Question, chosen
         from xfrustum.scenes.plate.double_frustum import Camera
 
-        return chosen(scene, self.effects, camera or Camera.BOTH)
+        question = Question(
+            camera=Camera.BOTH if settings is None else settings.camera,
+            apertures=apertures,
+            settings=() if settings is None else (settings,),
+        )
+        return chosen(scene, self.effects, question=question)
 
     def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
         """Return the name of the tracer, and whether it traces light paths, which only Mitsuba does.

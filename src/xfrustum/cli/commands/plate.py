@@ -98,7 +98,7 @@ def plate(
     spans = [(None, None)] if blocks is None else blocks
     chosen = blocks_of_apertures(opened.plate, spans)
     options.look_at(opened, chosen, black_is_right=True)
-    content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings.camera))
+    content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings=settings))
     files = write_plate(opened, settings, out, chosen, content, check=check, progress=not quiet)
     for note in files.notes:
         say(f"note: {note}")
