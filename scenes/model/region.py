@@ -41,7 +41,7 @@ Rectangle = tuple[tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """The bound: all crossed frusta of a rectangle of apertures, widened by the largest near offset.
+    """The bound: all crossed frusta of a rectangle of apertures, widened by a near offset.
 
     Attributes
     ----------
@@ -49,6 +49,8 @@ class Region:
         Scene whose frustum and reach count.
     apertures
         Lowest and highest x, and lowest and highest y, of the points that lines pass through.
+    step
+        Largest distance by which cameras step back, scene units; 0 for the true frusta.
     unbounded
         Whether images may show surfaces at any height, because near is so small that float32 knows no far
         plane.
@@ -56,6 +58,7 @@ class Region:
 
     scene: Scene
     apertures: Rectangle
+    step: float
     unbounded: bool = False
 
     @classmethod
@@ -80,8 +83,14 @@ class Region:
         return cls(
             scene=scene,
             apertures=_cells(scene.plate, apertures),
+            step=scene.frustum.longest_reach,
             unbounded=any(loses_far_plane(scene, one) for one in settings),
         )
+
+    @classmethod
+    def true(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:
+        """Return the region of the true frusta of some apertures with their cells; None for all."""
+        return cls(scene=scene, apertures=_cells(scene.plate, apertures), step=0.0)
 
     def holds(self, low: Floats, high: Floats) -> Mask:
         """Return which axis-parallel boxes may have a part in the region; False is certain.
@@ -126,15 +135,17 @@ class Region:
     def _interval(self, axis: int, a: float, d: Floats, side: float) -> tuple[Floats, Floats, Floats]:
         """Return both ends of the lines of an aperture at distances d, and their largest terms."""
         frustum = self.scene.frustum
-        step = frustum.longest_reach
         if frustum.screen is None:
             assert frustum.fov is not None
-            middle, half = np.full_like(d, a), math.tan(frustum.fov[axis] / 2) * (d + step)
+            middle, half = np.full_like(d, a), math.tan(frustum.fov[axis] / 2) * (d + self.step)
             return middle - half, middle + half, np.abs(middle) + half
         slope = (frustum.screen.center[axis] - a) / frustum.screen.height
         middle = a + slope * side * d
         # The shear of pivot `camera` is fixed at the camera, which moves the frustum aside by up to a step.
-        half = frustum.screen.size[axis] / 2 / abs(frustum.screen.height) * (d + step) + abs(slope) * step
+        half = (
+            frustum.screen.size[axis] / 2 / abs(frustum.screen.height) * (d + self.step)
+            + abs(slope) * self.step
+        )
         return middle - half, middle + half, abs(a) + abs(slope) * d + half
 
     def shows(self, part: SceneObject, faces: Indices | None = None) -> bool:
