@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.reference import TRACERS
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import FEWEST_DIFFERENCES
 from xfrustum.reports.effects.cost_record import Cost
@@ -26,10 +27,6 @@ if TYPE_CHECKING:
 
 REPEAT = FEWEST_DIFFERENCES
 """Measured pairs of images for each effect, where costs are measured."""
-
-TRACERS = ("embree", "mitsuba")
-"""Those of `xfrustum.reference.TRACERS`, named here so that nothing of them is loaded unless costs are
-measured."""
 DEFAULT_NEAR_PER_REACH = 1e-3
 """Near plane where none is asked for: the time does not depend on it."""
 

@@ -211,10 +211,8 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     lines = [(f"|z| ({units})", "surface", "near offset", "shear", "separation", "blur", "sub-apertures")]
     lines += [_depth_cells(row, units) for row in found.rows]
     yield from _columns(lines)
-    yield (
-        "near offset: displacement of the nearest content in the film's corner; shear: added by pivot camera; "
-        "separation: of surfaces that the depth buffer orders at the farthest content; blur: by the hogel's area"
-    )
+    yield "near offset: displacement of the nearest content in the film's corner; shear: more by pivot camera"
+    yield "separation: what the depth buffer orders at the farthest content; blur: by the area of the hogel"
     if found.largest_near is None:
         yield f"no near keeps content that touches the plate within {digits(found.tolerance_px)} px"
     else:

@@ -89,7 +89,8 @@ def plate(
 
     What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
     processes may draw one plate at once.
-    Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1.
+    Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1. With
+    --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
     """
     from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import ColorType, PlateContent
