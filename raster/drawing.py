@@ -57,7 +57,9 @@ class Drawing:
         target: Target,
         passes: Sequence[Pass],
         mapping: DepthMapping,
-        effects: frozenset[Effect] | None,
+        effects: frozenset[Effect],
+        *,
+        color: bool,
     ) -> None:
         """Draw an image: every camera's picture, then every camera's reflections over it.
 
@@ -70,15 +72,16 @@ class Drawing:
         mapping
             Depth mapping.
         effects
-            Effects that are simulated: the shaders contain these alone. With None nothing is shaded, and
-            triangle numbers alone are drawn.
+            Effects that are simulated: the shaders contain these alone.
+        color
+            Whether to shade; triangle numbers are always drawn.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin()
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
-            self._picture(target, number, camera, mapping, effects)
-        if effects is not None and Effect.REFLECTION in effects and passes:
+            self._picture(target, number, camera, mapping, effects if color else None)
+        if color and Effect.REFLECTION in effects and passes:
             target.begin_reflection()
             for number, camera in enumerate(passes):
                 self._reflect(target, number, camera, effects)

@@ -208,8 +208,8 @@ class Rasterizer(ContextOwner):
         if self._drawing is None:
             target.begin()
         else:
-            effects = self.effects_for(settings) if color else None
-            self._drawing.draw(target, passes, settings.mapping, effects)
+            effects = self.effects_for(settings)
+            self._drawing.draw(target, passes, settings.mapping, effects, color=color)
 
     def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
         if self._positions is None or not passes:

@@ -142,20 +142,8 @@ def explain(
         raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
     require_seen(scene, [aperture])
     question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
-    decisions = decide(scene, question=question)
-    used = frozenset(decision.effect for decision in decisions if decision.used)
-    rows = [
-        Row(
-            name=d.effect,
-            used=d.used,
-            reason=d.reason,
-            costs={},
-            objects=d.objects,
-            out_of_sight=d.out_of_sight,
-        )
-        for d in decisions
-    ]
-    rows += _settings_of(scene)
+    rows = [*_local(scene, question), *_settings_of(scene)]
+    used = frozenset(Effect(row.name) for row in rows if row.used and row.name in set(Effect))
     left_out: dict[str, Cost] = {}
     if repeat:
         # Renderers and tracers are loaded only if they are measured.
@@ -177,6 +165,21 @@ def explain(
         left_out=left_out,
         repeat=repeat,
     )
+
+
+def _local(scene: Scene, question: Question) -> list[Row]:
+    """Return the rows of the local effects, without costs."""
+    return [
+        Row(
+            name=one.effect,
+            used=one.used,
+            reason=one.reason,
+            costs={},
+            objects=one.objects,
+            out_of_sight=one.out_of_sight,
+        )
+        for one in decide(scene, question=question)
+    ]
 
 
 def _settings_of(scene: Scene) -> list[Row]:

@@ -208,7 +208,9 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
         f"depth of what lies in the frustum of aperture {plan.aperture.column},{plan.aperture.row}, "
         f"hidden surfaces included; near {digits(found.near)} {units}, {plan.settings.depth_label}:"
     )
-    lines = [(f"|z| ({units})", "surface", "near offset", "shear", "separation", "blur", "sub-apertures")]
+    lines: list[tuple[str, ...]] = [
+        (f"|z| ({units})", "surface", "near offset", "shear", "separation", "blur", "sub-apertures")
+    ]
     lines += [_depth_cells(row, units) for row in found.rows]
     yield from _columns(lines)
     yield "near offset: displacement of the nearest content in the film's corner; shear: more by pivot camera"

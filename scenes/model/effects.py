@@ -180,7 +180,8 @@ class _Sight:
         has
             Function that returns (F,) which triangles of an object have it; None for no triangle.
         """
-        inside, outside = [], []
+        inside: list[int] = []
+        outside: list[int] = []
         for number, part in enumerate(self.scene.objects):
             triangles = has(part)
             if triangles is None or not triangles.any():
