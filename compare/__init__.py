@@ -13,8 +13,30 @@ scouting/        Which apertures of a plate decide the error: a look through man
 selfcheck/       The truth against brute force in integers
 """
 
-from xfrustum.compare.metrics.comparison import Comparison, HeightError, compare_images
-from xfrustum.compare.metrics.displacement import Spread
-from xfrustum.compare.metrics.error_maps import ErrorMaps
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from xfrustum.compare.metrics.comparison import Comparison, HeightError, compare_images
+    from xfrustum.compare.metrics.displacement import Spread
+    from xfrustum.compare.metrics.error_maps import ErrorMaps
 
 __all__ = ["Comparison", "ErrorMaps", "HeightError", "Spread", "compare_images"]
+
+_MODULES = {
+    "Comparison": "metrics.comparison",
+    "ErrorMaps": "metrics.error_maps",
+    "HeightError": "metrics.comparison",
+    "Spread": "metrics.displacement",
+    "compare_images": "metrics.comparison",
+}
+"""Module of each name. They are imported when first used: `compare.extent` and closed forms answer from the
+scene alone, and must not load the reference for that."""
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'xfrustum.compare' has no attribute {name!r}")
+    return getattr(import_module(f"xfrustum.compare.{_MODULES[name]}"), name)

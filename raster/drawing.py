@@ -32,26 +32,35 @@ class Drawing:
         The context that is current now, and whenever something is drawn.
     scene
         Scene with at least one triangle.
-    effects
-        Effects that are simulated: the shaders contain these alone.
     """
 
-    def __init__(self, context: moderngl.Context, scene: Scene, effects: frozenset[Effect]) -> None:
+    def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         self._context = context
         self._scene = scene
-        self._effects = effects
+        self._shadings: dict[bool, Shading] = {}
         self._mesh = Mesh(context, scene)
         self._programs: dict[tuple[str, tuple[tuple[str, str], ...]], ProgramWithMesh] = {}
 
-    @cached_property
-    def _shading(self) -> Shading:
-        return Shading(self._context, self._scene, self._effects)
+    def _shading(self, effects: frozenset[Effect]) -> Shading:
+        """Return materials and lights, with textures only where effects have them."""
+        textured = Effect.TEXTURES in effects
+        if textured not in self._shadings:
+            self._shadings[textured] = Shading(self._context, self._scene, effects)
+        return self._shadings[textured]
 
     @cached_property
     def _environment(self) -> Environment:
         return Environment(self._context, self._scene)
 
-    def draw(self, target: Target, passes: Sequence[Pass], mapping: DepthMapping, *, color: bool) -> None:
+    def draw(
+        self,
+        target: Target,
+        passes: Sequence[Pass],
+        mapping: DepthMapping,
+        effects: frozenset[Effect],
+        *,
+        color: bool,
+    ) -> None:
         """Draw an image: every camera's picture, then every camera's reflections over it.
 
         Parameters
@@ -62,6 +71,8 @@ class Drawing:
             The cameras, from the back.
         mapping
             Depth mapping.
+        effects
+            Effects that are simulated: the shaders contain these alone.
         color
             Whether to shade; triangle numbers are always drawn.
         """
@@ -69,35 +80,42 @@ class Drawing:
         target.begin()
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
-            self._picture(target, number, camera, mapping, color=color)
-        if color and Effect.REFLECTION in self._effects and passes:
+            self._picture(target, number, camera, mapping, effects if color else None)
+        if color and Effect.REFLECTION in effects and passes:
             target.begin_reflection()
             for number, camera in enumerate(passes):
-                self._reflect(target, number, camera)
+                self._reflect(target, number, camera, effects)
 
     def _picture(
-        self, target: Target, number: int, camera: Pass, mapping: DepthMapping, *, color: bool
+        self,
+        target: Target,
+        number: int,
+        camera: Pass,
+        mapping: DepthMapping,
+        effects: frozenset[Effect] | None,
     ) -> None:
         how = MAPPINGS[mapping]
-        defines = picture_defines(how, self._effects if color else None)
-        shaders, mesh = self._drawn("hogel.frag", {**defines, **(self._shading.defines if color else {})})
+        shading = None if effects is None else self._shading(effects)
+        defines = picture_defines(how, effects) | ({} if shading is None else shading.defines)
+        shaders, mesh = self._drawn("hogel.frag", defines)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = camera.test.function
         GL.glClipControl(GL.GL_LOWER_LEFT, how.clip_control)
         self._look(target, number, camera, shaders)
-        if color:
-            self._shading.bind(shaders)
+        if shading is not None:
+            shading.bind(shaders)
         mesh.render()
 
-    def _reflect(self, target: Target, number: int, camera: Pass) -> None:
+    def _reflect(self, target: Target, number: int, camera: Pass, effects: frozenset[Effect]) -> None:
+        shading = self._shading(effects)
         samples = {"MULTISAMPLED": "1"} if target.samples > 1 else {}
-        defines = {**samples, **reflection_defines(self._effects), **self._shading.defines}
+        defines = {**samples, **reflection_defines(effects), **shading.defines}
         shaders, mesh = self._drawn("reflection.frag", defines)
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = (moderngl.ONE, moderngl.ONE)
         self._environment.bind(target)
         self._look(target, number, camera, shaders)
-        self._shading.bind(shaders)
+        shading.bind(shaders)
         assign(shaders, sample_count=target.samples)
         for first, count in self._environment.reflecting:
             assign(shaders, first_triangle=first)

@@ -21,8 +21,9 @@ from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import Effect, checked, needed
+from xfrustum.scenes.model.effects import Effect, Question, checked, needed
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.region import loses_far_plane
 from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
@@ -65,6 +66,12 @@ class Rasterizer(ContextOwner):
         Effects that are simulated; None for those that the scene calls for. More effects do not
         change the picture.
 
+    Attributes
+    ----------
+    effects
+        Effects that are simulated. Where the scene decided, settings whose near is so tiny that pictures show
+        surfaces beyond the reach have those of these surfaces too, see `effects_for`.
+
     Raises
     ------
     InputError
@@ -76,6 +83,8 @@ class Rasterizer(ContextOwner):
         one_of(scene, Scene, "scene")
         self.scene = scene
         self.effects = needed(scene) if effects is None else checked(effects)
+        self._automatic = effects is None
+        self._beyond_reach: dict[DoubleFrustum, frozenset[Effect]] = {}
         self._context = open_context()
         self.device = describe(self._context)
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
@@ -87,7 +96,7 @@ class Rasterizer(ContextOwner):
             raise
         # A buffer cannot be empty: a scene without triangles has nothing on the GPU.
         solid = len(scene.faces) > 0
-        self._drawing = Drawing(self._context, scene, self.effects) if solid else None
+        self._drawing = Drawing(self._context, scene) if solid else None
         self._positions = Positions(self._context, scene) if solid else None
 
     def release(self) -> None:
@@ -97,6 +106,14 @@ class Rasterizer(ContextOwner):
                 target.release()
         self._targets.clear()
         self._context.release()
+
+    def effects_for(self, settings: DoubleFrustum) -> frozenset[Effect]:
+        """Return the effects that pictures with these settings are drawn with."""
+        if not self._automatic or not loses_far_plane(self.scene, settings):
+            return self.effects
+        if settings not in self._beyond_reach:
+            self._beyond_reach[settings] = needed(self.scene, question=Question(settings=(settings,)))
+        return self._beyond_reach[settings]
 
     def render(
         self,
@@ -146,7 +163,8 @@ class Rasterizer(ContextOwner):
         with self._context:
             check_sampling(sampling, self.device["renderer"])
             target = self._target(self.scene.frustum.resolution, settings.depth)
-            passes = drawing_order(self.scene, aperture, settings, self.effects)
+            effects = self.effects_for(settings)
+            passes = drawing_order(self.scene, aperture, settings, effects)
             timer = GpuTimer()
             with timer.stage("draw"):
                 # A software renderer reads the clock once for each tile, when it works on that tile. The
@@ -165,7 +183,7 @@ class Rasterizer(ContextOwner):
             position=position,
             normal=self._normals_of(triangle) if normals else None,
             color=seen,
-            rendering=Rendering.of(self.effects, sampling) if color else None,
+            rendering=Rendering.of(effects, sampling) if color else None,
         )
         return Drawn(image=image, times=times)
 
@@ -179,7 +197,7 @@ class Rasterizer(ContextOwner):
         mean = Mean(film)
         places = sub_apertures(self.scene.plate, aperture, sampling.aperture)
         for place in places:
-            passes = drawing_order(self.scene, place, settings, self.effects)
+            passes = drawing_order(self.scene, place, settings, self.effects_for(settings))
             for tile in tiles(film, sampling.supersample, largest_image()):
                 part = self._target(tile.size, settings.depth, sampling.multisample)
                 self._draw(part, [tile.seen_by(camera) for camera in passes], settings, color=True)
@@ -190,7 +208,8 @@ class Rasterizer(ContextOwner):
         if self._drawing is None:
             target.begin()
         else:
-            self._drawing.draw(target, passes, settings.mapping, color=color)
+            effects = self.effects_for(settings)
+            self._drawing.draw(target, passes, settings.mapping, effects, color=color)
 
     def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
         if self._positions is None or not passes:

@@ -15,9 +15,33 @@ pictures     The image of an aperture, made of decisions along its lines: points
 truth        True images: asks `certify` for each pixel, then adds points, normals and color
 """
 
-from xfrustum.reference.convergence import Converged
-from xfrustum.reference.tracers.visibility import SurfacePoints
-from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
-from xfrustum.reference.truth import TRACERS, Reference
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from xfrustum.reference.convergence import Converged
+    from xfrustum.reference.tracers.names import TRACERS
+    from xfrustum.reference.tracers.visibility import SurfacePoints
+    from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
+    from xfrustum.reference.truth import Reference
 
 __all__ = ["TRACERS", "Converged", "PathTracer", "RadianceEstimate", "Reference", "SurfacePoints"]
+
+_MODULES = {
+    "TRACERS": "tracers.names",
+    "Converged": "convergence",
+    "PathTracer": "transport.transport",
+    "RadianceEstimate": "transport.transport",
+    "Reference": "truth",
+    "SurfacePoints": "tracers.visibility",
+}
+"""Module of each name. They are imported when first used: `explain` answers from the scene alone, and must
+not load ray tracers and statistics for that."""
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'xfrustum.reference' has no attribute {name!r}")
+    return getattr(import_module(f"xfrustum.reference.{_MODULES[name]}"), name)

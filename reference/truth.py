@@ -20,6 +20,7 @@ from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.tracers.names import TRACERS
 from xfrustum.reference.tracers.proposals import proposed, uncertified
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.reference.tracers.visibility import SurfacePoints, hidden
@@ -33,9 +34,6 @@ from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-
-TRACERS = ("embree", "mitsuba")
-"""Names of the tracers that can be asked for."""
 
 STREAMED_PIXELS = 1 << 18
 """Pixels traced per call of the tracer; each needs about 100 bytes."""

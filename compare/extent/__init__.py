@@ -1,5 +1,6 @@
 """Where a scene lies: which part of it the reach and the frusta of the plate hold, before anything is drawn.
 
+content  What lies at which depth in the frusta of some apertures, in bins of |z|, hidden surfaces included
 facts    Size, heights, area within the reach and apertures of every object of a scene
 layers   Triangles cut by heights: the corners of what is left of each, and its area
 sight    Whether an aperture's image can show any of an object, and which apertures of a plate can

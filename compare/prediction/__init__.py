@@ -1,5 +1,7 @@
 """Closed forms of every error, from the truth's geometry alone.
 
+band_limiting  Closed form of band limiting: how far a hogel's area blurs, and how many points stand for the
+              area
 chain         The chain from the truth to the raster, one thing changed per link (docs/method.md, "The
               error budget")
 contours      The contours of a true image, where one surface ends before another, with normals and lengths

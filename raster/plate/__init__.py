@@ -1,5 +1,7 @@
 """Many hogels at once: the same pictures in fewer submissions.
 
+averaging    Hogels averaged over sub-apertures, from a stream of single images (paper, section 6: band
+             limiting)
 clusters     Clusters of triangles that a hogel's frusta cannot see, found before anything is drawn
 drawing      The draws of one program: the triangles that each camera draws with it, for many hogels at
              once

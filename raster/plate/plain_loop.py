@@ -27,7 +27,7 @@ from xfrustum.raster.plate.program import (
     picture_program,
 )
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
-from xfrustum.scenes.model.effects import Effect, needed
+from xfrustum.scenes.model.effects import Effect, Question, needed
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -59,7 +59,7 @@ class PlainLoop:
         self, scene: Scene, settings: DoubleFrustum, content: PlateContent, *, numbered: bool = False
     ) -> None:
         self.scene, self.settings = scene, settings
-        effects = needed(scene) - {Effect.REFLECTION}
+        effects = needed(scene, question=Question(settings=(settings,))) - {Effect.REFLECTION}
         self._cameras = cameras_in_order(scene, settings)
         self._mapping = MAPPINGS[settings.mapping]
         self._context = context = open_context()

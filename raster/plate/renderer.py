@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 
 import moderngl
 import numpy as np
@@ -17,6 +18,7 @@ from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
 from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.timer import GpuTimer, StageTime
+from xfrustum.raster.plate.averaging import averaged
 from xfrustum.raster.plate.picture import (
     PICTURE,
     REFLECTION,
@@ -27,10 +29,10 @@ from xfrustum.raster.plate.picture import (
 from xfrustum.raster.plate.program import lets_vertices_choose_layers
 from xfrustum.raster.plate.submissions import Batching, Slot, groups, make_rounds
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
-from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import needed
-from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
+from xfrustum.scenes.model.effects import Question, needed
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -60,8 +62,9 @@ class PlateRenderer(ContextOwner):
     Raises
     ------
     InputError
-        The settings do not fit the frustum, the scene asks for more than one sample a pixel, there is
-        no usable OpenGL, or the device cannot draw so large an image or so many triangles.
+        The settings do not fit the frustum, the scene asks for more than one sample a pixel beside
+        sub-apertures, there is no usable OpenGL, or the device cannot draw so large an image or so many
+        triangles.
     """
 
     def __init__(
@@ -71,14 +74,14 @@ class PlateRenderer(ContextOwner):
         content: PlateContent | None = None,
     ) -> None:
         settings.check_against(scene.frustum)
-        if scene.sampling != Sampling():
+        if scene.sampling != Sampling(aperture=scene.sampling.aperture):
             raise InputError(
                 f"{scene.name}: asks for several samples a pixel, and a plate is drawn with one; "
-                "say --supersample 1 --multisample 1 --aperture-samples 1, or draw its hogels with raster"
+                "say --supersample 1 --multisample 1, or draw its hogels with raster"
             )
         self.scene, self.settings, self.content = scene, settings, content or PlateContent()
         asked = self.content.effects
-        self.effects = needed(scene) if asked is None else asked
+        self.effects = needed(scene, question=Question(settings=(settings,))) if asked is None else asked
         self._cameras = cameras_in_order(scene, settings, self.effects)
         self._context = open_context()
         try:
@@ -92,7 +95,10 @@ class PlateRenderer(ContextOwner):
 
     def _prepare(self) -> None:
         identified = bool(reflective_triangles(self.scene, self.effects).any())
-        form = TargetFormat(depth=self.settings.depth, content=self.content, identified=identified)
+        # The mean over sub-apertures is taken of colors as `Rasterizer` has them, and rounded once.
+        single = self.scene.sampling.aperture == 1
+        content = self.content if single else replace(self.content, color=ColorType.FLOAT32)
+        form = TargetFormat(depth=self.settings.depth, content=content, identified=identified)
         size = self.scene.frustum.resolution
         self.batching = Batching.of(size, form, layered=lets_vertices_choose_layers(self._context))
         self._picture: PlatePicture | None = None
@@ -126,9 +132,17 @@ class PlateRenderer(ContextOwner):
         """Draw apertures and yield their images in the same order.
 
         While one round of submissions is drawn, the round before it is read back: at most
-        `batching.hogels_in_memory` hogels are in memory beside those that the caller keeps.
+        `batching.hogels_in_memory` hogels are in memory beside those that the caller keeps. Where the scene
+        asks for sub-apertures, each is drawn as a hogel of its own, and color is their mean.
         """
-        return self._stream(apertures, _untimed)
+        count = self.scene.sampling.aperture
+        if count == 1:
+            return self._stream(apertures, _untimed)
+        return averaged(apertures, self._points, lambda points: self._stream(points, _untimed), self.content)
+
+    def _points(self, aperture: Aperture) -> tuple[Aperture, ...]:
+        """Return the points of an aperture's area that are drawn."""
+        return sub_apertures(self.scene.plate, aperture, self.scene.sampling.aperture)
 
     def _stream(self, apertures: Iterable[Aperture], stage: Stage) -> Iterator[PlateHogel]:
         waiting: list[tuple[Slot, list[Aperture]]] = []

@@ -7,6 +7,7 @@ is -d of the pixel's own line on both sides of the plate, and the normal is turn
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from xfrustum.reference.shading.environment import radiance_toward
 from xfrustum.reference.shading.interpolation import Places, albedo, places, smooth_normals
 from xfrustum.scenes.appearance.light import DirectionalLight
 from xfrustum.scenes.arrays import Floats, Numbers
-from xfrustum.scenes.model.effects import Effect, needed
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, needed
+from xfrustum.scenes.model.region import FAR_MARGIN
 from xfrustum.scenes.model.scene import Scene
 
 COLOR_EFFECTS = frozenset({Effect.VERTEX_COLORS, Effect.TEXTURES})
@@ -80,8 +82,8 @@ class Shader:
     scene
         Scene with materials, lights, environment, normals, colors and textures.
     effects
-        Effects that are evaluated; None for those that the scene calls for. The cameras among them are not
-        used, for the surface that a pixel shows has been decided.
+        Effects that are evaluated; None for those that the scene calls for and, at points out of sight, for
+        all. The cameras among them are not used, for the surface that a pixel shows has been decided.
 
     Attributes
     ----------
@@ -92,6 +94,7 @@ class Shader:
     def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
         self._scene = scene
         self.effects = needed(scene) if effects is None else effects
+        self._automatic = effects is None
         surface, appearance = scene.surface, scene.appearance
         self._interpolated = {
             effect
@@ -119,6 +122,8 @@ class Shader:
 
     def radiance(self, hits: Hits) -> Floats:
         """Return linear RGB of some points toward the viewer, (N, 3), or (N, 1) where all is gray."""
+        if self._automatic and self._out_of_sight(hits):
+            return self._of_everything.radiance(hits)
         surface = self._surface(hits)
         facing = surface.turn * -_dot(surface.normal, surface.direction) * surface.shrink
         color = np.zeros((len(hits.triangle), self._channels))
@@ -133,6 +138,20 @@ class Shader:
             seen = radiance_toward(self._scene.appearance.environment, mirrored)
             color += self._of_material("reflectivity", surface) * seen
         return color
+
+    @cached_property
+    def _of_everything(self) -> Shader:
+        """The light model with all effects."""
+        return Shader(self._scene, ALL_EFFECTS)
+
+    def _out_of_sight(self, hits: Hits) -> bool:
+        """Return whether some points lie beyond everything that effects were decided for.
+
+        With a tiny near some depth buffers show surfaces beyond the reach.
+        """
+        toward, back = (FAR_MARGIN * reach for reach in self._scene.frustum.reach)
+        height = hits.position[:, 2]
+        return len(height) > 0 and not (-back <= height.min() and height.max() <= toward)
 
     def _surface(self, hits: Hits) -> _Surface:
         scene, normal = self._scene, hits.normal

@@ -154,7 +154,7 @@ def _raster(
             slabs=settings.slabs,
             offset=settings.offset,
             aperture_samples=sampling.aperture,
-            effects=tuple(sorted(drawer.effects, key=list(Effect).index)),
+            effects=tuple(sorted(drawer.effects_for(settings), key=list(Effect).index)),
         ),
         picture=lambda: draw().image,
         draw=draw,

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NoReturn
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, NoReturn
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.reference import TRACERS
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import FEWEST_DIFFERENCES
-from xfrustum.reports.effects.costs import Cost, Stopwatches
+from xfrustum.reports.effects.cost_record import Cost
+from xfrustum.reports.effects.depths import Depths, depths
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.arguments import whole
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, decide
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, decide
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.model.slabs import SlabContent, slab_contents
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from xfrustum.reports.effects.costs import Stopwatches
+
 REPEAT = FEWEST_DIFFERENCES
-"""Measured pairs of images for each effect."""
+"""Measured pairs of images for each effect, where costs are measured."""
 DEFAULT_NEAR_PER_REACH = 1e-3
 """Near plane where none is asked for: the time does not depend on it."""
 
@@ -44,12 +48,16 @@ class Row:
         The fact that decided whether it is used.
     costs
         Cost by renderer; without an entry where it was not measured or means nothing.
+    objects, out_of_sight
+        Numbers of the objects that call for the effect, and of those that would if they were in sight.
     """
 
     name: str
     used: bool
     reason: str
     costs: dict[str, Cost]
+    objects: tuple[int, ...] = ()
+    out_of_sight: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +72,8 @@ class EffectsPlan:
         The local effects, and then the settings of the scene.
     slabs
         Slabs of both cameras, from the back.
+    depths
+        Content of the aperture's frustum by depth, and what bounds its errors.
     left_out
         Cost of all local effects beyond those used, by renderer; empty if not measured.
     repeat
@@ -76,6 +86,7 @@ class EffectsPlan:
     tracer: str
     rows: tuple[Row, ...]
     slabs: tuple[SlabContent, ...]
+    depths: Depths
     left_out: dict[str, Cost]
     repeat: int
 
@@ -98,10 +109,10 @@ def explain(
     settings: DoubleFrustum | None = None,
     *,
     tracer: str = "embree",
-    repeat: int = REPEAT,
+    repeat: int = 0,
     progress: bool = False,
 ) -> EffectsPlan:
-    """Say what an image of a scene calls for, and measure what each effect costs here and now.
+    """Say what an image of a scene calls for and, if asked, measure what each effect costs here and now.
 
     Parameters
     ----------
@@ -112,7 +123,7 @@ def explain(
     tracer
         One of `xfrustum.reference.TRACERS`.
     repeat
-        Measured pairs of images for each effect; 0 measures nothing.
+        Measured pairs of images for each effect; 0 measures nothing, and answers from the scene alone.
     progress
         Whether to draw a bar on standard error.
 
@@ -130,12 +141,14 @@ def explain(
     if tracer not in TRACERS:
         raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
     require_seen(scene, [aperture])
-    decisions = decide(scene, settings.camera)
-    used = frozenset(decision.effect for decision in decisions if decision.used)
-    rows = [Row(name=d.effect, used=d.used, reason=d.reason, costs={}) for d in decisions]
-    rows += _settings_of(scene)
+    question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
+    rows = [*_local(scene, question), *_settings_of(scene)]
+    used = frozenset(Effect(row.name) for row in rows if row.used and row.name in set(Effect))
     left_out: dict[str, Cost] = {}
     if repeat:
+        # Renderers and tracers are loaded only if they are measured.
+        from xfrustum.reports.effects.costs import Stopwatches  # noqa: PLC0415
+
         watches = Stopwatches(scene=scene, aperture=aperture, settings=settings, tracer=tracer, repeat=repeat)
         steps = 2 * (len(rows) + 1)
         with progress_bar(steps, "explain", "measurement", shown=progress) as bar:
@@ -148,9 +161,25 @@ def explain(
         tracer=tracer,
         rows=tuple(rows),
         slabs=slab_contents(scene, settings),
+        depths=depths(scene, aperture, settings),
         left_out=left_out,
         repeat=repeat,
     )
+
+
+def _local(scene: Scene, question: Question) -> list[Row]:
+    """Return the rows of the local effects, without costs."""
+    return [
+        Row(
+            name=one.effect,
+            used=one.used,
+            reason=one.reason,
+            costs={},
+            objects=one.objects,
+            out_of_sight=one.out_of_sight,
+        )
+        for one in decide(scene, question=question)
+    ]
 
 
 def _settings_of(scene: Scene) -> list[Row]:
@@ -166,11 +195,12 @@ def _settings_of(scene: Scene) -> list[Row]:
             transport.interreflection, f"asked for, with {transport.samples} light paths a pixel"
         ),
     }  # fmt: skip
+    paths = f"the cost is that of {transport.samples} light paths a pixel"
     would_be = {
         "antialiasing": "not asked for; the cost is that of 2 x 2 points a pixel",
         "band-limiting": "not asked for; the cost is that of 4 sub-apertures",
-        "shadows": f"not asked for; the cost is that of {transport.samples} light paths a pixel",
-        "interreflection": f"not asked for; the cost is that of {transport.samples} light paths a pixel",
+        "shadows": f"not asked for; {paths}",
+        "interreflection": f"not asked for; {paths}",
     }
     return [
         Row(name=name, used=used, reason=reason if used else would_be[name], costs={})

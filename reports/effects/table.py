@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from xfrustum.reports.common.formatting import digits
+from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.provenance import SceneName
-from xfrustum.reports.effects.costs import PROCEDURE, RENDERERS, Cost
+from xfrustum.reports.effects.cost_record import PROCEDURE, RENDERERS, Cost
+from xfrustum.reports.effects.depths import DepthRow, Depths
 from xfrustum.reports.effects.plan import EffectsPlan, Row
 from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.plate.double_frustum import Camera
 
 Number = TypeVar("Number")
@@ -27,15 +29,28 @@ class ByRenderer(Generic[Number]):
 
 @dataclass(frozen=True, kw_only=True)
 class EffectRecord:
-    """One effect: whether it is used, why, and what it costs."""
+    """One effect: whether it is used, why, for which objects, and what it costs."""
 
     name: str
     used: bool
     reason: str
+    objects: tuple[int, ...]
+    out_of_sight: tuple[int, ...]
     cost_s: ByRenderer[float]
     spread_s: ByRenderer[float]
     interval_s: ByRenderer[tuple[float, float]]
     resolved: ByRenderer[bool]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectRecord:
+    """One object: its name, its heights, and the effects that it calls for; none if it is out of sight."""
+
+    number: int
+    name: str
+    heights: tuple[float, float]
+    in_sight: bool
+    effects: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +87,8 @@ class EffectsRecord:
     scene: SceneName
     aperture: tuple[int, int]
     effects: tuple[EffectRecord, ...]
+    objects: tuple[ObjectRecord, ...]
+    depths: Depths
     cameras: tuple[Camera, ...]
     slabs: tuple[SlabRecord, ...]
     passes: tuple[PassRecord, ...]
@@ -92,6 +109,8 @@ def summary(plan: EffectsPlan) -> dict[str, Any]:
         scene=SceneName.of(plan.scene),
         aperture=plan.aperture.index,
         effects=tuple(_effect(row) for row in plan.rows),
+        objects=tuple(_objects(plan)),
+        depths=plan.depths,
         cameras=tuple(dict.fromkeys(slab.camera for slab in plan.drawn)),
         slabs=tuple(
             SlabRecord(camera=slab.camera, heights=slab.heights, triangles=slab.triangles)
@@ -119,11 +138,28 @@ def _effect(row: Row) -> EffectRecord:
         name=row.name,
         used=row.used,
         reason=row.reason,
+        objects=row.objects,
+        out_of_sight=row.out_of_sight,
         cost_s=_by_renderer(row.costs, lambda cost: cost.seconds),
         spread_s=_by_renderer(row.costs, lambda cost: cost.spread),
         interval_s=_by_renderer(row.costs, lambda cost: cost.interval),
         resolved=_by_renderer(row.costs, lambda cost: cost.resolved),
     )
+
+
+def _objects(plan: EffectsPlan) -> Iterator[ObjectRecord]:
+    """Yield each object with the local effects that it calls for."""
+    cameras = (Effect.C, Effect.C_STAR)
+    for number, part in enumerate(plan.scene.objects):
+        z = part.vertices[:, 2]
+        rows = [row for row in plan.rows if number in row.objects]
+        yield ObjectRecord(
+            number=number,
+            name=part.name,
+            heights=(float(z.min()), float(z.max())),
+            in_sight=any(row.name in cameras for row in rows),
+            effects=tuple(row.name for row in rows if row.used and row.name not in cameras),
+        )
 
 
 def _by_renderer(costs: dict[str, Cost], number: Callable[[Cost], Number]) -> ByRenderer[Number]:
@@ -133,19 +169,85 @@ def _by_renderer(costs: dict[str, Cost], number: Callable[[Cost], Number]) -> By
 
 def table(plan: EffectsPlan) -> str:
     """Return the plan as text: the effects, then what is drawn, sampled and traced."""
-    lines = [("effect", "", *(f"{name}" for name in RENDERERS), "because")]
+    measured = RENDERERS if plan.repeat else ()
+    lines = [("effect", "", *measured, "because")]
     lines += [
         (
             row.name,
             "used" if row.used else "left out",
-            *(_time(row.costs.get(r)) for r in RENDERERS),
+            *(_time(row.costs.get(r)) for r in measured),
             row.reason,
         )
         for row in plan.rows
     ]
+    parts = (_columns(lines), [""], _by_object(plan), [""], _by_depth(plan), [""], _sentences(plan))
+    return "\n".join(line for part in parts for line in part)
+
+
+def _columns(lines: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Yield lines of cells, each column as wide as its longest cell."""
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
-    rows = ("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
-    return "\n".join((*(row.rstrip() for row in rows), "", *_sentences(plan)))
+    for line in lines:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+
+
+def _by_object(plan: EffectsPlan) -> Iterator[str]:
+    """Yield which object calls for which effects, and where it lies."""
+    for one in _objects(plan):
+        low, high = (digits(height) for height in one.heights)
+        called = ", ".join(one.effects) or "no effect"
+        if not one.in_sight:
+            called = "out of sight: beyond the reach or beside the frustum"
+        yield f"object {one.number}, {one.name}, heights {low} to {high} {plan.scene.units}: {called}"
+
+
+def _by_depth(plan: EffectsPlan) -> Iterator[str]:
+    """Yield the content of the frustum by depth, and what bounds its errors."""
+    found, units = plan.depths, plan.scene.units
+    yield (
+        f"depth of what lies in the frustum of aperture {plan.aperture.column},{plan.aperture.row}, "
+        f"hidden surfaces included; near {digits(found.near)} {units}, {plan.settings.depth_label}:"
+    )
+    lines: list[tuple[str, ...]] = [
+        (f"|z| ({units})", "surface", "near offset", "shear", "separation", "blur", "sub-apertures")
+    ]
+    lines += [_depth_cells(row, units) for row in found.rows]
+    yield from _columns(lines)
+    yield "near offset: displacement of the nearest content in the film's corner; shear: more by pivot camera"
+    yield "separation: what the depth buffer orders at the farthest content; blur: by the area of the hogel"
+    if found.largest_near is None:
+        yield f"no near keeps content that touches the plate within {digits(found.tolerance_px)} px"
+    else:
+        yield (
+            f"a near of {digits(found.largest_near)} {units} keeps everything within "
+            f"{digits(found.tolerance_px)} px"
+        )
+    yield _band_limiting(found)
+
+
+def _depth_cells(row: DepthRow, units: str) -> tuple[str, ...]:
+    least, largest = row.blur_px
+    return (
+        f"{digits(row.nearest)} to {digits(row.farthest)} {row.side}",
+        percent(row.share),
+        f"{digits(row.near_px)} px",
+        f"{digits(row.shear_px)} px",
+        f"{digits(row.separation)} {units}",
+        f"{digits(least)} px or more" if largest is None else f"{digits(least)} to {digits(largest)} px",
+        "over 65,536" if row.sub_apertures is None else f"{row.sub_apertures:,}",
+    )
+
+
+def _band_limiting(found: Depths) -> str:
+    """Say whether band limiting is needed, and with how many sub-apertures."""
+    if found.sub_apertures == 1:
+        return "band limiting: not needed; the area of the hogel changes no pixel by a level of 8 bits"
+    count = found.sub_apertures
+    most = "more than 65,536 sub-apertures" if count is None else f"{count:,} sub-apertures"
+    return (
+        f"band limiting: needed; {most} keep its error at an edge of contrast {digits(found.contrast)} "
+        "under a level of 8 bits (--aperture-samples auto)"
+    )
 
 
 def _sentences(plan: EffectsPlan) -> Iterator[str]:

@@ -9,7 +9,7 @@ from xfrustum.compare.metrics.left_out import LeftOutNumbers
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_DIFFERENCES
-from xfrustum.reports.effects.costs import Cost
+from xfrustum.reports.effects.cost_record import Cost
 from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision

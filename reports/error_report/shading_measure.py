@@ -22,7 +22,7 @@ from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.shading import EyeError, MissedLight, ShadingReport, is_shaded
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Bytes
-from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, chosen, decide, needed
+from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, chosen, decide, needed
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -79,9 +79,9 @@ def _shows_eye(scene: Scene) -> bool:
 
 
 def _same_bits(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> bool:
-    drawn = []
+    drawn, asked = [], Question(settings=(settings,))
     for names in ("auto", "all"):
-        with Rasterizer(scene, effects=chosen(scene, names)) as rasterizer:
+        with Rasterizer(scene, effects=chosen(scene, names, question=asked)) as rasterizer:
             drawn.append(rasterizer.render(aperture, settings, normals=False))
     return all(
         np.array_equal(_bits(getattr(drawn[0], name)), _bits(getattr(drawn[1], name)))

@@ -25,7 +25,7 @@ from xfrustum.reports.measurements.measurement import (
     StageParts,
     Sweep,
 )
-from xfrustum.scenes.model.effects import chosen
+from xfrustum.scenes.model.effects import Effect, chosen
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
@@ -107,8 +107,8 @@ def sweep(
     """
     watch, begun = Stopwatch(), time.perf_counter()
     with watch.stage("prepare"):
-        reference = Reference(scene, tracer=tracer, effects=chosen(scene, effects))
-        rasterizer = Rasterizer(scene, effects=chosen(scene, effects))
+        reference = Reference(scene, tracer=tracer, effects=_simulated(scene, effects))
+        rasterizer = Rasterizer(scene, effects=_simulated(scene, effects))
     reduction = _reduction(scene.frustum, len(apertures) * len(settings))
     measurer = SettingMeasurer(scene, reference, rasterizer, reduction)
     with rasterizer:
@@ -136,6 +136,14 @@ def sweep(
         wall_s=wall_s,
         frames_s=frames,
     )
+
+
+def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:
+    """Return the effects that are named; None for `auto`.
+
+    Renderers decide themselves what that is: with a tiny near, pictures show surfaces beyond the reach.
+    """
+    return None if effects == "auto" else chosen(scene, effects)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.plate.claims import Claims
 from xfrustum.reports.plate.store import PlateStore, open_store
-from xfrustum.scenes.model.effects import Effect, needed
+from xfrustum.scenes.model.effects import Effect, Question, needed
 from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
@@ -98,7 +98,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     if not isinstance(chosen, ApertureBlocks):
         chosen = list(dict.fromkeys(chosen))
     with PlateRenderer(scene, settings, content) as renderer:
-        store = open_store(out, scene, content, json_ready(described(renderer)))
+        store = open_store(out, scene, content, _document(described(renderer)))
         with (
             store.claims() as claims,
             progress_bar(len(chosen), "plate", "hogel", shown=progress) as bar,
@@ -221,6 +221,13 @@ class ContentDescription:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SamplingDescription:
+    """Number of sub-apertures over which color is averaged."""
+
+    aperture: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class RendererDescription:
     """Name of the device that draws, and version of the program."""
 
@@ -230,7 +237,10 @@ class RendererDescription:
 
 @dataclass(frozen=True, kw_only=True)
 class PlateDescription:
-    """Everything that decides a plate's pixels: what must agree to go on with a store."""
+    """Everything that decides a plate's pixels: what must agree to go on with a store.
+
+    `sampling` is None, and not written, where each hogel is drawn through the middle of its aperture alone.
+    """
 
     scene: SceneDescription
     plate: Plate
@@ -239,13 +249,16 @@ class PlateDescription:
     effects: tuple[Effect, ...]
     content: ContentDescription
     renderer: RendererDescription
+    sampling: SamplingDescription | None = None
 
 
 def described(renderer: PlateRenderer) -> PlateDescription:
     """Return everything that decides the pixels that a renderer draws."""
     scene = renderer.scene
+    points = scene.sampling.aperture
     # More than the scene calls for changes no pixel.
-    simulated = renderer.effects & needed(scene, renderer.settings.camera)
+    question = Question(camera=renderer.settings.camera, settings=(renderer.settings,))
+    simulated = renderer.effects & needed(scene, question=question)
     return PlateDescription(
         scene=SceneDescription(
             name=scene.name,
@@ -262,7 +275,14 @@ def described(renderer: PlateRenderer) -> PlateDescription:
         renderer=RendererDescription(
             device=renderer.device["renderer"], xfrustum=metadata.version("xfrustum")
         ),
+        sampling=None if points == 1 else SamplingDescription(aperture=points),
     )
+
+
+def _document(description: PlateDescription) -> dict[str, object]:
+    """Return a description as it is written."""
+    document: dict[str, object] = json_ready(description)
+    return {key: value for key, value in document.items() if value is not None}
 
 
 def blocks_of_apertures(plate: Plate, blocks: Sequence[tuple[Span, Span]]) -> ApertureBlocks:

@@ -5,6 +5,7 @@ hogel_image         The one kind of image that every renderer returns: what one 
                     pixel
 look                A hash of what a scene looks like, beside that of its geometry
 plate_content       A plate as a stream of hogels: the arrays that are wanted, and those of each hogel
+region              A bound of the space that images can show, with the largest near offset and all rounding
 rendering           The effects, samples and light transport that made the color of an image
 scene               A scene, the question to every renderer: immutable, validated, in scene coordinates
 slabs               The slabs of both frusta, and the number of the scene's triangles in each

@@ -9,20 +9,23 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from xfrustum.cli.numbers import Samples
+from xfrustum.cli.numbers import AUTO, Samples, SubApertures
 from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.effects import Effect
     from xfrustum.scenes.model.scene import Scene
-    from xfrustum.scenes.plate.double_frustum import Camera
+    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+    from xfrustum.scenes.plate.plate import Aperture
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def _count_option(flag: str, meaning: str) -> Callable[[Command], Command]:
+def _count_option(
+    flag: str, meaning: str, kind: click.ParamType[Any] | None = None
+) -> Callable[[Command], Command]:
     """Return an option for a count of samples, whose default is the scene's."""
-    return click.option(flag, type=Samples(), help=f"{meaning}  [default: the scene's]")
+    return click.option(flag, type=kind or Samples(), help=f"{meaning}  [default: the scene's]")
 
 
 _OPTIONS = {
@@ -34,7 +37,11 @@ _OPTIONS = {
     ),
     "supersample": _count_option("--supersample", "Points along each side of a pixel."),
     "multisample": _count_option("--multisample", "OpenGL's own samples per pixel."),
-    "aperture": _count_option("--aperture-samples", "Points of the aperture's area (band limiting)."),
+    "aperture": _count_option(
+        "--aperture-samples",
+        "Points of the aperture's area (band limiting); auto: as many as `explain` says are needed.",
+        SubApertures(),
+    ),
     "shadows": click.option(
         "--shadows/--no-shadows", default=None, help="Shadows, traced by Mitsuba.  [default: the scene's]"
     ),
@@ -59,7 +66,7 @@ class Light:
     effects: str = "auto"
     supersample: int | None = None
     multisample: int | None = None
-    aperture_samples: int | None = None
+    aperture_samples: int | str | None = None
     shadows: bool | None = None
     interreflection: bool | None = None
     samples: int | None = None
@@ -73,7 +80,7 @@ class Light:
             Light paths are asked for, but no light transport.
         """
         sampling = _given(
-            supersample=self.supersample, multisample=self.multisample, aperture=self.aperture_samples
+            supersample=self.supersample, multisample=self.multisample, aperture=self._sub_apertures(scene)
         )
         transport = _given(shadows=self.shadows, interreflection=self.interreflection, samples=self.samples)
         changed = replace(
@@ -85,12 +92,42 @@ class Light:
             raise click.UsageError("--samples are light paths: ask for --shadows or --interreflection too")
         return changed
 
-    def chosen(self, scene: Scene, camera: Camera | None = None) -> frozenset[Effect]:
-        """Return the effects that are asked for, for a scene and the cameras that draw it."""
-        from xfrustum.scenes.model.effects import chosen
+    def _sub_apertures(self, scene: Scene) -> int | None:
+        """Return the count that is asked for; `auto` is computed, and said on standard error."""
+        if not isinstance(self.aperture_samples, str):
+            return self.aperture_samples
+        from xfrustum.compare.prediction.band_limiting import needed_sub_apertures
+
+        count = needed_sub_apertures(scene)
+        say(f"note: --aperture-samples {AUTO}: {count} points stand for the area of each hogel")
+        return count
+
+    def chosen(
+        self,
+        scene: Scene,
+        apertures: tuple[Aperture, ...] | None = None,
+        settings: DoubleFrustum | None = None,
+    ) -> frozenset[Effect]:
+        """Return the effects that are asked for.
+
+        Parameters
+        ----------
+        scene
+            Scene whose images are made.
+        apertures
+            Apertures of the images; None for all of the plate.
+        settings
+            Settings that the images are drawn with; None where they are traced.
+        """
+        from xfrustum.scenes.model.effects import Question, chosen
         from xfrustum.scenes.plate.double_frustum import Camera
 
-        return chosen(scene, self.effects, camera or Camera.BOTH)
+        question = Question(
+            camera=Camera.BOTH if settings is None else settings.camera,
+            apertures=apertures,
+            settings=() if settings is None else (settings,),
+        )
+        return chosen(scene, self.effects, question=question)
 
     def tracer(self, scene: Scene, given: str | None) -> tuple[str, bool]:
         """Return the name of the tracer, and whether it traces light paths, which only Mitsuba does.

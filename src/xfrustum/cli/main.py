@@ -227,7 +227,7 @@ def trace(
     chosen = options.chosen_aperture(opened, aperture)
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)
-    effects = light.chosen(opened)
+    effects = light.chosen(opened, (chosen,))
     if decided_by != "certified":
         if tracer not in (None, decided_by):
             raise click.UsageError(
@@ -271,7 +271,7 @@ def raster(
     settings.check_against(opened.frustum)
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)
-    with Rasterizer(opened, effects=light.chosen(opened, settings.camera)) as rasterizer:
+    with Rasterizer(opened, effects=light.chosen(opened, (chosen,), settings)) as rasterizer:
         write_image(out, rasterizer.render(chosen, settings, normals=True, color=True))
 
 

@@ -46,6 +46,21 @@ class Samples(click.ParamType[int]):
         return count
 
 
+class SubApertures(click.ParamType[int | str]):
+    """A count of sub-apertures, or the word `auto`."""
+
+    name = "integer|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        """Return the count or the word."""
+        if str(value).strip().lower() == AUTO:
+            return AUTO
+        return Samples().convert(value, param, ctx)
+
+
+AUTO = "auto"
+"""Word that stands for the count that a scene needs."""
+
 _UNITS = {"": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40}
 """Bytes of each unit of size, by its letter."""
 

@@ -127,8 +127,8 @@ def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
 
 
 def test_scenes_that_ask_for_finer_sampling_are_refused_and_not_drawn_coarsely() -> None:
-    scene = replace(view("asymmetric", (8, 6)), sampling=Sampling(aperture=4))
-    with pytest.raises(InputError, match="--aperture-samples 1"):
+    scene = replace(view("asymmetric", (8, 6)), sampling=Sampling(supersample=2, aperture=4))
+    with pytest.raises(InputError, match="--supersample 1"):
         PlateRenderer(scene, DoubleFrustum(near=0.1))
 
 

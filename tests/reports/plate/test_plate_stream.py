@@ -163,12 +163,27 @@ def test_a_scene_that_asks_for_finer_sampling_is_drawn_when_told_how(
 ) -> None:
     out = tmp_path / "x.zarr"
     arguments = ["plate", "grating", "--near", "0.1", "--apertures", "3,4", "--out", str(out), "--quiet"]
-    assert main([*arguments, "--aperture-samples", "4"]) == 2
+    assert main([*arguments, "--supersample", "2"]) == 2
     printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1 and "--aperture-samples 1" in printed.err
+    assert printed.err.count("\n") == 1 and "--supersample 1" in printed.err
     assert not out.exists()
     once = ["--supersample", "1", "--multisample", "1", "--aperture-samples", "1"]
     assert main([*arguments, *once, "--effects", "all"]) == 0
+
+
+def test_a_plate_says_how_many_sub_apertures_it_has(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "x.zarr"
+    arguments = ["plate", "sheets", "--near", "0.1", "--apertures", "3,4", "--out", str(out), "--quiet"]
+    assert main([*arguments, "--aperture-samples", "3"]) == 0
+    said = zarr.open_group(out, mode="r").attrs["xfrustum"]
+    assert isinstance(said, dict) and said["sampling"] == {"aperture": 3}
+    assert main([*arguments, "--aperture-samples", "3"]) == 0
+    capsys.readouterr()
+    assert main(arguments) == 2
+    assert "another sampling" in capsys.readouterr().err
+    assert main([*arguments, "--aperture-samples", "car"]) == 2
 
 
 def test_what_is_no_plate_is_left_alone(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import click
 
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
+from xfrustum.cli.numbers import Positive
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
@@ -21,12 +22,12 @@ if TYPE_CHECKING:
 @click.option("--camera", type=options.Name("Camera"), help="Which cameras draw.  [default: both]")
 @options.tracer_option
 @cli_light.light_options("supersample", "multisample", "aperture", "shadows", "interreflection", "samples")
+@click.option("--near", type=Positive(), help="Near offset of the table of depths.  [default: reach/1000]")
+@click.option("--measure", is_flag=True, help="Measure what each effect costs on this machine.")
 @click.option(
     "--repeat",
     type=click.IntRange(0),
-    default=6,
-    show_default=True,
-    help="Measured pairs of images; 0 measures no cost.",
+    help="Measured pairs of images, which implies --measure; 0 measures nothing.  [default: 6]",
 )
 @options.quiet_option
 @options.json_option
@@ -36,16 +37,20 @@ def explain(
     aperture: tuple[int, int] | None,
     slabs: tuple[float, ...] | None,
     camera: Camera | None,
+    near: float | None,
+    measure: bool,
     tracer: str,
     light: Light,
-    repeat: int,
+    repeat: int | None,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Say what a scene calls for: each effect, the fact that decides it, and what it costs.
+    """Say what a scene calls for: each effect, and the fact that decides it.
 
-    Effects that are left out do not change the picture. Antialiasing, band limiting and light
-    transport do: they are used if the scene, or an option here, asks for them.
+    The answer comes from the scene alone, with closed forms of what near offset, depth buffer, shear and band
+    limiting do at each depth; --measure adds what each effect costs. Effects that are left out do not
+    change the picture. Antialiasing, band limiting and light transport do: they are used if the scene,
+    or an option here, asks for them.
     """
     from xfrustum.reports.effects import plan as effects_plan
     from xfrustum.reports.effects import table as effects_table
@@ -53,7 +58,7 @@ def explain(
 
     opened = light.applied(options.open_scene(scene))
     settings = DoubleFrustum(
-        near=effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach,
+        near=near or effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach,
         slabs=slabs or (),
         camera=camera or Camera.BOTH,
     )
@@ -64,7 +69,7 @@ def explain(
         chosen,
         settings,
         tracer=tracer,
-        repeat=repeat,
+        repeat=(effects_plan.REPEAT if measure else 0) if repeat is None else repeat,
         progress=not quiet,
     )
     options.tell(as_json, lambda: effects_table.summary(plan), lambda: effects_table.table(plan))

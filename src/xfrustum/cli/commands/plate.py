@@ -89,7 +89,8 @@ def plate(
 
     What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
     processes may draw one plate at once.
-    Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1.
+    Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1. With
+    --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
     """
     from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import ColorType, PlateContent
@@ -98,7 +99,7 @@ def plate(
     spans = [(None, None)] if blocks is None else blocks
     chosen = blocks_of_apertures(opened.plate, spans)
     options.look_at(opened, chosen, black_is_right=True)
-    content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings.camera))
+    content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings=settings))
     files = write_plate(opened, settings, out, chosen, content, check=check, progress=not quiet)
     for note in files.notes:
         say(f"note: {note}")

@@ -1,0 +1,197 @@
+"""A bound of the space that images can show, with the largest near offset and all rounding.
+
+What lies outside is certainly in no image, so that nothing needs to be simulated for it alone. The bound says
+nothing of what lies inside: it may be hidden, or be shown by no aperture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.plate.double_frustum import DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture, Plate
+
+SMALLEST_NEAR_SHARE = 2.0**-16
+"""Smallest near, as a share of the longest reach, for which images are known to end at `FAR_MARGIN`."""
+
+FAR_ROUNDINGS = 16
+"""Roundings of 2^-24 w in w - z, where clip depth z runs up to w at the far plane: two in z, one in w, one in
+the difference, and four times as many for vertices and matrices that are rounded to float32 before."""
+
+FAR_MARGIN = 1 / (1 - 2 * FAR_ROUNDINGS * 2.0**-24 / SMALLEST_NEAR_SHARE)
+"""Factor by which a drawn image may reach farther than asked for. With `standard` and `gl` depth
+w - z = n (f - w) / (f - n) is a small difference of large numbers: a rounding of 2^-24 w moves the far plane
+by a share 2^-24 f/n of w. At `SMALLEST_NEAR_SHARE` all are a sixteenth; twice that is allowed."""
+
+ROUNDING_MARGIN = 2.0**-16
+"""Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at most
+eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times as much."""
+
+TRIANGLES_IN_CHUNK = 1 << 12
+"""Triangles that are tried together: in most objects that are shown, one of the first is."""
+
+Rectangle = tuple[tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """The bound: all crossed frusta of a rectangle of apertures, widened by a near offset.
+
+    Attributes
+    ----------
+    scene
+        Scene whose frustum and reach count.
+    apertures
+        Lowest and highest x, and lowest and highest y, of the points that lines pass through.
+    step
+        Largest distance by which cameras step back, scene units; 0 for the true frusta.
+    unbounded
+        Whether images may show surfaces at any height, because near is so small that float32 knows no far
+        plane.
+    """
+
+    scene: Scene
+    apertures: Rectangle
+    step: float
+    unbounded: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        apertures: Iterable[Aperture] | None = None,
+        settings: Sequence[DoubleFrustum] = (),
+    ) -> Region:
+        """Return the region of some apertures with their cells, over which sub-apertures are spread.
+
+        Parameters
+        ----------
+        scene
+            Scene that is asked about.
+        apertures
+            Apertures whose images are asked for; None for all of the plate.
+        settings
+            Settings that images are drawn with. The region is that of every near from `SMALLEST_NEAR_SHARE`
+            of the reach up to the reach; it needs no settings unless one of them has a smaller near.
+        """
+        return cls(
+            scene=scene,
+            apertures=_cells(scene.plate, apertures),
+            step=scene.frustum.longest_reach,
+            unbounded=any(loses_far_plane(scene, one) for one in settings),
+        )
+
+    @classmethod
+    def true(cls, scene: Scene, apertures: Iterable[Aperture] | None = None) -> Region:
+        """Return the region of the true frusta of some apertures with their cells; None for all."""
+        return cls(scene=scene, apertures=_cells(scene.plate, apertures), step=0.0)
+
+    def holds(self, low: Floats, high: Floats) -> Mask:
+        """Return which axis-parallel boxes may have a part in the region; False is certain.
+
+        Parameters
+        ----------
+        low, high
+            (N, 3) lowest and highest coordinates of each box, scene units.
+        """
+        toward, back = self.scene.frustum.reach
+        return self._holds_on_side(low, high, -1.0, back) | self._holds_on_side(low, high, 1.0, toward)
+
+    def _holds_on_side(self, low: Floats, high: Floats, side: float, reach: float) -> Mask:
+        """Return which boxes may have a part in the region on one side of the plate.
+
+        At a distance d from the plate the lines of an aperture at a span the interval
+        a + (m - a) z/Z -+ t (d + n), where the screen has its middle m at the height Z. It is linear in d and
+        in a each, so that over ranges of both its ends are extreme at the ranges' own ends.
+
+        Parameters
+        ----------
+        low, high
+            (N, 3) corners of the boxes.
+        side
+            1 before the plate, -1 behind it.
+        reach
+            Reach of this side.
+        """
+        distances = side * low[:, 2], side * high[:, 2]
+        nearest, farthest = np.minimum(*distances), np.maximum(*distances)
+        end = math.inf if self.unbounded else FAR_MARGIN * reach
+        held: Mask = (farthest >= 0) & (nearest <= end)
+        begin, stop = np.maximum(nearest, 0.0), np.minimum(np.maximum(farthest, 0.0), end)
+        for axis in (0, 1):
+            ends = [self._interval(axis, a, d, side) for a in self.apertures[axis] for d in (begin, stop)]
+            lowest = np.minimum.reduce([one for one, _, _ in ends])
+            highest = np.maximum.reduce([other for _, other, _ in ends])
+            slack = ROUNDING_MARGIN * np.maximum.reduce([size for _, _, size in ends])
+            held &= (high[:, axis] >= lowest - slack) & (low[:, axis] <= highest + slack)
+        return held
+
+    def _interval(self, axis: int, a: float, d: Floats, side: float) -> tuple[Floats, Floats, Floats]:
+        """Return both ends of the lines of an aperture at distances d, and their largest terms."""
+        frustum = self.scene.frustum
+        if frustum.screen is None:
+            assert frustum.fov is not None
+            middle, half = np.full_like(d, a), math.tan(frustum.fov[axis] / 2) * (d + self.step)
+            return middle - half, middle + half, np.abs(middle) + half
+        slope = (frustum.screen.center[axis] - a) / frustum.screen.height
+        middle = a + slope * side * d
+        # The shear of pivot `camera` is fixed at the camera, which moves the frustum aside by up to a step.
+        half = (
+            frustum.screen.size[axis] / 2 / abs(frustum.screen.height) * (d + self.step)
+            + abs(slope) * self.step
+        )
+        return middle - half, middle + half, abs(a) + abs(slope) * d + half
+
+    def shows(self, part: SceneObject, faces: Indices | None = None) -> bool:
+        """Return whether images may show one of an object's triangles; False is certain.
+
+        Parameters
+        ----------
+        part
+            Object of the scene.
+        faces
+            (F, 3) triangles of the object that count; None for all.
+        """
+        counted = part.faces if faces is None else faces
+        box = part.vertices.min(axis=0)[None], part.vertices.max(axis=0)[None]
+        return bool(self.holds(*box)[0]) and any(
+            bool(self.holds(corners.min(axis=1), corners.max(axis=1)).any())
+            for corners in _in_chunks(part.vertices, counted)
+        )
+
+
+def loses_far_plane(scene: Scene, settings: DoubleFrustum) -> bool:
+    """Return whether a drawn image may show surfaces beyond `FAR_MARGIN` times the reach.
+
+    That is so for tiny nears, but not where clip depth is zero at the far plane: there is no difference of
+    large numbers then (raster/cameras/depth_formats).
+    """
+    hyperbolic = settings.mapping in (DepthMapping.STANDARD, DepthMapping.GL)
+    nearest = min(settings.near, *settings.slabs[:1]) if settings.slabs else settings.near
+    return hyperbolic and nearest < SMALLEST_NEAR_SHARE * scene.frustum.longest_reach
+
+
+def _cells(plate: Plate, apertures: Iterable[Aperture] | None) -> Rectangle:
+    """Return the rectangle about the cells of some apertures; None for the plate itself."""
+    if apertures is None:
+        (width, height) = plate.size
+        return (-width / 2, width / 2), (-height / 2, height / 2)
+    places = [(aperture.x, aperture.y) for aperture in apertures]
+    ranges = []
+    for axis in (0, 1):
+        pitch = plate.size[axis] / plate.hogels[axis]
+        along = [place[axis] for place in places]
+        ranges.append((min(along) - pitch / 2, max(along) + pitch / 2))
+    return ranges[0], ranges[1]
+
+
+def _in_chunks(vertices: Floats, faces: Indices) -> Iterator[Floats]:
+    """Yield (F, 3, 3) corners of triangles, some at a time."""
+    for start in range(0, len(faces), TRIANGLES_IN_CHUNK):
+        yield vertices[faces[start : start + TRIANGLES_IN_CHUNK]]

@@ -1,0 +1,166 @@
+"""Band limiting in closed form: the blur of a hogel's area, and the points that stand for the area."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.support.views import view
+from xfrustum.compare.extent.content import depth_bins
+from xfrustum.compare.prediction.band_limiting import (
+    DISCREPANCY,
+    LEVEL,
+    band_limit,
+    blur_px,
+    contrast_of,
+    error_bound,
+    needed_sub_apertures,
+    sub_apertures_for,
+)
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.scenes import DoubleFrustum, Frustum, Plate, Scene, SceneObject
+from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, additive_recurrence, sub_apertures
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.geometry.shapes import lathe
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+
+SHARP = DoubleFrustum(near=0.01, depth="d32f", mapping="reversed")  # type: ignore[arg-type]  # names are taken
+
+
+def discrepancy(points: Floats, angle: float) -> float:
+    """The largest difference of the shares of points and of the unit box on one side of parallel lines."""
+    c, s = math.cos(angle), math.sin(angle)
+    along = np.sort((points - 0.5) @ [c, s])
+    # The share of the box below a line is the integral of a trapezoid: of two boxes, |c| and |s| wide.
+    a, b = max(abs(c), abs(s), 1e-9) / 2, max(min(abs(c), abs(s)), 1e-9) / 2
+    ramps = [np.maximum(along + x, 0) ** 2 / 2 for x in (a + b, b - a, a - b, -a - b)]
+    share = (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (4 * a * b)
+    steps = np.arange(len(points) + 1) / len(points)
+    return float(max((share - steps[:-1]).max(), (steps[1:] - share).max()))
+
+
+@pytest.mark.parametrize("count", [n for n in DISCREPANCY if 4 <= n <= 4096])
+def test_the_discrepancy_is_that_of_the_sub_apertures(count: int) -> None:
+    """No direction exceeds it, and one comes near it."""
+    points = additive_recurrence(count)
+    found = max(discrepancy(points, angle) for angle in np.linspace(0, np.pi, 1440, endpoint=False))
+    assert 0.9 * DISCREPANCY[count] < found <= DISCREPANCY[count]
+
+
+def test_the_counts_are_powers_of_two_up_to_the_largest_and_each_is_better_than_those_before() -> None:
+    assert [1, *(2**k for k in range(2, 17))] == list(DISCREPANCY) and max(DISCREPANCY) == MAX_SAMPLES
+    assert sorted(DISCREPANCY.values(), reverse=True) == list(DISCREPANCY.values())
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+@pytest.mark.parametrize("z", [-70.0, 25.0])
+def test_the_blur_is_how_far_a_point_moves_between_the_ends_of_a_pitch(name: str, z: float) -> None:
+    scene = view(name, (64, 48))
+    middle, blur = scene.plate.middle, blur_px(scene, z)
+    pitch = [size / count for size, count in zip(scene.plate.size, scene.plate.hogels, strict=True)]
+    for axis, coordinate in enumerate(("x", "y")):
+        ends = []
+        for side in (-0.5, 0.5):
+            moved = replace(middle, **{coordinate: getattr(middle, coordinate) + side * pitch[axis]})
+            lines = crossed_frustum(scene.frustum, moved)
+            slope = (0.0 - lines.center[axis]) / -z
+            ends.append(
+                (slope - lines.shear[axis]) / lines.half_extent[axis] * scene.frustum.resolution[axis] / 2
+            )
+        assert abs(ends[1] - ends[0]) == pytest.approx(blur[axis], rel=1e-9)
+
+
+def test_nothing_is_blurred_at_the_screen_and_everything_at_the_plate() -> None:
+    scene = view("asymmetric-recentered", (64, 48))
+    assert scene.frustum.screen is not None
+    assert blur_px(scene, scene.frustum.screen.height) == (0.0, 0.0)
+    assert sub_apertures_for((0.0, 0.0), 1.0) == 1
+    assert blur_px(scene, 0.0) == (math.inf, math.inf)
+    assert sub_apertures_for((math.inf, math.inf), 1.0) == 16384
+
+
+def test_the_count_is_the_least_whose_bound_is_a_level() -> None:
+    for blur in (0.01, 0.1, 1.0, 30.0):
+        for contrast in (0.05, 0.3, 1.0):
+            count = sub_apertures_for((blur, blur), contrast)
+            assert count is not None and error_bound(count, (blur, blur), contrast) <= LEVEL
+            fewer = [one for one in DISCREPANCY if one < count]
+            assert all(error_bound(one, (blur, blur), contrast) > LEVEL for one in fewer)
+
+
+def white_ball(contrast: float) -> Scene:
+    """A ball of one brightness before black: its outline has every direction, and crosses many pixels."""
+    polar = np.linspace(0, np.pi, 25)
+    ball, faces = lathe(3 * np.sin(polar), -3 * np.cos(polar), sectors=48)
+    part = SceneObject(name="ball", vertices=ball + np.array([0.5, 0.3, -10.0]), faces=faces, material="m")
+    return Scene(
+        name="ball",
+        plate=Plate(size=(4.0, 4.0), hogels=(4, 4)),
+        frustum=Frustum(resolution=(48, 48), reach=(20.0, 20.0), fov=(0.8, 0.8)),
+        objects=(part,),
+        appearance=Appearance(
+            materials={"m": Material(ambient=(contrast,) * 3, diffuse=(0.0,) * 3)}, lights=()
+        ),
+    )
+
+
+def test_the_count_is_enough_and_half_of_it_is_not() -> None:
+    """Measured at a ball's outline against a mean over eight times as many points."""
+    scene = white_ball(0.1)
+    assert contrast_of(scene) == pytest.approx(0.1)
+    count = needed_sub_apertures(scene)
+    assert count == 256
+    means, total = {}, np.zeros((48, 48, 3))
+    content = PlateContent(color=ColorType.FLOAT32)
+    with PlateRenderer(scene, SHARP, content) as plate:
+        points = sub_apertures(scene.plate, scene.plate.middle, 8 * count)
+        for number, hogel in enumerate(plate.hogels(points), 1):
+            total += hogel.color
+            # The first points of the sequence are the sequence of so many points.
+            if number in (count // 2, count, 8 * count):
+                means[number] = total / number
+    error = {n: np.abs(mean - means[8 * count]).max() for n, mean in means.items()}
+    assert error[count] <= LEVEL < error[count // 2]
+
+
+def test_a_plate_is_band_limited_as_a_single_hogel_is() -> None:
+    scene = replace(white_ball(0.8), sampling=Sampling(aperture=5))
+    small = replace(scene, frustum=replace(scene.frustum, resolution=(16, 16)))
+    apertures = [small.plate.middle, *small.plate.corners]
+    for kind in ColorType:
+        for ids in (True, False):
+            with (
+                PlateRenderer(small, SHARP, PlateContent(color=kind, ids=ids)) as plate,
+                Rasterizer(small) as one,
+            ):
+                hogels = list(plate.hogels(apertures))
+                assert [hogel.aperture for hogel in hogels] == apertures
+                for hogel in hogels:
+                    image = one.render(hogel.aperture, SHARP)
+                    assert image.color is not None
+                    wanted = np.rint(image.color * 255) if kind is ColorType.UINT8 else image.color
+                    np.testing.assert_array_equal(hogel.color, wanted.astype(kind.dtype))
+                    if ids:
+                        np.testing.assert_array_equal(hogel.triangle, image.triangle)
+
+
+def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
+    scene = white_ball(0.5)
+    bins = depth_bins(scene, [scene.plate.middle])
+    assert all(one.behind for one in bins)
+    assert sum(one.share for one in bins) == pytest.approx(1.0)
+    # The ball spans heights from -13 to -7; all of it is inside the frustum.
+    assert min(one.nearest for one in bins) == pytest.approx(7.0)
+    assert max(one.farthest for one in bins) == pytest.approx(13.0)
+    for one in bins:
+        assert one.heights[0] <= one.nearest <= one.farthest <= one.heights[1]
+        largest, least = band_limit(scene, one, 1.0).blur_px
+        assert largest == pytest.approx(max(blur_px(scene, -one.nearest)))
+        assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
