@@ -8,10 +8,10 @@ from enum import StrEnum
 from itertools import dropwhile, takewhile
 
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.reports.splitting_study.grid import DepthBuffer
+from xfrustum.reports.splitting_study.grid import DepthBuffer, Family
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
-from xfrustum.scenes.plate.double_frustum import Camera
-from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.scenes.plate.double_frustum import Camera, Fit, Offset, Pivot
+from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
 
 
 class Suitability(StrEnum):
@@ -26,12 +26,14 @@ class Suitability(StrEnum):
 def suitability(row: StudyRow) -> Suitability:
     """Judge one cell by what was measured.
 
-    It is bent where displacement exceeds `TOLERANCE_PX`, and starved of depth where more than
-    `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of it, or where sheets
+    It is bent where displacement exceeds `TOLERANCE_PX`, or where more than `MAX_WRONG` of the pixels show a
+    wrong surface, points from outside the film included, that is not charged to depth. It is starved of depth
+    where more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of it, or where sheets
     `ASKED_SEPARATION` apart at the far end are not ordered.
     """
     # A picture in which nothing is left to be displaced has lost everything to depth.
     bent = row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX
+    bent |= row.surface_fraction > MAX_WRONG
     starved = row.depth_fraction > MAX_DEPTH_WRONG or row.misordered > MAX_MISORDERED_FRACTION
     return _named(bent, starved)
 
@@ -50,12 +52,19 @@ def _named(bent: bool, starved: bool) -> Suitability:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A scene, an image and a depth buffer: what a person has before choosing near and slabs."""
+    """A scene, an image and a depth buffer: what a person has before choosing near and slabs.
+
+    Pivot, fit and offset are parts of it: each is a case of its own.
+    """
 
     side: Camera
     ratio: float
     resolution: int
     buffer: DepthBuffer
+    family: Family = Family.ONE_SIDE
+    pivot: Pivot = Pivot.APERTURE
+    fit: Fit | None = None
+    offset: Offset = Offset.PLATE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,9 +107,35 @@ def unbroken(nears: Iterable[float], measured: Iterable[float]) -> tuple[float, 
     return tuple(takewhile(lambda near: near in chosen, from_largest))
 
 
+def alike_but_depth(row: StudyRow, other: StudyRow) -> bool:
+    """Return whether two rows show one picture with the same pivot, fit and offset."""
+    return (row.picture, row.pivot, row.fit, row.offset) == (
+        other.picture,
+        other.pivot,
+        other.fit,
+        other.offset,
+    )
+
+
+def straight_nears(rows: Iterable[StudyRow]) -> set[float]:
+    """Return the nears of some rows at which no picture is bent; no depth buffer moves the picture."""
+    rows = list(rows)
+    bent = {row.near for row in rows if suitability(row) in {Suitability.BENT, Suitability.BOTH}}
+    return {row.near for row in rows} - bent
+
+
 def case_of(row: StudyRow) -> Case:
     """Return the case that a row belongs to."""
-    return Case(side=row.side, ratio=row.ratio, resolution=row.resolution, buffer=row.buffer)
+    return Case(
+        side=row.side,
+        ratio=row.ratio,
+        resolution=row.resolution,
+        buffer=row.buffer,
+        family=row.family,
+        pivot=row.pivot,
+        fit=row.fit,
+        offset=row.offset,
+    )
 
 
 def outcomes(rows: Iterable[StudyRow]) -> dict[Case, Outcome]:

@@ -187,8 +187,9 @@ def test_displacement_grows_in_proportion_to_the_resolution() -> None:
     cell = replace(cell, near=1e-3, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
     found = []
     for resolution in (64, 128):
-        with PictureWorkbench(cell.side, cell.ratio, resolution, 0) as bench:
-            found.append(bench.measure(replace(cell, resolution=resolution)))
+        cell = replace(cell, resolution=resolution)
+        with PictureWorkbench(cell.picture) as bench:
+            found.append(bench.measure(cell))
     assert found[0].displacement_rms is not None
     assert found[1].displacement_rms == pytest.approx(2 * found[0].displacement_rms, rel=0.02)
 
@@ -211,7 +212,8 @@ def row_of(**changed: Any) -> StudyRow:
     plain = StudyRow(
         side=cell.side, ratio=10.0, resolution=64, near=1e-3, depth=cell.depth, mapping=cell.mapping,
         slabs=(), refined=0, judged=10_000, covered=4_000, nearest=0.1, farthest=1.0, surface_wrong=0,
-        depth_wrong=0, lost=0, displacement_rms=0.1, displacement_p99=0.1, predicted_rms=0.1,
+        outside=0, depth_wrong=0, lost=0, displacement_rms=0.1, displacement_p99=0.1,
+        displacement_max=0.1, displaced=0, predicted_rms=0.1,
         predicted_p99=0.1, seconds=0.0, misordered=0.0, ordered_separation=1e-6, predicted_separation=1e-6,
     )  # fmt: skip
     return replace(plain, **changed)
@@ -228,7 +230,10 @@ def row_of(**changed: Any) -> StudyRow:
         ({"misordered": 0.02}, Suitability.STARVED),
         ({"misordered": 0.02, "displacement_p99": 9.0}, Suitability.BOTH),
         ({"displacement_p99": None, "depth_wrong": 4_000}, Suitability.STARVED),
-        ({"surface_wrong": 400}, Suitability.ENOUGH),
+        ({"surface_wrong": 100}, Suitability.ENOUGH),
+        ({"surface_wrong": 101}, Suitability.BENT),
+        ({"surface_wrong": 101, "outside": 101}, Suitability.BENT),
+        ({"surface_wrong": 101, "depth_wrong": 1}, Suitability.ENOUGH),
     ],
 )
 def test_a_verdict_names_what_was_exceeded(changed: dict[str, Any], expected: Suitability) -> None:
