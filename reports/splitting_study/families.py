@@ -171,8 +171,12 @@ class ThroughLine:
         The |z| that a hundredth of the picture lies below, as a share of the reach.
     straight, without_offset
         Largest near at which the picture is not bent, with the offset and without; None where there is none.
-    displaced
-        Share of the film displaced by more than the tolerance, at the nears of `Through.nears`.
+    displaced, wrong
+        Shares of the film that are displaced by more than the tolerance, and that show a wrong surface, at the
+        nears of `Through.nears`.
+    rounding_px
+        Displacement (99th percentile) without an offset at the smallest near, which is that of rounding; None
+        where nothing was drawn without an offset.
     windows, slabs
         For each buffer the nears that are enough for one pair, in words; and the number of cuts that are.
     open_windows
@@ -184,6 +188,8 @@ class ThroughLine:
     straight: float | None
     without_offset: float | None
     displaced: tuple[float, ...]
+    wrong: tuple[float, ...]
+    rounding_px: float | None
     windows: tuple[str, ...]
     open_windows: tuple[str, ...]
     slabs: tuple[int | None, ...]
@@ -198,11 +204,13 @@ class Through:
     lines
         One for each distance, the largest first.
     nears
-        The nears of `ThroughLine.displaced`.
+        The nears of `ThroughLine.displaced` and of `ThroughLine.wrong`.
     buffers
         Names of the depth buffers, in the order of `ThroughLine.windows`.
     lowest, highest
         Distance over the largest near that does not bend, over all distances at which there is one.
+    expected_lowest, expected_highest
+        The same in closed form, for a point at the nearest |z| in the film's corner, over all distances.
     gain_lowest, gain_highest
         Largest near that is not bent without an offset over that with it; None where there is no such pair.
     """
@@ -212,6 +220,8 @@ class Through:
     buffers: tuple[str, ...]
     lowest: float
     highest: float
+    expected_lowest: float
+    expected_highest: float
     gain_lowest: float | None
     gain_highest: float | None
 
@@ -266,9 +276,11 @@ def likeness(rows: Rows, family: Family) -> Likeness | None:
         cases += 1
         nears = set.intersection(*(set(one.nears) for one in known))
         cuts = max((one.slabs or () for one in known), key=len)
-        if nears != set(outcome.nears) or (not nears and cuts != (outcome.slabs or ())):
-            name = f"{buffer_name(case.buffer)} at depth {case.ratio:g}"
+        name = f"{buffer_name(case.buffer)} at depth {case.ratio:g}"
+        if nears != set(outcome.nears):
             others.append(f"{name} ({_words(outcome.nears)} instead of {_words(nears)})")
+        elif not nears and cuts != (outcome.slabs or ()):
+            others.append(f"{name} ({len(outcome.slabs or ())} cuts instead of {len(cuts)})")
     return Likeness(cases=cases, same=cases - len(others), others=tuple(others)) if cases else None
 
 
@@ -400,6 +412,9 @@ def through(rows: Rows) -> Through | None:
         for ratio in sorted({row.ratio for row in own})
     )
     steps = [line.distance / line.straight for line in lines if line.straight]
+    # In the corner of the film |u| is sqrt(2), and W/2 sqrt(2) n/|z| is the tolerance.
+    in_corner = own[0].resolution / (math.sqrt(2) * TOLERANCE_PX)
+    expected = [in_corner * line.distance / line.nearest for line in lines]
     gains = [x.without_offset / x.straight for x in lines if x.straight and x.without_offset]
     return Through(
         lines=lines,
@@ -407,6 +422,8 @@ def through(rows: Rows) -> Through | None:
         buffers=tuple(map(buffer_name, buffers)),
         lowest=min(steps, default=math.nan),
         highest=max(steps, default=math.nan),
+        expected_lowest=min(expected),
+        expected_highest=max(expected),
         gain_lowest=min(gains, default=None),
         gain_highest=max(gains, default=None),
     )
@@ -429,13 +446,16 @@ def _through_line(
     outcome = [found[replace(paper, buffer=buffer)] for buffer in buffers]
     gaps = [found.get(replace(paper, buffer=buffer, offset=Offset.NONE)) for buffer in buffers]
     # The last buffer is the one that the picture itself depends on least.
-    shown = {row.near: row.displaced / row.judged for row in offset if row.buffer == buffers[-1]}
+    shown = {row.near: row for row in offset if row.buffer == buffers[-1]}
+    least = min((row for row in gap if row.buffer == buffers[-1]), key=lambda row: row.near, default=None)
     return ThroughLine(
         distance=1 / paper.ratio,
         nearest=offset[0].nearest,
         straight=_largest_straight(offset),
         without_offset=_largest_straight(gap) if gap else None,
-        displaced=tuple(shown[near] for near in nears),
+        displaced=tuple(shown[near].displaced / shown[near].judged for near in nears),
+        wrong=tuple(shown[near].surface_wrong / shown[near].judged for near in nears),
+        rounding_px=least.displacement_p99 if least else None,
         windows=tuple(_words(one.nears) for one in outcome),
         open_windows=tuple("-" if one is None else _words(one.nears) for one in gaps),
         slabs=tuple(None if one.slabs is None else len(one.slabs) for one in outcome),

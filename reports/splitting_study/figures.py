@@ -151,7 +151,7 @@ def _drawing_words(drawing: tuple[Family, Pivot, Fit | None, Offset], ratio: flo
             f"{'no offset' if offset is Offset.NONE else 'through the plate'}, {near_words(1 / ratio)} aside"
         )
     if family is Family.RECENTERED:
-        return f"pivot {pivot}, fit {fit or 'angle'}, depth {ratio:g}"
+        return f"{pivot}, fit {fit or 'angle'}, depth {ratio:g}"
     return f"{family}, depth {ratio:g}"
 
 

@@ -21,7 +21,7 @@ from xfrustum.reports.splitting_study.run import sheets_of
 from xfrustum.reports.splitting_study.study import DATA, StudyFiles, make_study
 from xfrustum.reports.splitting_study.suitability import case_of, outcomes
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping
-from xfrustum.scenes.arrays import Indices
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.library.depth_family import REACH, balanced_height
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 from xfrustum.tolerances import TOLERANCE_PX
@@ -37,7 +37,7 @@ def picture(family: Family, ratio: float = 10.0) -> Picture:
     return Picture(family=family, side=side, ratio=ratio, resolution=PIXELS)
 
 
-def triangles(shown: Picture) -> Indices:
+def triangles(shown: Picture) -> Numbers:
     seen = seen_scene(shown)
     return Reference(seen.scene).trace(seen.aperture).triangle
 
@@ -102,10 +102,10 @@ def test_the_shear_about_the_cameras_moves_the_picture_further_by_what_the_close
             found[pivot] = bench.measure(cell(shown, 1e-4, pivot=pivot))
     for one in found.values():
         assert one.displacement_p99 == pytest.approx(one.predicted_p99, rel=0.02)
-    assert found[Pivot.CAMERA].displacement_p99 is not None
-    assert found[Pivot.APERTURE].displacement_p99 is not None
+    camera, aperture = (found[pivot].displacement_p99 for pivot in (Pivot.CAMERA, Pivot.APERTURE))
+    assert camera is not None and aperture is not None
     # The farthest corner of the film is at u = v = 1, and k = t: twice as much there, nothing is beyond it.
-    assert 1.2 < found[Pivot.CAMERA].displacement_p99 / found[Pivot.APERTURE].displacement_p99 <= 2.0
+    assert 1.2 < camera / aperture <= 2.0
 
 
 def test_without_an_offset_nothing_moves_and_with_it_a_near_in_proportion_to_the_distance_is_needed() -> None:
@@ -168,12 +168,18 @@ def test_the_published_data_have_every_family(published: tuple[tuple[StudyRow, .
 
 def test_a_shear_in_the_aperture_plane_moves_nothing(published: tuple[tuple[StudyRow, ...], Origin]) -> None:
     """With the paper's pivot a recentered frustum has the displacement of a centered one, near by near."""
-    at = {(r.family, r.ratio, r.resolution, r.near, r.buffer): r for r in published[0] if _as_in_the_paper(r)}
+    rows = [row for row in published[0] if _as_in_the_paper(row)]
+    first = {
+        (row.ratio, row.resolution, row.near, row.buffer): row
+        for row in rows
+        if row.family is Family.ONE_SIDE
+    }
     compared = 0
-    for (family, *rest), row in at.items():
-        if family is Family.RECENTERED and row.depth_wrong == 0 and row.predicted_p99 is not None:
-            first = at[(Family.ONE_SIDE, *rest)]
-            assert row.predicted_p99 == pytest.approx(first.predicted_p99, rel=0.02)
+    for row in rows:
+        if row.family is Family.RECENTERED and row.depth_wrong == 0 and row.surface_wrong < row.judged / 100:
+            centered = first[row.ratio, row.resolution, row.near, row.buffer]
+            # A thousandth of a pixel is the rounding of 32-bit positions.
+            assert row.displacement_p99 == pytest.approx(centered.displacement_p99, rel=0.01, abs=1e-3)
             compared += 1
     assert compared > 50
 
