@@ -172,8 +172,8 @@ class ThroughLine:
     straight, without_offset
         Largest near at which the picture is not bent, with the offset and without; None where there is none.
     displaced, wrong
-        Shares of the film that are displaced by more than the tolerance, and that show a wrong surface, at the
-        nears of `Through.nears`.
+        Shares of the film that are displaced by more than the tolerance, and that show a wrong surface, at
+        the nears of `Through.nears`.
     rounding_px
         Displacement (99th percentile) without an offset at the smallest near, which is that of rounding; None
         where nothing was drawn without an offset.
