@@ -26,7 +26,7 @@ from xfrustum.reports.splitting_study.suitability import (
     suitability,
 )
 from xfrustum.scenes.library.depth_family import CAR_RATIO, CARS, FARTHEST, REACH
-from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[StudyRow]
 
@@ -165,7 +165,6 @@ def document(rows: Rows, origin: Origin) -> str:
     }
     values = {
         "tolerance_px": TOLERANCE_PX,
-        "max_wrong": MAX_WRONG,
         "max_depth_wrong": MAX_DEPTH_WRONG,
         "separation": ASKED_SEPARATION,
         "misordered": MAX_MISORDERED_FRACTION,

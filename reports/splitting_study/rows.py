@@ -37,11 +37,6 @@ class StudyRow(Setting, CellResult):
     predicted_separation: float
 
     @property
-    def surface_fraction(self) -> float:
-        """Share of the judged pixels that show a wrong surface which is not charged to depth."""
-        return (self.surface_wrong - self.depth_wrong) / self.judged
-
-    @property
     def depth_fraction(self) -> float:
         """Share of the judged pixels whose wrong surface is charged to depth."""
         return self.depth_wrong / self.judged

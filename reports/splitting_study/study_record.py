@@ -20,7 +20,7 @@ from xfrustum.scenes.plate.double_frustum import (
     Offset,
     Pivot,
 )
-from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,6 @@ class CriteriaRecord:
     """What a setting must keep to be enough."""
 
     displacement_p99_px: float
-    surface_wrong: float
     depth_wrong: float
     separation: float
 
@@ -102,7 +101,6 @@ def study_record(rows: Rows, origin: Origin, files: FilesRecord) -> StudyRecord:
         sentence=sentence(rows),
         criteria=CriteriaRecord(
             displacement_p99_px=TOLERANCE_PX,
-            surface_wrong=MAX_WRONG,
             depth_wrong=MAX_DEPTH_WRONG,
             separation=ASKED_SEPARATION,
         ),

@@ -11,7 +11,7 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.reports.splitting_study.grid import DepthBuffer, Family
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
 from xfrustum.scenes.plate.double_frustum import Camera, Fit, Offset, Pivot
-from xfrustum.tolerances import MAX_DEPTH_WRONG, MAX_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 
 class Suitability(StrEnum):
@@ -26,22 +26,29 @@ class Suitability(StrEnum):
 def suitability(row: StudyRow) -> Suitability:
     """Judge one cell by what was measured.
 
-    It is bent where displacement exceeds `TOLERANCE_PX`, or where more than `MAX_WRONG` of the pixels show a
-    wrong surface, points from outside the film included, that is not charged to depth. It is starved of depth
-    where more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of it, or where sheets
-    `ASKED_SEPARATION` apart at the far end are not ordered.
+    It is bent where displacement exceeds `TOLERANCE_PX`: that of what was drawn, as measured, or that of what
+    should have been drawn, in closed form, for what is bent out of the film or behind something else is not
+    drawn. What the near plane clips, without an offset, counts as displaced. It is starved of depth where more
+    than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of it, or where sheets `ASKED_SEPARATION`
+    apart at the far end are not ordered.
     """
     # A picture in which nothing is left to be displaced has lost everything to depth.
     bent = row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX
-    bent |= row.surface_fraction > MAX_WRONG
+    bent |= _should_be_bent(row)
     starved = row.depth_fraction > MAX_DEPTH_WRONG or row.misordered > MAX_MISORDERED_FRACTION
     return _named(bent, starved)
 
 
 def predicted_suitability(row: StudyRow) -> Suitability:
     """Judge one cell by the closed forms alone: displacement, and the smallest ordered separation."""
-    bent = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
-    return _named(bent, row.predicted_separation > ASKED_SEPARATION)
+    return _named(_should_be_bent(row), row.predicted_separation > ASKED_SEPARATION)
+
+
+def _should_be_bent(row: StudyRow) -> bool:
+    """Return whether over 1 % of what the truth shows is displaced too far or clipped, in closed form."""
+    displaced = row.predicted_p99 is not None and row.predicted_p99 > TOLERANCE_PX
+    # The nearest |z| of a row is that of its nearest hundredth.
+    return displaced or (row.offset is Offset.NONE and row.nearest < row.near)
 
 
 def _named(bent: bool, starved: bool) -> Suitability:

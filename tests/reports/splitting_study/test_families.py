@@ -50,12 +50,12 @@ def cell(shown: Picture, near: float, **drawn: object) -> Cell:
 # The scenes.
 
 
-@pytest.mark.parametrize("family", [Family.OFF_MIDDLE, Family.RECENTERED])
-def test_neither_a_shift_nor_a_shear_of_scene_and_frustum_changes_the_picture(family: Family) -> None:
+def test_neither_a_shift_nor_a_shear_of_scene_and_frustum_changes_the_picture() -> None:
     """Up to rounding at edges, the aperture off the middle shows what the middle one shows of `cars`."""
     first = triangles(picture(Family.ONE_SIDE))
     assert (first >= 0).mean() > 0.3
-    assert (triangles(picture(family)) != first).mean() < 1e-2
+    for family in (Family.OFF_MIDDLE, Family.RECENTERED):
+        assert (triangles(picture(family)) != first).mean() < 1e-2
 
 
 def test_the_middle_aperture_does_not_see_the_nearest_cars() -> None:
