@@ -5,6 +5,8 @@ advice        The study's table: a resolution, a depth of scene and a depth buff
 document      The study as a document: text from a template, every number from the rows
 facts         The numbers that the study's document states, each counted in the rows or computed in
               closed form
+families      What the study's rows say of the other families: what they share with the first, and what
+              helps them
 figures       The study's maps, as SVG that needs nothing else: near across, depth buffers down
 grid          What the study of splitting measures: which cells, in which order
 measure       How the study of splitting measures a cell: truth against raster, and pairs of sheets

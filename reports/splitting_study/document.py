@@ -14,9 +14,10 @@ from xfrustum.compare.prediction.depth import EXPRESSION_ROUNDINGS, MAX_MISORDER
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.templates_environment import Filters, plain_text
 from xfrustum.reports.measurements.best import pixels
-from xfrustum.reports.splitting_study import facts
+from xfrustum.reports.splitting_study import facts, families
 from xfrustum.reports.splitting_study.advice import Advice, advice_table, buffer_name, span
 from xfrustum.reports.splitting_study.figures import SIDE_WORDS, maps, near_words
+from xfrustum.reports.splitting_study.grid import Family
 from xfrustum.reports.splitting_study.measure import NEAREST_PERCENTILE
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow
 from xfrustum.reports.splitting_study.suitability import (
@@ -34,8 +35,8 @@ EXAMPLE_NEAR = 1e-2
 
 
 def sentence(rows: Rows) -> str:
-    """Say the result in one sentence."""
-    found = facts.buffer_facts(rows)
+    """Say the result of scenes on one side of the plate in one sentence."""
+    found = facts.buffer_facts(families.of_family(rows, Family.ONE_SIDE))
     # Among equally good ones the last counts that costs no early depth test.
     best = max(found, key=lambda f: (f.one_pair, len(f.always), f.buffer[1] not in EXPRESSION_ROUNDINGS))
     nears = (
@@ -45,7 +46,7 @@ def sentence(rows: Rows) -> str:
     )
     enough, cases = sum(f.one_pair for f in found), sum(f.cases for f in found)
     return (
-        f"One pair of frusta is enough in {enough} of {cases} cases; "
+        f"With content on one side of the plate, one pair of frusta is enough in {enough} of {cases} cases; "
         f"with {best.name} depth in {best.one_pair} of {best.cases}{nears}."
     )
 
@@ -64,12 +65,12 @@ class WorstShares:
 
 @dataclass(frozen=True, kw_only=True)
 class DocumentNumbers:
-    """Everything that the template says of the rows, by the names that it uses.
+    """Everything that the template says of the first family, by the names that it uses.
 
     Attributes
     ----------
-    cells, pictures_with_slabs, minutes
-        Number of pictures of one pair of frusta, number of those with slabs, and what all took.
+    cells, pictures_with_slabs
+        Number of pictures of one pair of frusta, and number of those with slabs.
     nears, spacing, resolutions, ratios, sides
         What was varied; spacing says in words how far apart the nears are.
     buffers, example, columns, advice, agreement
@@ -91,7 +92,6 @@ class DocumentNumbers:
 
     cells: int
     pictures_with_slabs: int
-    minutes: float
     nears: list[float]
     spacing: str
     resolutions: list[int]
@@ -118,8 +118,41 @@ class DocumentNumbers:
     suitable: dict[str, int]
 
 
+@dataclass(frozen=True, kw_only=True)
+class FamilyNumbers:
+    """Everything that the template says of the other families; None or empty where one was not measured.
+
+    Attributes
+    ----------
+    family_pictures, family_slab_pictures, family_resolutions, family_buffers
+        Number of pictures of one pair, and of those with slabs, in the other families; their resolutions; and
+        the names of their depth buffers.
+    helps
+        What helps in each family.
+    alike, agreed
+        By family: how far it has the windows of the first one, and how well closed forms do.
+    off_middle, shear, through
+        The facts of single families.
+    outside
+        Points from outside the film, over all families.
+    """
+
+    family_pictures: int
+    family_slab_pictures: int
+    family_resolutions: list[int]
+    family_buffers: list[str]
+    helps: list[families.Help]
+    alike: dict[str, families.Likeness]
+    agreed: dict[str, families.Agreed]
+    off_middle: families.OffMiddle | None
+    shear: families.Shear | None
+    through: families.Through | None
+    outside: families.OutsideShares
+
+
 def document(rows: Rows, origin: Origin) -> str:
     """Return the document as Markdown."""
+    first = families.of_family(rows, Family.ONE_SIDE)
     filters: Filters = {
         "percent": percent,
         "pixels": pixels,
@@ -128,6 +161,7 @@ def document(rows: Rows, origin: Origin) -> str:
         "span": span,
         "plain": "{:g}".format,
         "rounded": _rounded,
+        "near_or_none": families.near_or_none,
     }
     values = {
         "tolerance_px": TOLERANCE_PX,
@@ -142,14 +176,16 @@ def document(rows: Rows, origin: Origin) -> str:
         "product": math.sqrt(2) * TOLERANCE_PX,
         "origin": origin,
         "figures": {name: drawn.title for name, drawn in maps(rows).items()},
-        **vars(_numbers(rows)),
+        **vars(_numbers(first)),
+        "minutes": sum(row.seconds for row in rows) / 60,
+        **vars(_family_numbers(rows)),
     }
     text = plain_text("when-to-split.md.j2", filters, values)
     return re.sub(r"\n{3,}", "\n\n", text)
 
 
 def _numbers(rows: Rows) -> DocumentNumbers:
-    """Return everything that the template says of the rows."""
+    """Return everything that the template says of the first family's rows."""
     single = facts.whole(rows)
     buffers = facts.buffer_facts(rows)
     columns, advice = advice_table(rows)
@@ -160,7 +196,6 @@ def _numbers(rows: Rows) -> DocumentNumbers:
     return DocumentNumbers(
         cells=len(single),
         pictures_with_slabs=len(rows) - len(single),
-        minutes=sum(row.seconds for row in rows) / 60,
         nears=sorted({row.near for row in single}, reverse=True),
         spacing=_spacing(single),
         resolutions=sorted({row.resolution for row in single}),
@@ -188,6 +223,26 @@ def _numbers(rows: Rows) -> DocumentNumbers:
         starved_by_picture=sum(row.misordered <= MAX_MISORDERED_FRACTION for row in starved),
         worst=_worst(single),
         suitable={str(kind): sum(suitability(row) is kind for row in single) for kind in Suitability},
+    )
+
+
+def _family_numbers(rows: Rows) -> FamilyNumbers:
+    """Return everything that the template says of the other families."""
+    others = [row for row in rows if row.family is not Family.ONE_SIDE]
+    kinds = list(dict.fromkeys(row.family for row in others))
+    alike = {kind: families.likeness(rows, kind) for kind in kinds}
+    return FamilyNumbers(
+        family_pictures=sum(not row.slabs for row in others),
+        family_slab_pictures=sum(bool(row.slabs) for row in others),
+        family_resolutions=sorted({row.resolution for row in others}),
+        family_buffers=[buffer_name(buffer) for buffer in dict.fromkeys(row.buffer for row in others)],
+        helps=families.helps(rows),
+        alike={str(kind): found for kind, found in alike.items() if found is not None},
+        agreed={str(kind): families.agreed(rows, kind) for kind in kinds},
+        off_middle=families.off_middle(rows),
+        shear=families.shear(rows),
+        through=families.through(rows),
+        outside=families.outside_shares(rows),
     )
 
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from xfrustum.compare.prediction.chain import EXACT_DEPTH
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.templates_environment import svg_picture
-from xfrustum.reports.splitting_study.grid import SIDES, DepthBuffer
+from xfrustum.reports.splitting_study.grid import SIDES, DepthBuffer, Family
 from xfrustum.reports.splitting_study.measure import SEPARATIONS
 from xfrustum.reports.splitting_study.rows import StudyRow
 from xfrustum.reports.splitting_study.suitability import Suitability, suitability
-from xfrustum.scenes.plate.double_frustum import Camera
+from xfrustum.scenes.plate.double_frustum import Camera, Fit, Offset, Pivot
 
 SIDE_WORDS = {Camera.C: "C, behind the plate", Camera.C_STAR: "C*, before the plate"}
 
@@ -79,7 +79,9 @@ Rows = Sequence[StudyRow]
 
 def maps(rows: Rows) -> dict[str, Map]:
     """Return the maps of one pair of frusta by name; rows with slabs play no part."""
-    whole = [row for row in rows if not row.slabs]
+    single = [row for row in rows if not row.slabs]
+    whole = [row for row in single if row.family is Family.ONE_SIDE]
+    others = [row for row in single if row.family is not Family.ONE_SIDE]
     sides = [side for side in SIDES if any(row.side is side for row in whole)]
     named = {f"when-to-split-{side}": _verdicts([r for r in whole if r.side is side], side) for side in sides}
     return {
@@ -87,6 +89,7 @@ def maps(rows: Rows) -> dict[str, Map]:
         "when-to-split-depth": _depth_shares(whole, sides),
         "when-to-split-separation": _separations(whole, sides),
         "when-to-split-displacement": _displacements(whole, sides),
+        **({"when-to-split-families": _families(others)} if others else {}),
     }
 
 
@@ -114,6 +117,42 @@ def _verdicts(rows: Rows, side: Camera) -> Map:
         nears=_nears(rows),
         legend=tuple((_SUITABILITY_COLORS[kind], _SUITABILITY_WORDS[kind]) for kind in Suitability),
     )
+
+
+def _families(rows: Rows) -> Map:
+    """Map where one pair is enough in the other families: one row of panels for each way of drawing."""
+    drawings = dict.fromkeys((row.family, row.pivot, row.fit, row.offset) for row in rows)
+    columns = max(len({row.ratio for row in rows if row.family is family}) for family, *_ in drawings)
+
+    def color(row: StudyRow) -> str:
+        return _SUITABILITY_COLORS[suitability(row)]
+
+    def panels(drawing: tuple[Family, Pivot, Fit | None, Offset]) -> tuple[Panel, ...]:
+        own = [row for row in rows if (row.family, row.pivot, row.fit, row.offset) == drawing]
+        found = []
+        for ratio in _ratios(own):
+            lines = _by_buffer([row for row in own if row.ratio == ratio], rows, color)
+            found.append(Panel(title=_drawing_words(drawing, ratio), lines=lines))
+        return tuple(found[:columns])
+
+    return Map(
+        title=f"Other scenes, {rows[0].resolution} px: where one pair of frusta is enough",
+        panels=tuple(map(panels, drawings)),
+        names=_buffer_names(rows),
+        nears=_nears(rows),
+        legend=tuple((_SUITABILITY_COLORS[kind], _SUITABILITY_WORDS[kind]) for kind in Suitability),
+    )
+
+
+def _drawing_words(drawing: tuple[Family, Pivot, Fit | None, Offset], ratio: float) -> str:
+    family, pivot, fit, offset = drawing
+    if family is Family.THROUGH:
+        return (
+            f"{'no offset' if offset is Offset.NONE else 'through the plate'}, {near_words(1 / ratio)} aside"
+        )
+    if family is Family.RECENTERED:
+        return f"{pivot}, fit {fit or 'angle'}, depth {ratio:g}"
+    return f"{family}, depth {ratio:g}"
 
 
 def _depth_shares(rows: Rows, sides: Sequence[Camera]) -> Map:

@@ -11,17 +11,28 @@ import numpy as np
 
 from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.wrong_by_depth import DepthControl
-from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.compare.planning.sheets import SheetFilm, SheetPair
 from xfrustum.compare.prediction import predict
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import model_cameras
-from xfrustum.reports.splitting_study.grid import Cell, SheetCell
+from xfrustum.reports.splitting_study.grid import Cell, Family, Picture, SheetCell
 from xfrustum.scenes.geometry.refine import refine
-from xfrustum.scenes.library.depth_family import FARTHEST, REACH, cars, empty_scene
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.library.depth_family import (
+    FARTHEST,
+    REACH,
+    SeenScene,
+    car_through_plate,
+    cars,
+    cars_off_the_middle,
+    cars_on_both_sides,
+    empty_scene,
+    recentered_cars,
+)
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
+from xfrustum.tolerances import TOLERANCE_PX
 
 SEPARATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 """Distances of two sheets, as shares of the reach."""
@@ -53,12 +64,16 @@ class CellResult:
         Percentile `NEAREST_PERCENTILE` and maximum of |z| over what the truth shows.
     surface_wrong
         Judged pixels that show the wrong surface, whatever the cause.
+    outside
+        Those of `surface_wrong` whose point belongs outside the true film.
     depth_wrong
         Those of `surface_wrong` that are right with exact depth, at the same near and slabs.
     lost
         Those of `depth_wrong` that show nothing where exact depth shows a surface.
-    displacement_rms, displacement_p99
+    displacement_rms, displacement_p99, displacement_max
         Measured displacement; None where nothing is shown.
+    displaced
+        Pixels of the drawn picture that show a surface displaced by more than `TOLERANCE_PX`.
     predicted_rms, predicted_p99
         Displacement by the closed form, from the truth alone.
     seconds
@@ -70,10 +85,13 @@ class CellResult:
     nearest: float
     farthest: float
     surface_wrong: int
+    outside: int
     depth_wrong: int
     lost: int
     displacement_rms: float | None
     displacement_p99: float | None
+    displacement_max: float | None
+    displaced: int
     predicted_rms: float | None
     predicted_p99: float | None
     seconds: float
@@ -98,21 +116,36 @@ class SheetResult:
     seconds: float
 
 
+def seen_scene(picture: Picture) -> SeenScene:
+    """Return the scene of a picture, and the aperture that it is seen from."""
+    resolution = (picture.resolution, picture.resolution)
+    match picture.family:
+        case Family.ONE_SIDE:
+            scene = cars(picture.ratio, picture.side, resolution)
+            seen = SeenScene(scene=scene, aperture=scene.plate.middle)
+        case Family.BOTH_SIDES:
+            seen = cars_on_both_sides(picture.ratio, resolution)
+        case Family.OFF_MIDDLE | Family.IN_MIDDLE:
+            in_middle = picture.family is Family.IN_MIDDLE
+            seen = cars_off_the_middle(picture.ratio, resolution, in_middle=in_middle)
+        case Family.RECENTERED:
+            seen = recentered_cars(picture.ratio, resolution)
+        case Family.THROUGH:
+            seen = car_through_plate(1 / picture.ratio, resolution)
+    return SeenScene(scene=refine(seen.scene, picture.refined), aperture=seen.aperture)
+
+
 class PictureWorkbench:
-    """The truth of one scene of cars, and a rasterizer that is judged by it.
+    """The truth of one picture, and a rasterizer that is judged by it.
 
     A context manager; memory is that of one scene and a few images.
-
-    Parameters
-    ----------
-    side, ratio, resolution, refined
-        As in `Cell`.
     """
 
-    def __init__(self, side: Camera, ratio: float, resolution: int, refined: int) -> None:
-        self._scene = refine(cars(ratio, side, (resolution, resolution)), refined)
+    def __init__(self, picture: Picture) -> None:
+        seen = seen_scene(picture)
+        self._scene, self._aperture = seen.scene, seen.aperture
         self._reference = Reference(self._scene)
-        self._truth = self._reference.trace(self._scene.plate.middle)
+        self._truth = self._reference.trace(self._aperture)
         heights = np.abs(self._truth.height[self._truth.covered].astype(np.float64)) / REACH
         self._nearest = float(np.percentile(heights, NEAREST_PERCENTILE))
         self._farthest = float(heights.max())
@@ -131,10 +164,11 @@ class PictureWorkbench:
         """Draw a cell of this scene and judge it; cells of one near and one set of slabs share a control."""
         control, predicted = self._control(cell.settings)
         start = time.perf_counter()
-        drawn = self._rasterizer.render(self._scene.plate.middle, cell.settings, normals=False, color=False)
+        drawn = self._rasterizer.render(self._aperture, cell.settings, normals=False, color=False)
         judged = compare_images(self._truth, drawn, self._reference)
         wrong = judged.maps.surface
-        assert wrong is not None
+        assert wrong is not None and judged.surface is not None
+        moved = lengths(judged.maps.displacement)[drawn.off_plate]
         seconds = time.perf_counter() - start
         return CellResult(
             judged=judged.judged,
@@ -142,10 +176,13 @@ class PictureWorkbench:
             nearest=self._nearest,
             farthest=self._farthest,
             surface_wrong=int(wrong.sum()),
+            outside=judged.surface.outside,
             depth_wrong=int(control.charged(wrong).sum()),
             lost=int(control.lost(wrong, drawn).sum()),
             displacement_rms=judged.displacement_px.rms if judged.displacement_px else None,
             displacement_p99=judged.displacement_px.p99 if judged.displacement_px else None,
+            displacement_max=judged.displacement_px.max if judged.displacement_px else None,
+            displaced=int((moved > TOLERANCE_PX).sum()),
             predicted_rms=predicted.rms if predicted else None,
             predicted_p99=predicted.p99 if predicted else None,
             seconds=seconds,
@@ -217,6 +254,7 @@ def predicted_separation(cell: SheetCell) -> float:
     if cell.slabs:
         near, offset = cell.slabs[-1] * REACH, 0.0
     else:
-        near = offset = cell.near * REACH
+        near = cell.near * REACH
+        offset = near if cell.offset is Offset.PLATE else 0.0
     ordered = smallest_separation(np.array(FARTHEST + offset), near, offset + REACH, cell.depth, cell.mapping)
     return float(ordered) / REACH

@@ -42,19 +42,20 @@ class StudyRow(Setting, CellResult):
         return self.depth_wrong / self.judged
 
 
-def joined(cell: Cell, picture: CellResult, sheets: SheetResult) -> StudyRow:
-    """Return a cell with what was measured for it."""
+def joined(cell: Cell, picture: CellResult, sheets: Sequence[SheetResult]) -> StudyRow:
+    """Return a cell with what was measured for it; of the sheets of several cameras the worst count."""
     ordered = None
-    for separation, share in zip(SEPARATIONS, sheets.misordered, strict=True):
+    misordered = [max(shares) for shares in zip(*(one.misordered for one in sheets), strict=True)]
+    for separation, share in zip(SEPARATIONS, misordered, strict=True):
         if share > MAX_MISORDERED_FRACTION:
             break
         ordered = separation
     return StudyRow(
         **vars(cell),
         **vars(picture),
-        misordered=sheets.misordered[SEPARATIONS.index(ASKED_SEPARATION)],
+        misordered=misordered[SEPARATIONS.index(ASKED_SEPARATION)],
         ordered_separation=ordered,
-        predicted_separation=sheets.predicted_separation,
+        predicted_separation=max(one.predicted_separation for one in sheets),
     )
 
 

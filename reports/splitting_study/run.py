@@ -14,7 +14,7 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.splitting_study.grid import Cell, Grid, SheetCell
+from xfrustum.reports.splitting_study.grid import SIDES, Cell, Family, Grid, Picture, SheetCell
 from xfrustum.reports.splitting_study.measure import (
     CellResult,
     PictureWorkbench,
@@ -23,9 +23,16 @@ from xfrustum.reports.splitting_study.measure import (
 )
 from xfrustum.reports.splitting_study.rows import Origin, StudyRow, joined
 from xfrustum.reports.splitting_study.store import Store
-from xfrustum.reports.splitting_study.suitability import Suitability, case_of, outcomes, suitability
+from xfrustum.reports.splitting_study.suitability import (
+    Suitability,
+    alike_but_depth,
+    case_of,
+    outcomes,
+    straight_nears,
+    suitability,
+)
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, cars
-from xfrustum.scenes.plate.double_frustum import Camera
+from xfrustum.scenes.plate.double_frustum import Camera, Offset
 
 C = TypeVar("C", Cell, SheetCell)
 
@@ -62,16 +69,33 @@ def measure(grid: Grid, store: Store, *, progress: bool = False) -> tuple[StudyR
     One row per cell in the grid's order, then those with slabs.
     """
     cells = list(grid.cells())
-    sheets = list(dict.fromkeys(map(sheets_of, cells)))
-    _measure_sheets(sheets, store, progress)
+    _measure_sheets(_all_sheets(cells), store, progress)
     _measure_pictures(cells, store, progress)
     rows = _rows(cells, store)
     return rows + _split(rows, store, progress)
 
 
-def sheets_of(cell: Cell) -> SheetCell:
-    """Return the sheets that belong to a cell: those of its side, near and depth buffer."""
-    return SheetCell(side=cell.side, near=cell.near, depth=cell.depth, mapping=cell.mapping, slabs=cell.slabs)
+def sheets_of(cell: Cell) -> tuple[SheetCell, ...]:
+    """Return the sheets that belong to a cell: those of each of its cameras, its near and depth buffer.
+
+    The distance from a camera, and with it the stored depth, depends on neither shear nor fit.
+    """
+    sides = SIDES if cell.side is Camera.BOTH else (cell.side,)
+    return tuple(
+        SheetCell(
+            side=side,
+            near=cell.near,
+            depth=cell.depth,
+            mapping=cell.mapping,
+            slabs=cell.slabs,
+            offset=cell.offset,
+        )
+        for side in sides
+    )
+
+
+def _all_sheets(cells: Iterable[Cell]) -> list[SheetCell]:
+    return list(dict.fromkeys(sheets for cell in cells for sheets in sheets_of(cell)))
 
 
 def _measure_sheets(cells: Iterable[SheetCell], store: Store, progress: bool) -> None:
@@ -87,22 +111,23 @@ def _measure_sheets(cells: Iterable[SheetCell], store: Store, progress: bool) ->
 
 def _far_camera(cell: SheetCell) -> tuple[Camera, float]:
     """Return which camera draws the far end, and how far it stands back as a share of the reach."""
-    return cell.side, 0.0 if cell.slabs else cell.near
+    return cell.side, 0.0 if cell.slabs or cell.offset is Offset.NONE else cell.near
 
 
 def _measure_pictures(cells: Iterable[Cell], store: Store, progress: bool) -> None:
     missing = _missing(cells, store, PICTURES)
     with progress_bar(len(missing), "pictures", "picture", shown=progress and bool(missing)) as bar:
         for picture, group in groupby(missing, key=_picture):
-            bar.set_postfix_str(f"{picture[0]}, depth {picture[1]:g}, {picture[2]} px", refresh=False)
-            with PictureWorkbench(*picture) as workbench:
+            words = f"{picture.family}, {picture.side}, depth {picture.ratio:g}, {picture.resolution} px"
+            bar.set_postfix_str(words, refresh=False)
+            with PictureWorkbench(picture) as workbench:
                 for cell in group:
                     store.put(PICTURES, cell.key, asdict(workbench.measure(cell)))
                     bar.update()
 
 
-def _picture(cell: Cell) -> tuple[Camera, float, int, int]:
-    return cell.side, cell.ratio, cell.resolution, cell.refined
+def _picture(cell: Cell) -> Picture:
+    return cell.picture
 
 
 def _missing(cells: Iterable[C], store: Store, kind: str) -> list[C]:
@@ -117,7 +142,7 @@ def _rows(cells: Sequence[Cell], store: Store) -> tuple[StudyRow, ...]:
         joined(
             cell,
             picture.validate_python(pictures[cell.key]),
-            pair.validate_python(sheets[sheets_of(cell).key]),
+            [pair.validate_python(sheets[own.key]) for own in sheets_of(cell)],
         )
         for cell in cells
     )
@@ -127,10 +152,15 @@ def _split(rows: Sequence[StudyRow], store: Store, progress: bool) -> tuple[Stud
     """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
     found: list[StudyRow] = []
     one_per_case = {case_of(row): row for row in rows}
-    open_cases = [one_per_case[case] for case, outcome in outcomes(rows).items() if not outcome.one_pair]
+    # Slabs have no gap at the plate: they are drawn with the offset.
+    open_cases = [
+        one_per_case[case]
+        for case, outcome in outcomes(rows).items()
+        if not outcome.one_pair and case.offset is Offset.PLATE
+    ]
     for count in range(1, MAX_SLABS + 1):
-        cells = [_cut(row, count) for row in open_cases]
-        _measure_sheets(dict.fromkeys(map(sheets_of, cells)), store, progress)
+        cells = [_cut(row, rows, count) for row in open_cases]
+        _measure_sheets(_all_sheets(cells), store, progress)
         _measure_pictures(cells, store, progress)
         tried = _rows(cells, store)
         found += tried
@@ -138,18 +168,38 @@ def _split(rows: Sequence[StudyRow], store: Store, progress: bool) -> tuple[Stud
     return tuple(found)
 
 
-def _cut(row: StudyRow, count: int) -> Cell:
-    """Return a case with so many slabs from just under its nearest surface outward, in equal ratios."""
-    first = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
-    cuts = np.geomspace(first, 1.0, count + 1)[:-1]
+def _cut(row: StudyRow, rows: Sequence[StudyRow], count: int) -> Cell:
+    """Return a case with so many cuts, in equal ratios, from the first one up to the reach.
+
+    The first cut lies just under the nearest surface, so that the slab that touches the plate is empty. Where
+    a surface runs through the plate that slab never is: then the near is the largest that does not bend
+    (`straight_near`), and it, the cuts and the reach form one sequence.
+    """
+    if row.family is Family.THROUGH:
+        near = straight_near(row, rows)
+        cuts = np.geomspace(near, 1.0, count + 2)[1:-1]
+    else:
+        near = FIRST_CUT_PER_NEAREST * FARTHEST / REACH / row.ratio
+        cuts = np.geomspace(near, 1.0, count + 1)[:-1]
     return Cell(
+        family=row.family,
         side=row.side,
         ratio=row.ratio,
         resolution=row.resolution,
-        # The near offset changes nothing: the slab that it belongs to is empty.
-        near=first,
+        near=near,
         depth=row.depth,
         mapping=row.mapping,
         slabs=tuple(float(cut) for cut in cuts),
+        pivot=row.pivot,
+        fit=row.fit,
         refined=row.refined,
     )
+
+
+def straight_near(row: StudyRow, rows: Sequence[StudyRow]) -> float:
+    """Return the largest near at which a picture was drawn by one pair without bending, the smallest if none.
+
+    Any depth buffer may have drawn it, for none moves the picture.
+    """
+    alike = [r for r in rows if not r.slabs and alike_but_depth(r, row)]
+    return max(straight_nears(alike), default=min(r.near for r in alike))

@@ -8,9 +8,18 @@ from pathlib import Path
 
 from xfrustum.reports.splitting_study import facts
 from xfrustum.reports.splitting_study.document import Rows, sentence
+from xfrustum.reports.splitting_study.families import Help, helps, of_family
+from xfrustum.reports.splitting_study.grid import Family
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin
 from xfrustum.reports.splitting_study.suitability import Outcome, outcomes
-from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping
+from xfrustum.scenes.plate.double_frustum import (
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    Fit,
+    Offset,
+    Pivot,
+)
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 
@@ -36,6 +45,10 @@ class CriteriaRecord:
 class CaseRecord:
     """A `Case`, and what is enough in it."""
 
+    family: Family
+    pivot: Pivot
+    fit: Fit | None
+    offset: Offset
     side: Camera
     ratio: float
     resolution: int
@@ -50,6 +63,10 @@ class CaseRecord:
         """Return what is written of a case."""
         case = outcome.case
         return cls(
+            family=case.family,
+            pivot=case.pivot,
+            fit=case.fit,
+            offset=case.offset,
             side=case.side,
             ratio=case.ratio,
             resolution=case.resolution,
@@ -70,6 +87,7 @@ class StudyRecord:
     criteria: CriteriaRecord
     cells: int
     agreement: facts.Agreement
+    helps: tuple[Help, ...]
     cases: tuple[CaseRecord, ...]
     versions: Mapping[str, str]
     devices: Mapping[str, str]
@@ -77,14 +95,18 @@ class StudyRecord:
 
 def study_record(rows: Rows, origin: Origin, files: FilesRecord) -> StudyRecord:
     """Return what is written of a study."""
+    first = of_family(rows, Family.ONE_SIDE)
     return StudyRecord(
         files=files,
         sentence=sentence(rows),
         criteria=CriteriaRecord(
-            displacement_p99_px=TOLERANCE_PX, depth_wrong=MAX_DEPTH_WRONG, separation=ASKED_SEPARATION
+            displacement_p99_px=TOLERANCE_PX,
+            depth_wrong=MAX_DEPTH_WRONG,
+            separation=ASKED_SEPARATION,
         ),
         cells=len(rows),
-        agreement=facts.agreement(rows, facts.buffer_facts(rows)),
+        agreement=facts.agreement(first, facts.buffer_facts(first)),
+        helps=tuple(helps(rows)),
         cases=tuple(map(CaseRecord.of, outcomes(rows).values())),
         versions=origin.versions,
         devices=origin.devices,

@@ -1,13 +1,18 @@
 """Scenes whose depth alone changes: the same picture on the film, from shallow to deep.
 
-All objects lie on one side of the plate. For C* they are reflected through the middle aperture, which moves
-no point on the film and only changes the camera: C keeps the nearest surface of a line, C* the farthest.
+The objects of `cars` lie on one side of the plate. For C* they are reflected through the middle aperture,
+which moves no point on the film and only changes the camera: C keeps the nearest surface of a line, C* the
+farthest.
+
+The other functions change one thing each: content on both sides at once, an aperture off the middle, a
+recentered frustum, or a surface that runs through the plate.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,8 +22,8 @@ from xfrustum.scenes.geometry.placement import place, placement
 from xfrustum.scenes.library.car import car
 from xfrustum.scenes.model.scene import Scene, SceneObject
 from xfrustum.scenes.plate.double_frustum import Camera
-from xfrustum.scenes.plate.frustum import Frustum
-from xfrustum.scenes.plate.plate import Plate
+from xfrustum.scenes.plate.frustum import Frustum, Screen
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 REACH = 1000.0
 """Reach on both sides, scene units."""
@@ -32,8 +37,25 @@ CAR_RATIO = 1.5
 CARS = 4
 """Number of cars, one in each quarter of the film, so that none hides another at any depth."""
 
+SHIFT_PER_REACH = 0.05
+"""Shift of the aperture off the middle, along both axes, as a share of the reach: the cars that come nearer
+than about this lie beside the film of the middle aperture."""
+
+SHEAR_PER_SLOPE = 1.0
+"""Shear of the recentered frustum over the film's half-extent slope, k / t, in both axes: an aperture over a
+corner of the screen."""
+
 _FOV = math.radians(50)
 _PLATE = Plate(size=(1.0, 1.0), hogels=(1, 1))
+
+_QUARTERS = ((-1, 1), (1, 1), (-1, -1), (1, -1))
+"""Places of the cars: the middles of the film's quarters, in halves of its half-extent."""
+_BETWEEN_QUARTERS = ((-1, 0), (1, 0))
+"""Places of the cars before the plate where there are cars on both sides, in the same unit."""
+
+_CAR_REACH, _CAR_FOV, _CAR_ROW = 150.0, math.radians(60), -10.0
+"""Reach in millimeters and full angle of the built-in scene `car`, and the y in millimeters of a row of the
+plate in which its body crosses the plate."""
 
 
 def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
@@ -57,15 +79,134 @@ def cars(ratio: float, camera: Camera, resolution: tuple[int, int]) -> Scene:
     InputError
         The ratio is smaller than that of one car.
     """
+    return _scene(f"cars of depth {ratio:g}", resolution, _cars(ratio, camera, _QUARTERS))
+
+
+def _cars(ratio: float, camera: Camera, places: Sequence[tuple[float, float]]) -> list[SceneObject]:
+    """Return cars at geometric distances, the farthest first, each in the middle of a place on the film."""
     if not (math.isfinite(ratio) and ratio >= CAR_RATIO):
         raise InputError(f"the depth of a scene of cars must be at least {CAR_RATIO}, not {ratio}")
     parts = _car_behind_plate()
-    scales = np.geomspace(1.0, CAR_RATIO / ratio, CARS)
+    scales = np.geomspace(1.0, CAR_RATIO / ratio, len(places))
     objects = []
-    for aside, scale in zip(_into_quarters(parts), scales.tolist(), strict=True):
+    for aside, scale in zip(_shifts_to(places, parts), scales.tolist(), strict=True):
         moved = [replace(part, vertices=scale * (part.vertices + aside)) for part in parts]
         objects += [_on_side_of(camera, part) for part in moved]
-    return _scene(f"cars of depth {ratio:g}", resolution, objects)
+    return objects
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeenScene:
+    """A scene, and the aperture that it is seen from."""
+
+    scene: Scene
+    aperture: Aperture
+
+
+def cars_on_both_sides(ratio: float, resolution: tuple[int, int]) -> SeenScene:
+    """Return the cars of `cars` behind the plate, and before it two cars that hide parts of them.
+
+    Both sides reach from the same nearest to the same farthest |z|.
+    """
+    objects = _cars(ratio, Camera.C, _QUARTERS) + _cars(ratio, Camera.C_STAR, _BETWEEN_QUARTERS)
+    scene = _scene(f"cars of depth {ratio:g} on both sides", resolution, objects)
+    return SeenScene(scene=scene, aperture=scene.plate.middle)
+
+
+def cars_off_the_middle(ratio: float, resolution: tuple[int, int], *, in_middle: bool) -> SeenScene:
+    """Return the cars of `cars`, behind the plate, as an aperture off the middle or the middle one sees them.
+
+    The aperture off the middle sees the picture of `cars`; from the middle, the nearest cars lie beside the
+    film.
+    """
+    shift = SHIFT_PER_REACH * REACH
+    # The aperture at the top right is one cell, the whole shift, from the middle one.
+    plate = Plate(size=(3 * shift, 3 * shift), hogels=(3, 3))
+    moved = [
+        replace(part, vertices=part.vertices + np.array([shift, shift, 0.0]))
+        for part in _cars(ratio, Camera.C, _QUARTERS)
+    ]
+    scene = replace(_scene(f"cars of depth {ratio:g}, shifted", resolution, moved), plate=plate)
+    return SeenScene(scene=scene, aperture=plate.middle if in_middle else plate.aperture(2, 0))
+
+
+def recentered_cars(ratio: float, resolution: tuple[int, int]) -> SeenScene:
+    """Return the cars of `cars`, behind the plate, sheared so that a recentered frustum shows their picture.
+
+    The screen lies behind the plate among the cars, as in a master-transfer hologram, at `balanced_height`.
+    The aperture lies over the screen's corner (`SHEAR_PER_SLOPE`).
+    """
+    height, slope = balanced_height(ratio), math.tan(_FOV / 2)
+    half_size = slope * height
+    shift = SHEAR_PER_SLOPE * half_size
+    plate = Plate(size=(3 * shift, 3 * shift), hogels=(3, 3))
+    aperture = plate.aperture(2, 0)
+    # The line of a pixel goes sideways by the shear for each unit of distance behind the plate.
+    shear = -SHEAR_PER_SLOPE * slope
+    moved = [
+        replace(
+            part,
+            vertices=np.column_stack(
+                [
+                    part.vertices[:, 0] + aperture.x - shear * part.vertices[:, 2],
+                    part.vertices[:, 1] + aperture.y - shear * part.vertices[:, 2],
+                    part.vertices[:, 2],
+                ]
+            ),
+        )
+        for part in _cars(ratio, Camera.C, _QUARTERS)
+    ]
+    screen = Screen(height=-height, center=(0.0, 0.0), size=(2 * half_size, 2 * half_size))
+    scene = Scene(
+        name=f"cars of depth {ratio:g}, recentered",
+        plate=plate,
+        frustum=Frustum(resolution=resolution, reach=(REACH, REACH), screen=screen),
+        objects=tuple(moved),
+    )
+    return SeenScene(scene=scene, aperture=aperture)
+
+
+def balanced_height(ratio: float) -> float:
+    """Return the height |z| at which a fit displaces the nearest and the farthest cars alike, scene units.
+
+    With a fit to zf a point is displaced by u W/2 n |1/|z| - 1/zf|, to first order in n: alike at both ends
+    where 1/zf is the mean of both 1/|z|.
+    """
+    return 2 * FARTHEST / (ratio + 1)
+
+
+def car_through_plate(distance: float, resolution: tuple[int, int]) -> SeenScene:
+    """Return the built-in car, which runs through the plate, seen from an aperture beside its body.
+
+    Parameters
+    ----------
+    distance
+        Distance along x of the aperture from where the body crosses the plate, as a share of the reach.
+    resolution
+        W, H of the film.
+    """
+    size = REACH / _CAR_REACH
+    parts = [replace(part, vertices=size * part.vertices) for part in car()]
+    row = _CAR_ROW * size
+    aperture = Aperture(column=0, row=0, x=_outermost_crossing(parts, row) + distance * REACH, y=row)
+    frustum = Frustum(resolution=resolution, reach=(REACH, REACH), fov=(_CAR_FOV, _CAR_FOV))
+    scene = Scene(name="car through the plate", plate=_PLATE, frustum=frustum, objects=tuple(parts))
+    return SeenScene(scene=scene, aperture=aperture)
+
+
+def _outermost_crossing(parts: Sequence[SceneObject], y: float) -> float:
+    """Return the largest x at which a surface crosses the plate, z = 0, in a row of the plate."""
+    triangles = np.concatenate([part.vertices[part.faces] for part in parts])
+    starts, ends = triangles.reshape(-1, 3), np.roll(triangles, -1, axis=1).reshape(-1, 3)
+    crosses = (starts[:, 2] < 0) != (ends[:, 2] < 0)
+    share = np.divide(starts[:, 2], starts[:, 2] - ends[:, 2], out=np.zeros(len(starts)), where=crosses)
+    points = starts[:, :2] + share[:, None] * (ends - starts)[:, :2]
+    # A triangle that crosses the plate does so along a segment between two of its edges.
+    pairs = points[crosses].reshape(-1, 2, 2)
+    low, high = pairs[:, 0], pairs[:, 1]
+    across = (low[:, 1] < y) != (high[:, 1] < y)
+    low, high = low[across], high[across]
+    return float((low[:, 0] + (high - low)[:, 0] * ((y - low[:, 1]) / (high - low)[:, 1])).max())
 
 
 def empty_scene(resolution: tuple[int, int]) -> Scene:
@@ -91,12 +232,12 @@ def _car_behind_plate() -> list[SceneObject]:
     return [replace(part, vertices=size * (part.vertices - to_place)) for part in turned]
 
 
-def _into_quarters(parts: list[SceneObject]) -> list[Floats]:
-    """Return the shifts (3,) along x and y that bring a car's picture to the middle of each quarter."""
+def _shifts_to(places: Sequence[tuple[float, float]], parts: list[SceneObject]) -> list[Floats]:
+    """Return the shifts (3,) along x and y that bring a car's picture to the middle of each place."""
     corners = np.concatenate([part.vertices for part in parts])
     depth = -corners[:, 2:]
     shifts = []
-    for turn in np.array([(-1, 1), (1, 1), (-1, -1), (1, -1)]):
+    for turn in np.array(places):
         middle = turn * math.tan(_FOV / 2) / 2
         shift = np.zeros(2)
         # Depths differ by half at most, so that each step leaves less than half of the distance.

@@ -39,7 +39,14 @@ def small(out: Path, notes: Path) -> None:
     _noted(notes)
     make_study(
         out,
-        replace(QUICK, nears=QUICK.nears[:2], buffers=QUICK.buffers[1:2], resolutions=(16,), ratios=(1.5,)),
+        replace(
+            QUICK,
+            nears=QUICK.nears[:2],
+            buffers=QUICK.buffers[1:2],
+            resolutions=(16,),
+            ratios=(1.5,),
+            families=(),
+        ),
     )
 
 
