@@ -16,7 +16,7 @@ from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
-from xfrustum.compare.prediction.chain import DEPTH, LINKS, RASTERIZATION, Chain
+from xfrustum.compare.prediction.chain import Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
@@ -52,7 +52,7 @@ class CauseNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class _Named:
-    """The name of a link, one of `LINKS`."""
+    """The name of a link, one of `links_of`."""
 
     name: str
 
@@ -144,6 +144,16 @@ class ChainStart:
         """The true image."""
         return self.images[0]
 
+    @property
+    def rasterization(self) -> int:
+        """Number of the link to the last of these images."""
+        return len(self.images) - 2
+
+    @property
+    def depth(self) -> int:
+        """Number of the link from the last of these images to what is drawn."""
+        return len(self.images) - 1
+
     @cached_property
     def judged(self) -> Mask:
         """(H, W) pixels whose truth is no tie."""
@@ -175,7 +185,7 @@ class ChainStart:
     @cached_property
     def rounding(self) -> Causes:
         """Causes of what rasterization changed, with exact depth."""
-        return self.causes_of(RASTERIZATION, self.images[-1])
+        return self.causes_of(self.rasterization, self.images[-1])
 
     def causes_of(self, link: int, after: HogelImage) -> Causes:
         """Return the causes of what a link that rounds has changed between two images."""
@@ -237,8 +247,15 @@ class Budget:
         return VectorBudget.of(np.stack(heights)[..., None])
 
     @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links."""
+        settings = self.drawn.camera.settings
+        assert settings is not None, "the rasterizer says with which settings it drew"
+        return links_of(settings)
+
+    @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """What each link does, in the order of `LINKS`."""
+        """What each link does, in the order of `links`."""
         last = displacement(self.drawn, self.start.truth.camera) - self.start.moved[-1]
         steps = [*self.start.steps, lengths(last)]
         everywhere = np.isfinite(steps).all(axis=0)
@@ -247,7 +264,7 @@ class Budget:
     def _cause(self, link: int, moved: Floats) -> Cause:
         spread = Spread.of(moved)
         return Cause(
-            name=LINKS[link],
+            name=self.links[link],
             surface=int((self.surface_charge == link).sum()),
             triangle=int((self.charge == link).sum()),
             displacement_rms_px=spread.rms if spread else None,
@@ -308,8 +325,8 @@ def charged(start: ChainStart, drawn: HogelImage, predicted: tuple[LinkPredictio
     differs = start.judged & (drawn.triangle != start.truth.triangle)
     charge = np.where(differs, _last(numbers[1:] != numbers[:-1]), RIGHT).astype(np.int8)
     wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
-    by_rasterizing = start.rounding.within(charge == RASTERIZATION)
-    by_depth = start.causes_of(DEPTH, drawn).within(charge == DEPTH)
+    by_rasterizing = start.rounding.within(charge == start.rasterization)
+    by_depth = start.causes_of(start.depth, drawn).within(charge == start.depth)
     return Budget(
         start=start,
         drawn=drawn,

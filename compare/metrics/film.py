@@ -25,14 +25,18 @@ def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
     (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
     points in the plane of the plate, which have no place on the film.
     """
-    pencil = Pencil(
+    return pixel_places(points, true_pencil(camera))
+
+
+def true_pencil(camera: HogelCamera) -> Pencil:
+    """Return the lines of an aperture's true frustum, which its image answers for."""
+    return Pencil(
         center=(camera.aperture.x, camera.aperture.y, 0.0),
         shear=camera.shear,
         half_extent=camera.half_extent,
         resolution=camera.resolution,
         s_range=(-camera.reach[0], camera.reach[1]),
     )
-    return pixel_places(points, pencil)
 
 
 def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> Floats:

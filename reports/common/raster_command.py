@@ -5,12 +5,12 @@ from __future__ import annotations
 import shlex
 
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
 def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> str:
-    """Return the command that draws an aperture with near, depth buffer and cuts, quoted for a shell."""
+    """Return the command that draws an aperture with near, depth, cuts and culling, quoted for a shell."""
     words = ["xfrustum", "raster", scene.source or scene.name]
     if aperture != scene.plate.middle:
         words += ["--aperture", f"{aperture.column},{aperture.row}"]
@@ -18,4 +18,6 @@ def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) ->
     words += ["--mapping", str(settings.mapping)]
     if settings.slabs:
         words += ["--slabs", ",".join(f"{height:g}" for height in settings.slabs)]
+    if settings.cull is not Cull.NONE:
+        words += ["--cull", str(settings.cull)]
     return shlex.join([*words, "--out", "raster.exr"])

@@ -30,6 +30,7 @@ from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.plate.double_frustum import Cull
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -226,7 +227,8 @@ def _frustum_words(sweep: Sweep) -> str:
     toward, behind = frustum.reach
     kind = "recentered" if frustum.recentered else "centered"
     units = sweep.scene.units
+    culled = "" if sweep.rows[0].settings.cull is Cull.NONE else ", faces turned away from the viewer culled"
     return (
         f"{kind} frustum, {width} x {height} pixels, "
-        f"reaching {toward:g} {units} toward the viewer and {behind:g} {units} behind the plate"
+        f"reaching {toward:g} {units} toward the viewer and {behind:g} {units} behind the plate{culled}"
     )

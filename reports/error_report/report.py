@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from xfrustum.reports.measurements.best import Recommendation, best_setting, sen
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -84,6 +84,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     depths: Sequence[DepthBuffer] | None = None,
     tracer: str = "embree",
     effects: str = "auto",
+    cull: Cull = Cull.NONE,
     progress: bool = False,
 ) -> ReportFiles:
     """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
@@ -102,6 +103,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         Reference that traces the truth.
     effects
         Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
+    cull
+        Faces that all settings leave out.
     progress
         Show a progress bar on standard error.
 
@@ -116,18 +119,23 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, apertures)
+    settings = tuple(replace(one, cull=cull) for one in settings)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
         measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
-        watch = Stopwatch()
-        with watch.stage("light"):
-            shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
-        measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
+        measured, shading = _with_light(measured, settings, effects=effects, progress=progress)
         record = _write(staging.folder, measured, shading)
         staging.commit()
+    return _report_files(staging.out, measured, shading, record)
+
+
+def _report_files(
+    folder: Path, measured: Sweep, shading: ShadingReport | None, record: ReportRecord
+) -> ReportFiles:
+    scene = measured.scene
     return ReportFiles(
-        html=staging.out / FILES[0],
-        json=staging.out / FILES[1],
-        parquet=staging.out / FILES[2],
+        html=folder / FILES[0],
+        json=folder / FILES[1],
+        parquet=folder / FILES[2],
         best=best_setting(measured.rows),
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
         content=json_object(record),
@@ -148,6 +156,18 @@ def _settings(
     for setting in settings:
         setting.check_against(scene.frustum)
     return settings
+
+
+def _with_light(
+    measured: Sweep, settings: Sequence[DoubleFrustum], *, effects: str, progress: bool
+) -> tuple[Sweep, ShadingReport | None]:
+    """Measure the light of a shaded scene; return the sweep with the time of that, and what was found."""
+    watch = Stopwatch()
+    with watch.stage("light"):
+        shading = measure_shading(
+            measured.scene, measured.apertures, settings, effects=effects, progress=progress
+        )
+    return measured.with_stage("light", watch.seconds["light"]) if shading else measured, shading
 
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:

@@ -66,6 +66,7 @@ class PredictedSurface:
     snapped: float
     depth: float
     outside: float
+    culled: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -105,6 +105,7 @@ def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
             snapped=predicted.snapped,
             depth=predicted.depth,
             outside=predicted.outside,
+            culled=predicted.culled,
         ),
         smallest_separation=predicted.separation,
         measured_over_predicted=row.measured_over_predicted,

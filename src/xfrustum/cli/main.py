@@ -33,7 +33,7 @@ from xfrustum.cli.streams import printable_output, say
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
-    from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+    from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum
 
 BAD_INPUT = 2
 """Exit status where the user can mend what is wrong."""
@@ -95,6 +95,7 @@ def cli(
     type=options.Depths(),
     help="Depth buffers, such as d24,d32f:reversed.  [default: five]",
 )
+@click.option("--cull", type=options.Name("Cull"), default="none", help="Faces left out.  [default: none]")
 @options.tracer_option
 @cli_light.light_options(*cli_light.ALL)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
@@ -106,6 +107,7 @@ def report(
     nears: tuple[float, ...] | None,
     apertures: tuple[tuple[int, int], ...] | None,
     depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
+    cull: Cull,
     tracer: str,
     light: Light,
     out: Path | None,
@@ -133,6 +135,7 @@ def report(
         depths=depths,
         tracer=tracer,
         effects=light.effects,
+        cull=cull,
         progress=not quiet,
     )
     options.tell(

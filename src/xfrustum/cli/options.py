@@ -181,6 +181,7 @@ _SETTINGS = (
     click.option("--offset", type=Name("Offset"), help="Whether cameras step back.  [default: plate]"),
     click.option("--slabs", type=Numbers(), help="Heights |z| at which both frusta are cut."),
     click.option("--camera", type=Name("Camera"), help="Which cameras draw.  [default: both]"),
+    click.option("--cull", type=Name("Cull"), help="Faces left out, by winding.  [default: none]"),
 )
 
 
