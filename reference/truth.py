@@ -78,6 +78,11 @@ class Reference:
         return MitsubaTracer(self.scene) if self.tracer_name == "mitsuba" else EmbreeTracer(self.scene)
 
     @property
+    def decided_by(self) -> str:
+        """Name of what decides which surface a pixel shows; see `plain.DECISIONS`."""
+        return "certified"
+
+    @property
     def versions(self) -> dict[str, str]:
         """Names and versions of the libraries that the truth rests on, for reports."""
         return self.tracer.versions

@@ -45,7 +45,7 @@ def facing(triangles: Floats, pencil: Pencil) -> Numbers:
     sign[doubtful] = _exact_signs(triangles, center, doubtful)
     # The normal by the winding points to the center where the determinant is negative. What lies before the
     # plate is seen by lines that leave the center backward: what the center sees, the viewer does not.
-    return sign if pencil.s_range[0] < 0 else np.negative(sign)
+    return np.asarray(sign if pencil.s_range[0] < 0 else -sign)
 
 
 def drawn_triangles(triangles: Floats, pencil: Pencil, cull: Cull) -> Indices:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.reference.plain import CERTIFIED, Decision
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
@@ -85,6 +86,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     tracer: str = "embree",
     effects: str = "auto",
     cull: Cull = Cull.NONE,
+    decided_by: str = CERTIFIED,
     progress: bool = False,
 ) -> ReportFiles:
     """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
@@ -105,6 +107,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         Effects that are simulated, as `--effects` takes them: `auto`, `all`, or names between commas.
     cull
         Faces that all settings leave out.
+    decided_by
+        What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
     progress
         Show a progress bar on standard error.
 
@@ -121,7 +125,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     require_seen(scene, apertures)
     settings = tuple(replace(one, cull=cull) for one in settings)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
-        measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
+        decision = Decision(by=decided_by, tracer=tracer)
+        measured = sweep(scene, apertures, settings, decision=decision, effects=effects, progress=progress)
         measured, shading = _with_light(measured, settings, effects=effects, progress=progress)
         record = _write(staging.folder, measured, shading)
         staging.commit()

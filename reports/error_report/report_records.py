@@ -105,6 +105,7 @@ class TableRow:
     scene_source: str
     scene_hash: str
     units: str
+    decided_by: str
     versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
     devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
 
@@ -127,6 +128,7 @@ class ReportRecord:
     best_per_depth: tuple[BestRecord, ...]
     rows: tuple[ReportRow, ...]
     tracers_alone: tuple[AloneRecord, ...]
+    decided_by: str
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     times_s: Mapping[str, float]

@@ -234,6 +234,13 @@ def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
 
 
+def is_given(parameter: str) -> bool:
+    """Return whether the current command's parameter of that name was given, and has not its default."""
+    from click.core import ParameterSource
+
+    return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
+
+
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
     """Refuse apertures that see nothing; warn on standard error of cut and of tiny objects.
 
