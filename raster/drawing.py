@@ -10,6 +10,7 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.mesh import Mesh
 from xfrustum.raster.device.programs import assign, picture_defines, program, reflection_defines, set_camera
 from xfrustum.raster.device.targets import Target
@@ -123,7 +124,7 @@ class Drawing:
 
     def _look(self, target: Target, number: int, camera: Pass, shaders: moderngl.Program) -> None:
         """Set what pictures and reflections alike must know of a camera."""
-        self._context.front_face = camera.front_face
+        set_facing(self._context, camera)
         self._mesh.bind()
         set_camera(shaders, number, camera, target.size)
 

@@ -12,6 +12,8 @@ convergence  The integral over a hogel's aperture, converged to a stated toleran
              band limiting)
 layers       Layers: what single cameras show, and how they overlay
 pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
+plain        What a ray tracer in single precision shows alone, in the place of the truth; nothing of it is
+             examined
 truth        True images: asks `certify` for each pixel, then adds points, normals and color
 """
 

@@ -33,6 +33,22 @@ class AloneNumbers:
     mitsuba: int
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AloneFound:
+    """What single tracers would have got wrong of one truth: in numbers, and pixel by pixel.
+
+    Attributes
+    ----------
+    numbers
+        How many pixels.
+    wrong
+        (H, W) which pixels, by the tracer's name.
+    """
+
+    numbers: AloneNumbers
+    wrong: dict[str, Mask]
+
+
 class TracersAlone:
     """Both ray tracers of a scene, each to be judged by the certified truth.
 
@@ -64,14 +80,15 @@ class TracersAlone:
             found[name] = (numbers != truth.triangle) & judged(truth)
         return found
 
-    def numbers(self, truth: HogelImage) -> AloneNumbers:
-        """Return how many pixels of a whole truth each tracer alone would have got wrong."""
+    def find(self, truth: HogelImage) -> AloneFound:
+        """Return what each tracer alone would have got wrong of a whole truth."""
         wrong = self.wrong(truth)
-        return AloneNumbers(
+        numbers = AloneNumbers(
             judged=int(judged(truth).sum()),
             embree=int(wrong["embree"].sum()),
             mitsuba=int(wrong["mitsuba"].sum()),
         )
+        return AloneFound(numbers=numbers, wrong=wrong)
 
 
 def judged(truth: HogelImage) -> Mask:

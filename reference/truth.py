@@ -15,6 +15,7 @@ from xfrustum.reference.certify.runner_up import RunnersUp
 from xfrustum.reference.certify.sides import sorted_by_side
 from xfrustum.reference.convergence import TOLERANCE, Converged, converged
 from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel
+from xfrustum.reference.lines.facing import drawn_triangles
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
@@ -73,6 +74,11 @@ class Reference:
     def tracer(self) -> Tracer:
         """The tracer, built when first needed."""
         return MitsubaTracer(self.scene) if self.tracer_name == "mitsuba" else EmbreeTracer(self.scene)
+
+    @property
+    def decided_by(self) -> str:
+        """Name of what decides which surface a pixel shows; see `plain.DECISIONS`."""
+        return "certified"
 
     @property
     def versions(self) -> dict[str, str]:
@@ -206,10 +212,16 @@ class Reference:
         settings.check_against(self.scene.frustum)
         pencil = crossed_frustum(self.scene.frustum, aperture)
         cameras = model_cameras(self.scene.frustum, aperture, settings)
-        certifiers = [(camera.pencil, Certifier(self.scene.triangles, camera.pencil)) for camera in cameras]
+        drawn = [drawn_triangles(self.scene.triangles, camera.pencil, settings.cull) for camera in cameras]
+        certifiers = [
+            (Certifier(self.scene.triangles[some], camera.pencil), some)
+            for camera, some in zip(cameras, drawn, strict=True)
+        ]
 
         def band(rows: range) -> HogelImage:
-            layers = [(camera, certifier.decide(rows)) for camera, certifier in certifiers]
+            layers = [
+                (certifier.pencil, certifier.decide(rows).renumbered(some)) for certifier, some in certifiers
+            ]
             return self._pictures.image(aperture, rows, layers, settings)
 
         return stacked(list(in_parallel(band, pencil.resolution)))

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes.opening.catalogue import open_scene
     from xfrustum.scenes.plate.double_frustum import (
         Camera,
+        Cull,
         DepthFormat,
         DepthMapping,
         DoubleFrustum,
@@ -42,6 +43,7 @@ __all__ = [
     "Aperture",
     "Camera",
     "Certainty",
+    "Cull",
     "DepthFormat",
     "DepthMapping",
     "DoubleFrustum",
@@ -64,6 +66,7 @@ _MODULES = {
     "Aperture": "plate.plate",
     "Camera": "plate.double_frustum",
     "Certainty": "model.hogel_image",
+    "Cull": "plate.double_frustum",
     "DepthFormat": "plate.double_frustum",
     "DepthMapping": "plate.double_frustum",
     "DoubleFrustum": "plate.double_frustum",

@@ -17,7 +17,7 @@ from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
 from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
 from xfrustum.compare.metrics.error_maps import ErrorMaps, judged_pixels
 from xfrustum.compare.metrics.surface import JudgedImage, surface_errors, wrong_surface
-from xfrustum.compare.prediction.chain import DEPTH, LINKS, PIVOT, RASTERIZATION, Chain
+from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
@@ -53,7 +53,7 @@ class CauseNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class _Named:
-    """The name of a link, one of `LINKS`."""
+    """The name of a link, one of `links_of`."""
 
     name: str
 
@@ -148,6 +148,16 @@ class ChainStart:
         """The true image."""
         return self.images[0]
 
+    @property
+    def rasterization(self) -> int:
+        """Number of the link to the last of these images."""
+        return len(self.images) - 2
+
+    @property
+    def depth(self) -> int:
+        """Number of the link from the last of these images to what is drawn."""
+        return len(self.images) - 1
+
     @cached_property
     def judged(self) -> Mask:
         """(H, W) pixels whose truth is no tie."""
@@ -207,7 +217,7 @@ class ChainStart:
     @cached_property
     def rounding(self) -> Causes:
         """Causes of what rasterization changed, with exact depth."""
-        return self.causes_of(RASTERIZATION, self.images[-1])
+        return self.causes_of(self.rasterization, self.images[-1])
 
     @cached_property
     def shear(self) -> ShearNumbers | None:
@@ -276,8 +286,15 @@ class Budget:
         return VectorBudget.of(np.stack(heights)[..., None])
 
     @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links."""
+        settings = self.drawn.camera.settings
+        assert settings is not None, "the rasterizer says with which settings it drew"
+        return links_of(settings)
+
+    @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """What each link does, in the order of `LINKS`."""
+        """What each link does, in the order of `links`."""
         last = lengths(self.moved - self.start.moved[-1])
         everywhere = self.start.everywhere & np.isfinite(last)
         spreads = (*self.start.spreads(everywhere), Spread.of(last[everywhere]))
@@ -285,7 +302,7 @@ class Budget:
 
     def _cause(self, link: int, spread: Spread | None) -> Cause:
         return Cause(
-            name=LINKS[link],
+            name=self.links[link],
             surface=int((self.surface_charge == link).sum()),
             triangle=int((self.charge == link).sum()),
             displacement_rms_px=spread.rms if spread else None,
@@ -356,8 +373,8 @@ def charged(
         wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
     else:
         wrong = maps.surface
-    by_rasterizing = start.rounding.within(charge == RASTERIZATION)
-    by_depth = start.causes_of(DEPTH, drawn, charge == DEPTH)
+    by_rasterizing = start.rounding.within(charge == start.rasterization)
+    by_depth = start.causes_of(start.depth, drawn, charge == start.depth)
     return Budget(
         start=start,
         drawn=drawn,

@@ -10,7 +10,7 @@ of its own:
     [light transport] -> [band limiting] -> near offset -> pivot -> fit -> slabs -> rasterization -> depth
     -> eye vector -> shading -> [averaging] -> clipping -> 8-bit output
 
-Those in brackets are there where the scene asks for them.
+Those in brackets are there where the scene asks for them; culling comes after slabs where faces are culled.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from xfrustum.compare.attribution.budget import VectorBudget
 from xfrustum.compare.metrics.display import through_8_bits
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.left_out import measure_left_out
-from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
+from xfrustum.compare.prediction.chain import LINKS, Chain, links_of, make_chain
 from xfrustum.compare.prediction.eye_vector import drawn_lines, radiance_along, true_lines
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -44,14 +44,14 @@ EYE_VECTOR, SHADING = "eye vector", "shading"
 CLIPPING, OUTPUT = "clipping", "8-bit output"
 TRANSPORT, BAND_LIMITING, AVERAGING = "light transport", "band limiting", "averaging"
 LOCAL_LINKS = (*LINKS, EYE_VECTOR, SHADING)
-"""The links of one image, sampled at pixels' centers through one point of the aperture.
+"""The links of one image without culling, sampled at pixels' centers through one point of the aperture.
 
 `EYE_VECTOR` bends the eye vector to the camera that draws, at the points that are drawn. `SHADING` leaves
 double precision: the device interpolates normals, colors and texture coordinates, and evaluates the light
 model."""
 
 MAX_CHAIN_PIXELS = 1 << 22
-"""Largest number of pixels of each of a chain's six images: it bounds the memory, some 500 bytes a pixel."""
+"""Largest number of pixels of each of a chain's images: it bounds the memory, some 500 bytes a pixel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +195,7 @@ def make_radiance_budget(scene: Scene, chain: Chain, done: Callable[[], Any] | N
     done = done or (lambda: None)
     truth, settings = chain.images[0], chain.settings
     aperture = truth.camera.aperture
-    links, errors = [*LOCAL_LINKS], dict[str, float]()
+    links, errors = [*links_of(settings), EYE_VECTOR, SHADING], dict[str, float]()
     if scene.sampling == Sampling():
         colors = local_colors(scene, chain)
     else:

@@ -1,6 +1,7 @@
 """Truth against image: what is measured, pixel by pixel and in numbers.
 
 comparison    Truth against raster, pixel by pixel and in numbers (docs/method.md, "What is compared")
+culled        Pixels whose true surface is turned away from the viewer: what culling loses of open meshes
 displacement  Displacement: how far the picture moved, pixel by pixel (docs/method.md, "What is compared")
 display       How pictures are shown on every page: clipped to what a screen has, sRGB, 8 bits
 error_maps    Each error as an image, pixel by pixel (docs/method.md, "What is compared")

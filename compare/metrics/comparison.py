@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from xfrustum.compare.metrics.culled import culled_pixels
 from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.compare.metrics.error_maps import ErrorMaps, error_maps
 from xfrustum.compare.metrics.radiance import RadianceNumbers, compare_radiance
@@ -55,17 +56,29 @@ class SurfaceShare(Share):
     ----------
     outside
         Number of these pixels whose point belongs outside the true film, where no pixel shows it.
+    culled
+        Number of these pixels whose true surface is turned away from the viewer, so that culling left it
+        out; None where nothing was culled.
     """
 
     outside: int
+    culled: int | None = None
 
     @classmethod
-    def of_maps(cls, maps: ErrorMaps) -> SurfaceShare | None:
-        """Return the share of wrong surfaces; None where the scene was not at hand."""
+    def of_maps(cls, maps: ErrorMaps, culled: Mask | None) -> SurfaceShare | None:
+        """Return the share of wrong surfaces; None where the scene was not at hand.
+
+        `culled` are the pixels (H, W) whose true surface was left out; None where nothing was culled.
+        """
         if maps.surface is None or maps.outside is None:
             return None
         share = Share.of(maps.surface, maps.judged)
-        return cls(wrong=share.wrong, fraction=share.fraction, outside=int(maps.outside.sum()))
+        return cls(
+            wrong=share.wrong,
+            fraction=share.fraction,
+            outside=int(maps.outside.sum()),
+            culled=None if culled is None else int((culled & maps.surface).sum()),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +195,7 @@ def compare_images(
         judged=int(maps.judged.sum()),
         covered=int(truth.covered.sum()),
         at_plate=int((raster.covered & (raster.height == 0)).sum()),
-        surface=SurfaceShare.of_maps(maps),
+        surface=SurfaceShare.of_maps(maps, culled_pixels(truth, raster)),
         triangle=Share.of(maps.triangle, maps.judged) if numbered else None,
         displacement_px=Spread.of(lengths),
         height=_height_error(maps.height[np.isfinite(maps.height)]),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot
+from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -18,7 +18,10 @@ PIVOT = 1
 """The link that moves the center of the shear."""
 
 RASTERIZATION, DEPTH = 4, 5
-"""The links that round, and must explain themselves."""
+"""The links that round, and must explain themselves: their places in `LINKS`."""
+
+CULLING = "culling"
+"""Link between slabs and rasterization that a chain has where its settings cull faces."""
 
 EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 """The depth buffer without a depth problem: what it alone shows rightly is charged to depth."""
@@ -26,13 +29,14 @@ EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """T0, T1, T2, T3, T4, R0 and R1 of one aperture.
+    """T0, T1, T2, T3, T4, R0 and R1 of one aperture; with culling T5 between T4 and R0.
 
     Attributes
     ----------
     images
         T0 the true crossed frustum; T1 with the near offset; T2 with pivot; T3 with fit; T4 with
-        slabs, all traced and certified; R0 rasterized with linear depth; R1 with the depth buffer asked for.
+        slabs; T5, where faces are culled, without these; all traced and certified; R0 rasterized with
+        linear depth; R1 with the depth buffer asked for.
     settings
         Settings of R1.
     subpixel_bits
@@ -45,11 +49,20 @@ class Chain:
 
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
-    """Return the settings of T1 to T4: what is asked for, taken back one thing at a time."""
+    """Return the settings of T1 to T4, and of T5 where it is traced: all taken back, one thing at a time."""
     fit = settings.fitted_height(frustum)
-    whole = replace(settings, slabs=(), fit=Fit.ANGLE if fit is None else fit)
+    drawn = replace(settings, cull=Cull.NONE)
+    whole = replace(drawn, slabs=(), fit=Fit.ANGLE if fit is None else fit)
     sheared = replace(whole, fit=Fit.ANGLE)
-    return replace(sheared, pivot=Pivot.APERTURE), sheared, whole, settings
+    unculled = replace(sheared, pivot=Pivot.APERTURE), sheared, whole, drawn
+    return unculled if settings.cull is Cull.NONE else (*unculled, settings)
+
+
+def links_of(settings: DoubleFrustum) -> tuple[str, ...]:
+    """Return the names of a chain's links: `LINKS`, and `CULLING` among them where faces are culled."""
+    if settings.cull is Cull.NONE:
+        return LINKS
+    return (*LINKS[:RASTERIZATION], CULLING, *LINKS[RASTERIZATION:])
 
 
 def with_exact_depth(settings: DoubleFrustum) -> DoubleFrustum:
@@ -63,7 +76,9 @@ def traced_models(
     settings: DoubleFrustum,
     traced: dict[DoubleFrustum, HogelImage] | None = None,
 ) -> tuple[HogelImage, ...]:
-    """Return T1 to T4 of an aperture; a link that changes no setting changes no image, and is not traced.
+    """Return T1 to T4 of an aperture, and T5 where faces are culled.
+
+    A link that changes no setting changes no image, and is not traced.
 
     Parameters
     ----------

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from threading import Lock
 
 import numpy as np
 
+from xfrustum.compare.metrics.culled import turned_away
 from xfrustum.compare.metrics.displacement import Spread, lengths
+from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, displacements
@@ -18,7 +21,7 @@ from xfrustum.compare.prediction.silhouettes import Silhouettes
 from xfrustum.compare.prediction.stacks import Stacks
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Camera, Cull, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 
 
@@ -50,6 +53,8 @@ class Prediction:
         because they show what belongs outside the film.
     separation
         The smallest separations that the depth buffers still order.
+    culled
+        Share of the judged pixels whose true surface culling leaves out; 0 without culling.
     """
 
     displacement_px: Spread | None
@@ -58,11 +63,13 @@ class Prediction:
     depth: float
     outside: float
     separation: Separations
+    culled: float = 0.0
 
     @property
     def surface_fraction(self) -> float:
-        """Share of the judged pixels with a wrong surface, its four causes taken as independent."""
-        return 1 - (1 - self.silhouettes) * (1 - self.snapped) * (1 - self.depth) * (1 - self.outside)
+        """Share of the judged pixels with a wrong surface, its five causes taken as independent."""
+        parts = (self.silhouettes, self.snapped, self.depth, self.outside, self.culled)
+        return 1 - math.prod(1 - part for part in parts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +110,7 @@ class Predictor:
         self._stacks = Stacks.of(truth, gaps)
         self._silhouettes = Silhouettes(truth, frustum)
         self._border = Border(truth, frustum)
+        self._turned_away = int((turned_away(truth) & judged_pixels(truth)).sum())
         # Threads that ask for the same cameras wait for the one that was first.
         self._predicting, self._linking = Lock(), Lock()
         self._without_depth: dict[DoubleFrustum, Prediction] = {}
@@ -131,10 +139,11 @@ class Predictor:
             depth=0.0,
             outside=self._border.fraction(cameras),
             separation=Separations(c=None, c_star=None),
+            culled=0.0 if cameras.cull is Cull.NONE else self._turned_away / judged,
         )
 
     def links(self, settings: DoubleFrustum) -> tuple[LinkPrediction, ...]:
-        """Return the errors to be expected of each link of the chain, in the order of `LINKS`.
+        """Return the errors to be expected of each link of the chain, in the order of `links_of`.
 
         Rasterization and depth displace nothing except by the rounding of positions.
         """
@@ -163,6 +172,11 @@ class Predictor:
         wrong = [
             sum(both) for both in zip(self._silhouettes.charged_pixels(traced), from_outside, strict=True)
         ]
+        if cameras.cull is not Cull.NONE:
+            # Culling shows nothing or what lies behind, of which the truth knows no displacement.
+            moved[-1] = None
+            right_before = 1 - min(sum(wrong) / max(self._stacks.judged, 1), 1.0)
+            wrong[-1] = self._turned_away * right_before
         snapped = self._silhouettes.snapped_pixels(cameras, self._subpixel_bits)
         return tuple(
             LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels)

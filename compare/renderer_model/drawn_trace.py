@@ -10,9 +10,8 @@ from xfrustum.compare.renderer_model.drawn_model import Culled, DrawnModel, Fron
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.certify import Certifier
 from xfrustum.reference.layers import Layer, overlaid
+from xfrustum.reference.lines.facing import facing
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.planes import triangle_normals
-from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -41,7 +40,7 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
     rows, triangles = range(pencil.resolution[1]), scene.triangles
     drawn = np.arange(len(triangles))
     if culled is not Culled.NONE:
-        drawn = np.flatnonzero(_facing(scene, pencil) != _CULLED_SIGN[culled])
+        drawn = np.flatnonzero(facing(triangles, pencil) != _CULLED_SIGN[culled])
         triangles = triangles[drawn]
     if nearest:
         # Seen through a point mirror in its center, what was last along a line is first.
@@ -51,29 +50,11 @@ def layer(scene: Scene, pencil: Pencil, *, nearest: bool = False, culled: Culled
         decided = replace(decided, s=-decided.s)
     else:
         decided = Certifier(triangles, pencil).decide(rows)
-    # Numbers of the scene's triangles by numbers of the drawn ones; `NOTHING` finds the last, itself.
-    number = np.append(drawn, NOTHING)
-    companions = decided.companions.copy()
-    companions[:, 2] = number[companions[:, 2]]
-    named = replace(decided, triangle=number.astype(np.int32)[decided.triangle], companions=companions)
-    return Layer.of(pencil, named, rows)
+    return Layer.of(pencil, decided.renumbered(drawn), rows)
 
 
-_CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1.0, Culled.CLOCKWISE: -1.0}
-"""Value of `_facing` of the triangles that are left out."""
-
-
-def _facing(scene: Scene, pencil: Pencil) -> Floats:
-    """Return 1 for triangles (F,) whose corners run counterclockwise as the viewer sees them, else -1.
-
-    All lines of a pencil meet a triangle on the side on which its center lies, before it or behind.
-    """
-    toward = np.asarray(pencil.center) - scene.triangles[:, 0]
-    corners = scene.triangles
-    normals = triangle_normals(corners)
-    side = np.sign(np.einsum("ij,ij->i", normals, toward))
-    # Before the plate the lines leave the center backward: what the center sees, the viewer does not.
-    return np.asarray(np.where(pencil.s_range[0] < 0, -side, side))
+_CULLED_SIGN = {Culled.COUNTERCLOCKWISE: 1, Culled.CLOCKWISE: -1}
+"""Value of `facing` of the triangles that are left out."""
 
 
 def as_image(reference: Reference, aperture: Aperture, shown: Layer) -> HogelImage:

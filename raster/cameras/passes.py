@@ -11,7 +11,7 @@ from xfrustum.raster.cameras.depth_formats import MAPPINGS, DepthTest, farthest_
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Camera, Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -31,6 +31,9 @@ class Pass:
         The depth test, which decides between two surfaces.
     front_face
         The window winding of faces that are turned to the camera.
+    culled_face
+        The faces that are left out, as OpenGL names them: `back` are turned away from the camera, `front`
+        toward it; None where all are drawn.
     orthoscopic
         True for C, False for C*, whose lights are pseudoscopic (paper, section 3, figure 3).
     """
@@ -40,6 +43,7 @@ class Pass:
     heights: tuple[float, float]
     test: DepthTest
     front_face: str
+    culled_face: str | None
     orthoscopic: bool
 
     @property
@@ -105,8 +109,16 @@ def pass_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum, camera: S
         heights=kept_heights(camera),
         test=nearest_wins(mapping) if camera.orthoscopic else farthest_wins(mapping),
         front_face="ccw" if camera.orthoscopic else "cw",
+        culled_face=_culled_face(settings.cull, orthoscopic=camera.orthoscopic),
         orthoscopic=camera.orthoscopic,
     )
+
+
+def _culled_face(cull: Cull, *, orthoscopic: bool) -> str | None:
+    """Return the faces that a camera leaves out: those turned away from the viewer, whom C* faces."""
+    if cull is Cull.NONE:
+        return None
+    return "back" if orthoscopic else "front"
 
 
 def _occupied(scene: Scene, heights: tuple[float, float]) -> bool:

@@ -11,6 +11,7 @@ from OpenGL import GL
 
 from xfrustum.raster.cameras.depth_formats import Mapping
 from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.programs import picture_defines, reflection_defines, set_camera
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment, reflecting
@@ -132,7 +133,7 @@ class PlatePicture:
         drawing = self.drawings[PICTURE]
         slot.target.clear_depth(camera.test.clear)
         self._context.depth_func = camera.test.function
-        self._context.front_face = camera.front_face
+        set_facing(self._context, camera)
         set_camera(drawing.program, number, camera, slot.target.size)
         self._shading.bind(drawing.program)
         drawing.draw(slot.hogels[number], slot.commands[PICTURE][number], draws)

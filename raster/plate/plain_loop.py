@@ -15,6 +15,7 @@ from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
 from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import open_context
+from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.mesh import ATTRIBUTES, NORMALS, attribute_of
 from xfrustum.raster.device.numbered_mesh import number_triangles
 from xfrustum.raster.device.programs import picture_defines, set_camera
@@ -133,7 +134,7 @@ class PlainLoop:
             drawn = pass_of(self.scene, aperture, self.settings, camera)
             self._target.clear_depth(drawn.test.clear)
             self._context.depth_func = drawn.test.function
-            self._context.front_face = drawn.front_face
+            set_facing(self._context, drawn)
             set_camera(self._program, number, drawn, self._target.size)
             self._shading.bind(self._program)
             self._set_hogel(drawn)

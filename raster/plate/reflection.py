@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import moderngl
 
 from xfrustum.raster.cameras.passes import Pass
+from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.programs import set_camera
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment
@@ -53,6 +54,6 @@ class Reflections:
         self._environment.bind(slot.target)
         shading.bind(self.drawing.program)
         for number, camera in enumerate(cameras):
-            self._context.front_face = camera.front_face
+            set_facing(self._context, camera)
             set_camera(self.drawing.program, number, camera, slot.target.size)
             self.drawing.draw(slot.hogels[number], slot.commands[drawing][number], draws[number])

@@ -20,7 +20,7 @@ from xfrustum.reference.certify.sides import Sides, sorted_by_side
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +43,14 @@ class FirstSurfaces:
     s: Floats
     certainty: Bytes
     companions: Indices
+
+    def renumbered(self, numbers: Indices) -> FirstSurfaces:
+        """Return the same decisions with other triangle numbers: number i of (F,) is that of triangle i."""
+        # The last entry is that of `NOTHING`, which is -1.
+        known = np.append(numbers, NOTHING)
+        companions = self.companions.copy()
+        companions[:, 2] = known[companions[:, 2]]
+        return replace(self, triangle=known.astype(np.int32)[self.triangle], companions=companions)
 
 
 class Certifier:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from PIL import Image
 from plotly.colors import unlabel_rgb
 
-from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reports.commands import radiance_budgeting
 from xfrustum.reports.commands.budgeting import BudgetReport
 from xfrustum.reports.common.formatting import digits
@@ -24,7 +23,7 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 
 IMAGES = ("T0", "T1", "T2", "T3", "T4", "R0", "R1")
 """Names of the chain's images, as the files are called."""
@@ -66,6 +65,11 @@ LINK_WORDS = (
     "depth is rounded to what the depth buffer stores",
 )
 """What each link of the chain changes."""
+
+CULLED_IMAGE, CULLED_WORDS = "T5", "with faces culled that are turned away from the viewer"
+"""Name and words of the image that a chain has after `T4` where faces are culled."""
+CULLING_COLOR = "rgb(90,90,90)"
+CULLING_WORDS = "faces that are turned away from the viewer are left out"
 
 EXPLANATION_WORDS = {
     "edge": "the pixel's center lies so near an edge, or a cut, that the rounding of vertices decides",
@@ -116,15 +120,28 @@ def _pictures(report: BudgetReport) -> dict[str, bytes]:
     """Return all pictures by the names of their files."""
     budget, truth = report.geometry, report.chain.images[0]
     unexplained = budget.explanation.unexplained
+    names = _with_culling(IMAGES, CULLED_IMAGE, report)
+    colors = _with_culling(LINK_COLORS, CULLING_COLOR, report)
     found = {
-        f"{name}.webp": images.picture(image) for name, image in zip(IMAGES, report.chain.images, strict=True)
+        f"{name}.webp": images.picture(image) for name, image in zip(names, report.chain.images, strict=True)
     }
-    found[BY_TRIANGLE] = causes(truth, budget.charge, unexplained)
-    found[BY_SURFACE] = causes(truth, budget.surface_charge, unexplained & (budget.surface_charge >= 0))
+    wrong = budget.surface_charge >= 0
+    found[BY_TRIANGLE] = causes(truth, budget.charge, unexplained, colors)
+    found[BY_SURFACE] = causes(truth, budget.surface_charge, unexplained & wrong, colors)
     return found | dict(radiance_budgeting.pictures(report.radiance))
 
 
-def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: Mask) -> bytes:
+def _with_culling(usual: tuple[str, ...], culled: str, report: BudgetReport) -> tuple[str, ...]:
+    """Return one text for each image or link of a chain, with that of culling before the last two."""
+    return usual if report.settings.cull is Cull.NONE else (*usual[:-2], culled, *usual[-2:])
+
+
+def causes(
+    truth: HogelImage,
+    charge: NDArray[np.int8],
+    unexplained: Mask,
+    link_colors: tuple[str, ...] = LINK_COLORS,
+) -> bytes:
     """Encode which link each wrong pixel is charged to, over the truth's outline, as PNG.
 
     Parameters
@@ -135,9 +152,11 @@ def causes(truth: HogelImage, charge: NDArray[np.int8], unexplained: Mask) -> by
         (H, W) links, negative where the pixel is right.
     unexplained
         (H, W) pixels shown in `UNEXPLAINED_COLOR` instead.
+    link_colors
+        Color of each link.
     """
     pixels = np.repeat(np.where(truth.covered, SHOWN_GRAY, EMPTY_GRAY)[..., None], 3, axis=-1)
-    colors = np.array([unlabel_rgb(color) for color in LINK_COLORS])
+    colors = np.array([unlabel_rgb(color) for color in link_colors])
     pixels[charge >= 0] = colors[charge[charge >= 0]]
     pixels[unexplained] = unlabel_rgb(UNEXPLAINED_COLOR)
     buffer = io.BytesIO()
@@ -162,6 +181,8 @@ def command(report: BudgetReport) -> str:
 def _legend(report: BudgetReport) -> list[Cause]:
     """Return the links in the order of the chain, and after them what no link explains."""
     explanation = report.geometry.explanation
+    link_colors = _with_culling(LINK_COLORS, CULLING_COLOR, report)
+    link_words = _with_culling(LINK_WORDS, CULLING_WORDS, report)
     rows = [
         Cause(
             name=link.name,
@@ -173,7 +194,7 @@ def _legend(report: BudgetReport) -> list[Cause]:
             predicted_px=link.predicted_displacement_rms_px,
             predicted_surface=link.predicted_surface,
         )
-        for link, color, words in zip(report.geometry.numbers.links, LINK_COLORS, LINK_WORDS, strict=True)
+        for link, color, words in zip(report.geometry.numbers.links, link_colors, link_words, strict=True)
     ]
     unexplained = Cause(
         name="unexplained",
@@ -203,7 +224,13 @@ def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
             f"rgb({SHOWN_GRAY},{SHOWN_GRAY},{SHOWN_GRAY})",
             f"rgb({EMPTY_GRAY},{EMPTY_GRAY},{EMPTY_GRAY})",
         ),
-        "chain": list(zip(IMAGES, CHAIN_WORDS, strict=True)),
+        "chain": list(
+            zip(
+                _with_culling(IMAGES, CULLED_IMAGE, report),
+                _with_culling(CHAIN_WORDS, CULLED_WORDS, report),
+                strict=True,
+            )
+        ),
         "by_triangle": BY_TRIANGLE,
         "by_surface": BY_SURFACE,
         "radiance_pictures": [name for name in pictures if name.startswith("radiance-")],
@@ -211,7 +238,7 @@ def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
         "radiance_colors": images.radiance_scale(),
         "pictures": {name: _data_uri(name, encoded) for name, encoded in pictures.items()},
         "command": command(report),
-        "links": len(LINKS),
+        "links": len(numbers.links),
     }
     return html_page("budget.html.j2", {"digits": digits}, values)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from xfrustum.compare.attribution.budget import Budget, BudgetNumbers, LinkNumbers, make_budget
 from xfrustum.compare.attribution.radiance_budget import RadianceBudget, RadianceNumbers
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
+from xfrustum.compare.prediction.chain import Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import radiance_budgeting
@@ -36,7 +36,7 @@ class BudgetReport(Summarized[BudgetRecord]):
     scene, aperture, settings
         Scene, aperture and settings of the image.
     chain
-        The six images from the truth to what was drawn.
+        The images from the truth to what was drawn.
     geometry
         Every wrong pixel, charged to one link of the chain.
     radiance
@@ -108,7 +108,7 @@ def budget_of(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> tupl
 def table(geometry: Budget) -> str:
     """Return the budget as aligned lines, and below it what was predicted, with the ratios."""
     numbers = geometry.numbers
-    width = max(map(len, LINKS))
+    width = max(len(link.name) for link in numbers.links)
     lines = [f"{numbers.wrong:,} of {numbers.judged:,} judged pixels show another triangle"]
     lines.append(f"{'charged to':<{width}}  {'pixels':>9}  {'surface':>9}  {'moves by, px rms':>17}")
     for link in numbers.links:

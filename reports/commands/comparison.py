@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from xfrustum.compare import Comparison, HeightError, Spread, compare_images
-from xfrustum.compare.metrics.comparison import Share
+from xfrustum.compare.metrics.comparison import Share, SurfaceShare
 from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
 from xfrustum.reference import Reference
 from xfrustum.reports.common.json_ready import write_json
@@ -132,6 +132,7 @@ def table(comparison: Comparison) -> str:
         ("judged", f"{comparison.judged:,}"),
         ("covered", f"{comparison.covered:,}"),
         ("wrong surface", _share(comparison.surface)),
+        *_culled(comparison.surface),
         ("another triangle", _share(comparison.triangle)),
         ("displacement, px", _numbers(comparison.displacement_px, *_DISPLACEMENT)),
         ("height error", _numbers(comparison.height, *_HEIGHT)),
@@ -140,6 +141,13 @@ def table(comparison: Comparison) -> str:
     ]
     width = max(len(name) for name, _ in lines)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
+
+
+def _culled(surface: SurfaceShare | None) -> list[tuple[str, str]]:
+    """Return the line about culling, where faces were culled."""
+    if surface is None or surface.culled is None:
+        return []
+    return [("  a face culled", f"{surface.culled:,}")]
 
 
 def _radiance(error: RadianceNumbers | None) -> list[tuple[str, str]]:

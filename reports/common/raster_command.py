@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Fit, Offset, Pivot
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -25,4 +25,6 @@ def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) ->
         words += ["--offset", str(settings.offset)]
     if settings.slabs:
         words += ["--slabs", ",".join(f"{height:g}" for height in settings.slabs)]
+    if settings.cull is not Cull.NONE:
+        words += ["--cull", str(settings.cull)]
     return shlex.join([*words, "--out", "raster.exr"])

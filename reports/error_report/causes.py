@@ -9,7 +9,7 @@ from itertools import groupby
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from xfrustum.compare.prediction.chain import LINKS
+from xfrustum.compare.prediction.chain import CULLING
 from xfrustum.reports.common.figure_style import log_axis, style
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.measurements.best import SURFACE_TIE_FRACTION
@@ -20,16 +20,18 @@ CAUSE_COLORS = {
     "pivot": "rgb(86,180,233)",
     "fit": "rgb(204,121,167)",
     "slabs": "rgb(0,158,115)",
+    CULLING: "rgb(90,90,90)",
     "rasterization": "rgb(230,159,0)",
     "depth": "rgb(213,94,0)",
 }
-"""Okabe and Ito's palette, told apart by people with any color vision."""
+"""Okabe and Ito's palette, told apart by people with any color vision, and gray, in the order of links."""
 
 CAUSE_WORDS = {
     "near offset": "the near offset",
     "pivot": "the shear about the wrong point",
     "fit": "the fit",
     "slabs": "the cuts into slabs",
+    CULLING: "culling",
     "rasterization": "rasterization",
     "depth": "the depth buffer",
 }
@@ -128,7 +130,9 @@ def cause_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go.Fi
         subplot_titles=list(groups),
         vertical_spacing=0.3 / len(groups),
     )
-    shown = [name for name in LINKS if any(_count(row, name) for group in groups.values() for row in group)]
+    shown = [
+        name for name in CAUSE_COLORS if any(_count(row, name) for group in groups.values() for row in group)
+    ]
     for place, group in enumerate(groups.values(), start=1):
         for name in shown:
             figure.add_scatter(
@@ -173,4 +177,4 @@ def _wrong(row: Measurement) -> int:
 
 
 def _count(row: Measurement, name: str) -> int:
-    return next(cause.surface for cause in row.causes if cause.name == name)
+    return next((cause.surface for cause in row.causes if cause.name == name), 0)

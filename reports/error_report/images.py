@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,10 @@ SURFACE_COLOR = "rgb(224, 49, 49)"
 """Color of pixels with the wrong surface."""
 TRIANGLE_COLOR = "rgb(245, 135, 0)"
 """Color of pixels with another triangle."""
+ALONE_COLORS = {"embree": "rgb(213, 94, 0)", "mitsuba": "rgb(0, 114, 178)"}
+"""Colors of pixels that a tracer alone would have got wrong."""
+OUTLINE_COLOR = "rgb(170, 170, 170)"
+"""Color of surfaces under marks."""
 
 _DISPLACEMENT_STEPS = 40
 _HEIGHT_STEPS = 15
@@ -175,6 +180,15 @@ def radiance_map(error: NDArray[np.floating], reduction: int = 1) -> bytes:
 def mask(wrong: Mask, color: str, reduction: int = 1) -> bytes:
     """Encode an (H, W) mask as PNG: the color where it is set, transparent elsewhere."""
     return _palette_png(_worst(wrong.astype(np.uint8), reduction), [color])
+
+
+def alone_pictures(truth: HogelImage, wrong: Mapping[str, Mask], reduction: int = 1) -> dict[str, bytes]:
+    """Encode the pixels that each tracer alone would have got wrong, and as `truth` the surfaces under them.
+
+    There is no picture of a tracer that would have got nothing wrong, and none at all where nobody would.
+    """
+    found = {name: mask(here, ALONE_COLORS[name], reduction) for name, here in wrong.items() if here.any()}
+    return found and {"truth": mask(truth.covered, OUTLINE_COLOR, reduction), **found}
 
 
 def displacement_scale() -> list[str]:

@@ -21,7 +21,8 @@ from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.reference.alone import AloneNumbers, TracersAlone
+from xfrustum.reference.alone import TracersAlone
+from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, Stopwatch, Timing
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.error_report import images
@@ -32,6 +33,7 @@ from xfrustum.reports.measurements.measurement import (
     SettingPictures,
     StageParts,
     StageTimes,
+    TracersAlonePictured,
 )
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -68,7 +70,8 @@ class TracedAperture:
     picture
         The truth as an encoded picture.
     alone
-        How many pixels each ray tracer alone would have got wrong.
+        How many pixels each ray tracer alone would have got wrong, with pictures; None where the truth is
+        not certified.
     """
 
     aperture: Aperture
@@ -76,7 +79,7 @@ class TracedAperture:
     gaps: Floats
     trace_s: float
     picture: bytes
-    alone: AloneNumbers
+    alone: TracersAlonePictured | None
 
     @cached_property
     def moved(self) -> Floats:
@@ -153,7 +156,7 @@ class SettingMeasurer:
         with lap.stage("predict"):
             gaps = self._reference.gaps(aperture)
         with lap.stage("alone"):
-            alone = self._tracers.numbers(truth)
+            alone = self._alone(truth)
         watch.add(lap.seconds)
         return TracedAperture(
             aperture=aperture,
@@ -162,6 +165,14 @@ class SettingMeasurer:
             trace_s=lap.seconds["trace"],
             picture=picture,
             alone=alone,
+        )
+
+    def _alone(self, truth: HogelImage) -> TracersAlonePictured | None:
+        if self._reference.decided_by != CERTIFIED:
+            return None
+        found = self._tracers.find(truth)
+        return TracersAlonePictured(
+            numbers=found.numbers, pictures=images.alone_pictures(truth, found.wrong, self._reduction)
         )
 
     def measure(

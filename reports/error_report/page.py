@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.predict import Prediction
+from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common import formatting
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.common.templates_environment import html_page
@@ -31,8 +32,12 @@ from xfrustum.reports.scene_check.page_section import scene_fit
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.plate.double_frustum import Cull
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
+
+SPARSE_FRACTION = 0.002
+"""Share of judged pixels below which marks get halos, as in `report.js`: one pixel in 22 by 22."""
 
 _CERTAINTY_WORDS = {
     Certainty.PROVEN: "proven in floating point",
@@ -57,6 +62,23 @@ class PageRow:
     times_s: StageTimes
     parts_s: StageParts
     pictures: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AloneFigure:
+    """Pixels that a tracer alone would have got wrong at an aperture; pictures as data addresses."""
+
+    title: str
+    color: str
+    wrong: int
+    judged: int
+    truth: str
+    marks: str
+
+    @property
+    def sparse(self) -> bool:
+        """Whether the marks need halos to be seen."""
+        return self.wrong < SPARSE_FRACTION * self.judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +146,9 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "settings_count": len({row.settings for row in sweep.rows}),
         "rows": sweep.rows,
         "certainty": _certainty_table(sweep),
+        "decided_by": sweep.decided_by,
+        "certified": sweep.decided_by == CERTIFIED,
+        "alone": _alone_figures(sweep),
         "versions": sweep.versions,
         "devices": sweep.devices,
         "reduction": sweep.reduction,
@@ -227,9 +252,13 @@ def _keep(encoded: bytes, pictures: dict[str, str]) -> str:
     """Store a picture once, however many settings share it, and return its key."""
     key = hashlib.sha256(encoded).hexdigest()[:16]
     if key not in pictures:
-        text = base64.b64encode(encoded).decode()
-        pictures[key] = f"data:{images.media_type(encoded)};base64,{text}"
+        pictures[key] = _address(encoded)
     return key
+
+
+def _address(encoded: bytes) -> str:
+    """Return a picture as a data address."""
+    return f"data:{images.media_type(encoded)};base64,{base64.b64encode(encoded).decode()}"
 
 
 def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
@@ -240,8 +269,34 @@ def _certainty_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
             (words, [first[aperture].get(kind.name.lower(), 0) for aperture in sweep.apertures])
             for kind, words in _CERTAINTY_WORDS.items()
         ),
-        ("would have been wrong by Embree alone", [numbers.embree for numbers in sweep.alone]),
-        ("would have been wrong by Mitsuba alone", [numbers.mitsuba for numbers in sweep.alone]),
+        *_alone_table(sweep),
+    ]
+
+
+def _alone_table(sweep: Sweep) -> list[tuple[str, list[int]]]:
+    """Return one line per tracer; none where the truths are not certified."""
+    if not sweep.alone:
+        return []
+    return [
+        ("would have been wrong by Embree alone", [alone.numbers.embree for alone in sweep.alone]),
+        ("would have been wrong by Mitsuba alone", [alone.numbers.mitsuba for alone in sweep.alone]),
+    ]
+
+
+def _alone_figures(sweep: Sweep) -> list[AloneFigure]:
+    """Return a figure for each aperture and tracer that would have got pixels wrong alone."""
+    return [
+        AloneFigure(
+            title=f"{name.capitalize()} alone, aperture {aperture.column},{aperture.row}",
+            color=images.ALONE_COLORS[name],
+            wrong=getattr(alone.numbers, name),
+            judged=alone.numbers.judged,
+            truth=_address(alone.pictures["truth"]),
+            marks=_address(alone.pictures[name]),
+        )
+        for aperture, alone in zip(sweep.apertures, sweep.alone, strict=False)
+        for name in images.ALONE_COLORS
+        if name in alone.pictures
     ]
 
 
@@ -251,7 +306,8 @@ def _frustum_words(sweep: Sweep) -> str:
     toward, behind = frustum.reach
     kind = "recentered" if frustum.recentered else "centered"
     units = sweep.scene.units
+    culled = "" if sweep.rows[0].settings.cull is Cull.NONE else ", faces turned away from the viewer culled"
     return (
         f"{kind} frustum, {width} x {height} pixels, "
-        f"reaching {toward:g} {units} toward the viewer and {behind:g} {units} behind the plate"
+        f"reaching {toward:g} {units} toward the viewer and {behind:g} {units} behind the plate{culled}"
     )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.reference.plain import CERTIFIED, Decision
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
@@ -29,7 +30,7 @@ from xfrustum.reports.measurements.best import Recommendation, best_setting, sen
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Fit, Offset, Pivot
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Fit, Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -89,6 +90,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     slabs: Sequence[tuple[float, ...]] | None = None,
     tracer: str = "embree",
     effects: str = "auto",
+    cull: Cull = Cull.NONE,
+    decided_by: str = CERTIFIED,
     progress: bool = False,
 ) -> ReportFiles:
     """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
@@ -105,7 +108,12 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     pivots, fits, offsets, slabs
         Camera geometries, every combination of which is measured; see `geometry_grid`.
     tracer, effects
-        Reference that traces the truth, and effects that are simulated, as `--effects` takes them.
+        Reference that traces the truth, and effects that are simulated, as `--effects` takes them: `auto`,
+        `all`, or names between commas.
+    cull
+        Faces that all settings leave out.
+    decided_by
+        What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
     progress
         Show a progress bar on standard error.
 
@@ -119,15 +127,24 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     if not settings or not apertures:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, apertures)
+    settings = tuple(replace(one, cull=cull) for one in settings)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
-        measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
+        decision = Decision(by=decided_by, tracer=tracer)
+        measured = sweep(scene, apertures, settings, decision=decision, effects=effects, progress=progress)
         measured, shading = _with_light(measured, settings, effects, progress)
         record = _write(staging.folder, measured, shading)
         staging.commit()
+    return _report_files(staging.out, measured, shading, record)
+
+
+def _report_files(
+    folder: Path, measured: Sweep, shading: ShadingReport | None, record: ReportRecord
+) -> ReportFiles:
+    scene = measured.scene
     return ReportFiles(
-        html=staging.out / FILES[0],
-        json=staging.out / FILES[1],
-        parquet=staging.out / FILES[2],
+        html=folder / FILES[0],
+        json=folder / FILES[1],
+        parquet=folder / FILES[2],
         best=best_setting(measured.rows),
         sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
         content=json_object(record),

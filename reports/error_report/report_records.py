@@ -67,6 +67,7 @@ class PredictedSurface:
     snapped: float
     depth: float
     outside: float
+    culled: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +107,7 @@ class TableRow:
     scene_source: str
     scene_hash: str
     units: str
+    decided_by: str
     versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
     devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
 
@@ -129,6 +131,7 @@ class ReportRecord:
     best_per_geometry: tuple[BestRecord, ...]
     rows: tuple[ReportRow, ...]
     tracers_alone: tuple[AloneRecord, ...]
+    decided_by: str
     versions: Mapping[str, str]
     devices: Mapping[str, str]
     times_s: Mapping[str, float]

@@ -11,12 +11,11 @@ import numpy as np
 
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference
-from xfrustum.reference.alone import AloneNumbers
+from xfrustum.reference.plain import CERTIFIED_DECISION, Decision, open_reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.geometry import CameraGeometry
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.timing import Stopwatch
+from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S, MeasuredSetting, SettingMeasurer
 from xfrustum.reports.measurements.measurement import (
     Measurement,
@@ -24,6 +23,7 @@ from xfrustum.reports.measurements.measurement import (
     SettingPictures,
     StageParts,
     Sweep,
+    TracersAlonePictured,
 )
 from xfrustum.scenes.model.effects import Effect, chosen
 from xfrustum.scenes.model.scene import Scene
@@ -81,7 +81,7 @@ def sweep(
     apertures: Sequence[Aperture],
     settings: Sequence[DoubleFrustum],
     *,
-    tracer: str = "embree",
+    decision: Decision = CERTIFIED_DECISION,
     effects: str = "auto",
     progress: bool = False,
 ) -> Sweep:
@@ -93,8 +93,8 @@ def sweep(
     ----------
     apertures, settings
         At least one aperture and one setting.
-    tracer
-        Reference that traces the truth.
+    decision
+        What decides the truths.
     effects
         Effects that are simulated, as `--effects` takes them.
     progress
@@ -107,18 +107,14 @@ def sweep(
     """
     watch, begun = Stopwatch(), time.perf_counter()
     with watch.stage("prepare"):
-        reference = Reference(scene, tracer=tracer, effects=_simulated(scene, effects))
+        reference = open_reference(scene, decision, _simulated(scene, effects))
         rasterizer = Rasterizer(scene, effects=_simulated(scene, effects))
     reduction = _reduction(scene.frustum, len(apertures) * len(settings))
     measurer = SettingMeasurer(scene, reference, rasterizer, reduction)
     with rasterizer:
         measured = _run(measurer, apertures, settings, watch, progress)
         with watch.stage("repeat"):
-            # No longer than the measurement itself.
-            budget_s = min(REPEAT_BUDGET_S, time.perf_counter() - begun)
-            kept = _within_tolerance(measured.rows)
-            first = [row for row in measured.rows if row.aperture == apertures[0] and row.settings in kept]
-            frames = measurer.repeat(first, budget_s)
+            frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
     opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
     wall_s = time.perf_counter() - begun
     return Sweep(
@@ -128,6 +124,7 @@ def sweep(
         pictures=tuple(measured.pictures),
         truths=tuple(measured.truths),
         alone=tuple(measured.alone),
+        decided_by=reference.decided_by,
         reduction=reduction,
         versions={**provenance.versions(), **reference.versions},
         devices={**provenance.machine(), **opengl},
@@ -153,7 +150,16 @@ class _Measured:
     rows: list[Measurement]
     pictures: list[SettingPictures]
     truths: list[bytes]
-    alone: list[AloneNumbers]
+    alone: list[TracersAlonePictured]
+
+
+def _repeated(
+    measurer: SettingMeasurer, rows: Sequence[Measurement], measured_s: float
+) -> dict[DoubleFrustum, Timing]:
+    """Time what keeps the tolerance again, at the first aperture, for no longer than it was measured."""
+    kept = _within_tolerance(rows)
+    first = [row for row in rows if row.aperture == rows[0].aperture and row.settings in kept]
+    return measurer.repeat(first, min(REPEAT_BUDGET_S, measured_s))
 
 
 def _within_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
@@ -182,7 +188,7 @@ def _run(
             bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
             traced = measurer.trace(aperture, watch)
             measured.truths.append(traced.picture)
-            measured.alone.append(traced.alone)
+            measured.alone.extend([traced.alone] if traced.alone else [])
             bar.update()
             found: dict[DoubleFrustum, MeasuredSetting] = {}
             for some in measurer.measure(traced, _batches(settings, measurer.batch_size), watch):

@@ -55,9 +55,11 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
             for row in sweep.rows
         ),
         tracers_alone=tuple(
-            AloneRecord(aperture=aperture.index, numbers=numbers)
-            for aperture, numbers in zip(sweep.apertures, sweep.alone, strict=True)
+            AloneRecord(aperture=aperture.index, numbers=alone.numbers)
+            # Where a tracer alone made the truths, there is nothing to compare it with.
+            for aperture, alone in zip(sweep.apertures, sweep.alone, strict=False)
         ),
+        decided_by=sweep.decided_by,
         versions=sweep.versions,
         devices=sweep.devices,
         times_s=sweep.times_s,
@@ -80,6 +82,7 @@ def measurement_table(sweep: Sweep) -> pa.Table:
             scene_source=scene.source,
             scene_hash=scene.content_hash,
             units=scene.units,
+            decided_by=sweep.decided_by,
             versions=sweep.versions,
             devices=sweep.devices,
         )
@@ -113,6 +116,7 @@ def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
             snapped=predicted.snapped,
             depth=predicted.depth,
             outside=predicted.outside,
+            culled=predicted.culled,
         ),
         smallest_separation=predicted.separation,
         measured_over_predicted=row.measured_over_predicted,

@@ -12,6 +12,7 @@ from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reference.alone import AloneNumbers
+from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
 from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes.model.scene import Scene
@@ -166,6 +167,23 @@ class SettingPictures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TracersAlonePictured:
+    """What ray tracers alone would have got wrong of one truth.
+
+    Attributes
+    ----------
+    numbers
+        How many pixels.
+    pictures
+        Encoded marks of these pixels, by the tracer's name, and as `truth` of all surfaces; empty where
+        no pixel would be wrong.
+    """
+
+    numbers: AloneNumbers
+    pictures: Mapping[str, bytes]
+
+
+@dataclass(frozen=True, kw_only=True)
 class SweepCost:
     """What measuring took beside what it cannot do without: its frames with read-back and its truths.
 
@@ -206,7 +224,10 @@ class Sweep:
     truths
         Encoded picture of the truth, per aperture.
     alone
-        How many pixels each ray tracer alone would have got wrong, per aperture.
+        What each ray tracer alone would have got wrong, per aperture; empty where a tracer alone made the
+        truths.
+    decided_by
+        What decided the truths; see `reference.plain.DECISIONS`.
     reduction
         Image pixels per picture pixel, along each side.
     versions, devices
@@ -228,7 +249,8 @@ class Sweep:
     rows: tuple[Measurement, ...]
     pictures: tuple[SettingPictures, ...]
     truths: tuple[bytes, ...]
-    alone: tuple[AloneNumbers, ...]
+    alone: tuple[TracersAlonePictured, ...]
+    decided_by: str
     reduction: int
     versions: Mapping[str, str]
     devices: Mapping[str, str]
@@ -274,7 +296,12 @@ class Sweep:
         """The price of measuring in words."""
         cost = self.cost
         frames = "a raster frame" if len(self.rows) == 1 else f"{len(self.rows)} raster frames"
-        truths = "the certified truth" if len(self.truths) == 1 else f"{len(self.truths)} certified truths"
+        count = len(self.truths)
+        if self.decided_by == CERTIFIED:
+            truths = "the certified truth" if count == 1 else f"{count} certified truths"
+        else:
+            traced = "the picture" if count == 1 else f"{count} pictures"
+            truths = f"{traced} by {self.decided_by} alone"
         besides = [f"the page's pictures {cost.pictures_s:.2f} s"]
         for stage, words in (("repeat", "frames drawn again for their time"), ("light", "light")):
             if stage in self.times_s:

@@ -113,6 +113,7 @@ function predictions(row) {
     part("from outside the film", p.outside),
     part("edges snapped to subpixels", p.snapped),
     part("depth out of order, or lost", p.depth),
+    ...(p.culled ? [part("faces culled", p.culled)] : []),
     beside("smallest separation in order, farthest surface of C", apart(p.separation.c), "", ""),
     beside("smallest separation in order, farthest surface of C*", apart(p.separation.c_star), "", ""),
   ]);

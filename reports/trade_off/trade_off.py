@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.geometry import CameraGeometry
 from xfrustum.reports.common.json_ready import INLINED
@@ -322,7 +323,7 @@ def _milliseconds(low: float, high: float) -> str:
 
 
 def options_of(sweep: Sweep) -> list[Option]:
-    """Return the settings of a sweep as options, and the certified truth.
+    """Return the settings of a sweep as options, and what it took for the truth.
 
     Errors are those of the worst aperture, times those of the first: other apertures show other pictures.
     """
@@ -346,7 +347,7 @@ def options_of(sweep: Sweep) -> list[Option]:
             gpu_s=Timing.of([rows[0].parts_s.raster.gpu]),
         )
         for label, rows in grouped.items()
-    ] + [certified(Timing.of([first.times_s.trace]))]
+    ] + [_truth(sweep.decided_by, Timing.of([first.times_s.trace]))]
 
 
 def recommended_of(sweep: Sweep, options: Sequence[Option]) -> Option:
@@ -376,6 +377,16 @@ def _with_geometry(label: str, settings: DoubleFrustum) -> str:
 def near_label(near: float, units: str, reach: float, depth: str) -> str:
     """Return the words for a near plane with a depth buffer."""
     return f"raster, near {digits(near)} {units} ({digits(near / reach)} of the reach) with {depth} depth"
+
+
+def _truth(decided_by: str, time_s: Timing) -> Option:
+    """Return what a sweep took for the truth: the certified one, or a tracer's own picture."""
+    truth = certified(time_s)
+    if decided_by == CERTIFIED:
+        return truth
+    words = f"{decided_by} alone, not examined"
+    configuration = CertifiedConfiguration(certified=False)
+    return replace(truth, renderer=decided_by, label=words, family=words, configuration=configuration)
 
 
 def certified(time_s: Timing) -> Option:

@@ -81,6 +81,17 @@ class Camera(StrEnum):
     C_STAR = "c-star"
 
 
+class Cull(StrEnum):
+    """The faces that are left out: none, or those that are turned away from the viewer.
+
+    `BACK` leaves out back faces as C sees them, and front faces as C* does, which looks back at the viewer
+    (paper, section 3). It changes no picture of closed bodies that lie off the plate and within the reach.
+    """
+
+    NONE = "none"
+    BACK = "back"
+
+
 @dataclass(frozen=True, kw_only=True)
 class DoubleFrustum:
     """One way to draw the two cameras C and C*.
@@ -102,6 +113,8 @@ class DoubleFrustum:
     slabs
         Heights |z| at which both frusta are cut, ascending. Every slab but the first has a near
         plane of its own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
+    cull
+        Faces that are left out, by the winding of their corners.
 
     Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`.
 
@@ -119,6 +132,7 @@ class DoubleFrustum:
     offset: Offset = Offset.PLATE
     fit: Fit | float | None = None
     slabs: tuple[float, ...] = ()
+    cull: Cull = Cull.NONE
 
     def __post_init__(self) -> None:
         near, slabs = real(self.near), reals(self.slabs)
@@ -141,6 +155,7 @@ class DoubleFrustum:
             camera=choice(Camera, self.camera, "camera"),
             pivot=choice(Pivot, self.pivot, "pivot"),
             offset=choice(Offset, self.offset, "offset"),
+            cull=choice(Cull, self.cull, "cull"),
         )
 
     def check_against(self, frustum: Frustum) -> None:

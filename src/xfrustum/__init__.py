@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from xfrustum.scenes import (
         Aperture,
         Camera,
+        Cull,
         DepthFormat,
         DepthMapping,
         DoubleFrustum,
@@ -75,6 +76,7 @@ __all__ = [
     "Camera",
     "Comparison",
     "CostReport",
+    "Cull",
     "DepthFormat",
     "DepthMapping",
     "DoubleFrustum",

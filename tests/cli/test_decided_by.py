@@ -1,16 +1,26 @@
-"""`trace --decided-by`: the tracers' own pictures, and what they alone would have got wrong."""
+"""`--decided-by`: tracers' own pictures, what they alone would have got wrong, and reports against them."""
 
 from __future__ import annotations
 
+import base64
+import io
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
+from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.reference import TRACERS, Reference
-from xfrustum.scenes import Certainty, open_scene
+from xfrustum.reference.plain import Decision, PlainReference, open_reference
+from xfrustum.scenes import Certainty, Cull, DoubleFrustum, InputError, open_scene
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.files.openexr.images import read_image
 
 HARD = "hard/nearly-coincident"
@@ -63,3 +73,108 @@ def test_a_second_opinion_is_not_asked_of_another_tracer(
     assert main(arguments) == 2
     assert "--decided-by embree" in capsys.readouterr().err
     assert not out.exists()
+
+
+REPORT = ["report", HARD, "--near", "0.01", "--depth", "d32f:reversed", "--apertures", "2,2", "--quiet"]
+
+
+def reported(folder: Path, *options: str) -> tuple[dict[str, Any], str]:
+    """Return report.json and the page of a report on the hard case."""
+    assert main([*REPORT, "--out", str(folder), *options]) == 0
+    return json.loads((folder / "report.json").read_text()), (folder / "index.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def certified(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str]:
+    return reported(tmp_path_factory.mktemp("certified") / "report")
+
+
+def test_a_report_counts_and_shows_what_tracers_alone_would_have_got_wrong(
+    certified: tuple[dict[str, Any], str],
+) -> None:
+    """Embree's arithmetic confuses the two surfaces; Mitsuba's, here, does not."""
+    content, page = certified
+    (alone,) = content["tracers_alone"]
+    scene = open_scene(HARD)
+    truth = Reference(scene).trace(scene.plate.middle)
+    proposed = Reference(scene, tracer="embree").propose(scene.plate.middle)
+    assert alone["embree"] == (proposed.triangle != truth.triangle).sum() > 100
+    assert alone["mitsuba"] == 0
+    assert content["decided_by"] == "certified"
+    assert "<b>Embree alone, aperture 2,2</b>" in page and "<b>Mitsuba alone" not in page
+    assert f"{alone['embree']:,} of {alone['judged']:,}</em>" in page
+    assert "Not examined" not in page
+
+
+def test_the_picture_marks_the_pixels_that_a_tracer_would_have_got_wrong(
+    certified: tuple[dict[str, Any], str],
+) -> None:
+    _, page = certified
+    marks = re.search(r'src="data:image/png;base64,([^"]*)" alt="pixels that this tracer alone', page)
+    assert marks is not None
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(marks[1]))))
+    scene = open_scene(HARD)
+    truth = Reference(scene).trace(scene.plate.middle)
+    proposed = Reference(scene, tracer="embree").propose(scene.plate.middle)
+    np.testing.assert_array_equal(picture > 0, proposed.triangle != truth.triangle)
+
+
+def test_where_no_tracer_errs_the_report_says_so(tmp_path: Path) -> None:
+    arguments = ["report", "empty", "--near", "1", "--depth", "d24", "--quiet", "--out", str(tmp_path / "r")]
+    assert main(arguments) == 0
+    page = (tmp_path / "r" / "index.html").read_text()
+    assert "no pixel that Embree alone or Mitsuba alone, in single precision, would have got wrong" in page
+
+
+def test_a_report_against_a_plain_tracer_says_so_at_the_top(
+    certified: tuple[dict[str, Any], str], tmp_path: Path
+) -> None:
+    """Against Embree's own picture the raster is nearly right, for both confuse the surfaces alike."""
+    content, page = reported(tmp_path / "report", "--decided-by", "embree")
+    assert content["decided_by"] == "embree"
+    assert content["tracers_alone"] == []
+    (row,) = content["rows"]
+    assert row["comparison"]["certainty"]["unexamined"] == row["comparison"]["pixels"]
+    assert page.index("<b>Not examined.</b>") < page.index("Recommendation")
+    assert "what Embree shows alone" in page
+    assert "alone would have got wrong" not in page
+    (right,) = certified[0]["rows"]
+    assert row["comparison"]["triangle"]["wrong"] != right["comparison"]["triangle"]["wrong"]
+    for kind in ("surface", "triangle"):
+        assert sum(cause[kind] for cause in row["causes"]) == row["comparison"][kind]["wrong"]
+    (flat,) = pq.read_table(tmp_path / "report" / "measurements.parquet").to_pylist()
+    assert flat["decided_by"] == "embree"
+    assert "Embree alone, not examined".lower() in page.lower()
+
+
+def test_offset_cameras_of_a_plain_tracer_are_those_of_the_certified_ones() -> None:
+    """Off the edges, where nothing is hard, a tracer in single precision shows what is true."""
+    scene = view("asymmetric-recentered", (48, 36))
+    settings = DoubleFrustum(near=0.5, slabs=(15.0,))
+    certified = Reference(scene).trace_model(scene.plate.middle, settings)
+    plain = PlainReference(scene, "mitsuba").trace_model(scene.plate.middle, settings)
+    assert plain.certainty is not None and (plain.certainty == Certainty.UNEXAMINED).all()
+    same = plain.triangle == certified.triangle
+    assert same.mean() > 0.99 and certified.covered.mean() > 0.1
+    apart = np.abs(plain.position - certified.position)[same & certified.covered]
+    assert apart.max() < 1e-9
+
+
+def test_a_plain_tracer_neither_culls_nor_averages() -> None:
+    scene = view("asymmetric", (8, 8))
+    with pytest.raises(InputError, match="several samples a pixel"):
+        PlainReference(replace(scene, sampling=Sampling(supersample=2)))
+    with pytest.raises(InputError, match="culls no faces"):
+        PlainReference(scene).trace_model(scene.plate.middle, DoubleFrustum(near=1.0, cull=Cull.BACK))
+    with pytest.raises(InputError, match="must be one of certified, embree, mitsuba"):
+        Decision(by="povray")
+    assert type(open_reference(scene, Decision(tracer="mitsuba"))) is Reference
+
+
+def test_a_report_asks_no_second_opinion_beside_a_plain_tracer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--decided-by", "mitsuba", "--tracer", "embree", "--out", str(tmp_path / "report")]
+    assert main([*REPORT, *options]) == 2
+    assert "--decided-by mitsuba" in capsys.readouterr().err
+    assert not (tmp_path / "report").exists()

@@ -34,6 +34,7 @@ from xfrustum.cli.streams import printable_output, say
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
     from xfrustum.scenes.plate.double_frustum import (
+        Cull,
         DepthFormat,
         DepthMapping,
         DoubleFrustum,
@@ -83,6 +84,15 @@ def cli(
             context.with_resource(input_files.largest_plate(max_hogels))
 
 
+_decided_by_option = click.option(
+    "--decided-by",
+    type=click.Choice(["certified", "embree", "mitsuba"]),
+    default="certified",
+    show_default=True,
+    help="Certified truth, or a tracer's own picture, of which nothing is examined.",
+)
+
+
 @cli.command()
 @options.scene_argument
 @click.option(
@@ -125,7 +135,9 @@ def cli(
     type=options.CutLists(),
     help="Heights |z| at which both frusta are cut, such as '15,40;20;none'.  [default: none]",
 )
+@click.option("--cull", type=options.Name("Cull"), default="none", help="Faces left out.  [default: none]")
 @options.tracer_option
+@_decided_by_option
 @cli_light.light_options(*cli_light.ALL)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
 @options.quiet_option
@@ -140,7 +152,9 @@ def report(
     fits: tuple[Fit | float, ...] | None,
     offsets: tuple[Offset, ...] | None,
     slabs: tuple[tuple[float, ...], ...] | None,
+    cull: Cull,
     tracer: str,
+    decided_by: str,
     light: Light,
     out: Path | None,
     quiet: bool,
@@ -153,6 +167,7 @@ def report(
     """
     from xfrustum.reports.error_report.report import make_report
 
+    _check_no_other_tracer(tracer if options.is_given("tracer") else None, decided_by)
     opened = light.applied(options.open_scene(scene))
     chosen = (
         opened.default_apertures()
@@ -172,6 +187,8 @@ def report(
         slabs=slabs,
         tracer=tracer,
         effects=light.effects,
+        cull=cull,
+        decided_by=decided_by,
         progress=not quiet,
     )
     options.tell(
@@ -184,17 +201,19 @@ def report(
     )
 
 
+def _check_no_other_tracer(tracer: str | None, decided_by: str) -> None:
+    """Refuse a tracer for second opinions where another one decides alone."""
+    if decided_by != "certified" and tracer not in (None, decided_by):
+        raise click.UsageError(
+            f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} asks for none"
+        )
+
+
 @cli.command()
 @options.scene_argument
 @options.aperture_option
 @options.free_tracer_option
-@click.option(
-    "--decided-by",
-    type=click.Choice(["certified", "embree", "mitsuba"]),
-    default="certified",
-    show_default=True,
-    help="Certified truth, or a tracer's own picture, of which nothing is examined.",
-)
+@_decided_by_option
 @cli_light.light_options(*cli_light.REFERENCE)
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="EXR file, NAME.exr.")
 @options.quiet_option
@@ -229,10 +248,7 @@ def trace(
     options.look_at(opened, [chosen], black_is_right=True)
     effects = light.chosen(opened, (chosen,))
     if decided_by != "certified":
-        if tracer not in (None, decided_by):
-            raise click.UsageError(
-                f"--tracer {tracer} gives a second opinion, and --decided-by {decided_by} asks for none"
-            )
+        _check_no_other_tracer(tracer, decided_by)
         record = trace_alone(Reference(opened, tracer=decided_by, effects=effects), chosen, out)
         if as_json:
             options.print_json(json_object(record))

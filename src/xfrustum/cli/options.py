@@ -224,6 +224,7 @@ _SETTINGS = (
     click.option("--offset", type=Name("Offset"), help="Whether cameras step back.  [default: plate]"),
     click.option("--slabs", type=Numbers(), help="Heights |z| at which both frusta are cut."),
     click.option("--camera", type=Name("Camera"), help="Which cameras draw.  [default: both]"),
+    click.option("--cull", type=Name("Cull"), help="Faces left out, by winding.  [default: none]"),
 )
 
 
@@ -274,6 +275,13 @@ def chosen_aperture(scene: Scene, index: tuple[int, int] | None) -> Aperture:
         The index lies outside the plate.
     """
     return scene.plate.middle if index is None else scene.plate.aperture(*index)
+
+
+def is_given(parameter: str) -> bool:
+    """Return whether the current command's parameter of that name was given, and has not its default."""
+    from click.core import ParameterSource
+
+    return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
 
 
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:

@@ -43,7 +43,7 @@ CONTRACT = {
     "judged": int,
     "covered": int,
     "at_plate": int,
-    "surface": {"wrong": int, "fraction": float, "outside": int},
+    "surface": {"wrong": int, "fraction": float, "outside": int, "culled": type(None)},
     "triangle": {"wrong": int, "fraction": float},
     "displacement_px": {"rms": float, "p50": float, "p95": float, "p99": float, "max": float},
     "height": {"rms": float, "max": float},
@@ -265,7 +265,7 @@ def test_nothing_judged_is_no_division_by_zero(asymmetric: Case) -> None:
     all_tied = replace(asymmetric.truth, certainty=np.full_like(asymmetric.truth.certainty, Certainty.TIE))
     summary = compare_images(all_tied, asymmetric.drawn, asymmetric.reference).summary()
     assert summary["judged"] == 0
-    assert summary["surface"] == {"wrong": 0, "fraction": 0.0, "outside": 0}
+    assert summary["surface"] == {"wrong": 0, "fraction": 0.0, "outside": 0, "culled": None}
     assert summary["triangle"] == {"wrong": 0, "fraction": 0.0}
     assert summary["height"] is None
 

@@ -25,6 +25,7 @@ from xfrustum.raster.plate.submissions import MAX_HOGELS
 from xfrustum.scenes import (
     Aperture,
     Camera,
+    Cull,
     DepthFormat,
     DepthMapping,
     DoubleFrustum,
@@ -48,6 +49,7 @@ OPTIONS = [
     DoubleFrustum(near=2.0, offset=Offset.NONE),
     DoubleFrustum(near=1e-6, camera=Camera.C),
 ]
+CULLED = [DoubleFrustum(near=0.3, cull=Cull.BACK), DoubleFrustum(near=0.3, slabs=(20.0,), cull=Cull.BACK)]
 
 
 def some_apertures(scene: Scene) -> list[Aperture]:
@@ -90,6 +92,17 @@ def test_every_depth_buffer_decides_as_for_a_single_hogel(depth: DepthFormat, ma
 def test_slabs_pivots_fits_and_single_cameras_are_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
     scene = view(name, (48, 36))
     assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
+
+
+@pytest.mark.parametrize("name", ["crossing", "large-triangles"])
+@pytest.mark.parametrize("chosen", CULLED, ids=["whole", "slabs"])
+def test_faces_are_culled_alike(name: str, chosen: DoubleFrustum) -> None:
+    assert same_as_one_by_one(view(name, (48, 36)), chosen, some_apertures(view(name, (48, 36)))) > 0.05
+
+
+def test_culled_mirrors_reflect_alike() -> None:
+    scene = dressed_scene("asymmetric", (48, 36))
+    assert same_as_one_by_one(scene, CULLED[0], some_apertures(scene), ALL_EFFECTS) > 0.05
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,7 @@ def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
         scene_source="scene.toml",
         scene_hash="0",
         units="mm",
+        decided_by="certified",
         versions={"numpy": "2", "scikit-image": "1"},
         devices={"OpenGL vendor": "somebody"},
     )

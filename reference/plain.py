@@ -1,0 +1,127 @@
+"""What a ray tracer in single precision shows alone, in the place of the truth; nothing of it is examined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from xfrustum.reference.averages import averages
+from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
+from xfrustum.reference.tracers.proposals import uncertified
+from xfrustum.reference.truth import TRACERS, Reference
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+CERTIFIED = "certified"
+"""Name of the decision that is proven for every pixel."""
+
+DECISIONS = (CERTIFIED, *TRACERS)
+"""Names of what can decide which surface a pixel shows."""
+
+
+class PlainReference(Reference):
+    """A ray tracer of a scene, whose own pictures stand for the true ones.
+
+    Parameters are those of `Reference`; `tracer` is the one that decides.
+
+    Raises
+    ------
+    InputError
+        The scene asks for several samples a pixel, which are taken along certified lines alone.
+    """
+
+    def __init__(
+        self, scene: Scene, tracer: str = "embree", effects: frozenset[Effect] | None = None
+    ) -> None:
+        super().__init__(scene, tracer, effects)
+        if averages(scene.sampling):
+            raise InputError(
+                f"{scene.name}: asks for several samples a pixel, and {tracer} alone shows one; say "
+                "--supersample 1 --multisample 1 --aperture-samples 1, or --decided-by certified"
+            )
+
+    @property
+    def decided_by(self) -> str:
+        """Name of the tracer."""
+        return self.tracer_name
+
+    def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
+        """Return what the tracer shows of an aperture; only one sample a pixel is taken."""
+        image = self.propose(aperture)
+        camera = replace(image.camera, renderer=f"{self.tracer_name} alone, nothing certified")
+        return replace(image, camera=camera, rendering=self.rendering(sampling))
+
+    def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
+        """Return what the tracer shows along the lines of the cameras of these settings.
+
+        Raises
+        ------
+        InputError
+            The settings cull faces: the tracer has all of them.
+        """
+        settings.check_against(self.scene.frustum)
+        if settings.cull is not Cull.NONE:
+            raise InputError(
+                f"{self.tracer_name} alone culls no faces: leave out --cull, or say --decided-by certified"
+            )
+        rows = range(crossed_frustum(self.scene.frustum, aperture).resolution[1])
+        cameras = model_cameras(self.scene.frustum, aperture, settings)
+        layers = [
+            (camera.pencil, uncertified(self.tracer, self.scene, camera.pencil, rows)) for camera in cameras
+        ]
+        return self._pictures.image(aperture, rows, layers, settings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What decides which surface a pixel of the truth shows.
+
+    Attributes
+    ----------
+    by
+        One of `DECISIONS`.
+    tracer
+        Tracer that gives the certified truth a second opinion.
+
+    Raises
+    ------
+    InputError
+        Nothing of that name decides.
+    """
+
+    by: str = CERTIFIED
+    tracer: str = "embree"
+
+    def __post_init__(self) -> None:
+        if self.by not in DECISIONS:
+            raise InputError(f"decided by must be one of {', '.join(DECISIONS)}, not {self.by!r}")
+
+
+CERTIFIED_DECISION = Decision()
+"""The decision that is proven for every pixel, with Embree's second opinion."""
+
+
+def open_reference(scene: Scene, decision: Decision, effects: frozenset[Effect] | None = None) -> Reference:
+    """Return the certified truth of a scene, or what a tracer shows alone.
+
+    Parameters
+    ----------
+    scene
+        Scene that is asked about.
+    decision
+        What decides.
+    effects
+        Effects of light that are evaluated; None for those that the scene calls for.
+
+    Raises
+    ------
+    InputError
+        There is no such tracer, or it cannot decide about this scene alone.
+    """
+    if decision.by == CERTIFIED:
+        return Reference(scene, tracer=decision.tracer, effects=effects)
+    return PlainReference(scene, decision.by, effects)

@@ -1,0 +1,137 @@
+"""Culling as the paper has it: C leaves out back faces, C* front faces, so that the viewer sees the same."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.views import lines_by_definition, reversed_d32f, soup, view
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import Cull, DoubleFrustum, Frustum, InputError, Scene
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
+from xfrustum.scenes.files.openexr.channels import CAMERA_JSON
+from xfrustum.scenes.files.openexr.images import read_image
+
+REACH = 40.0
+FRUSTUM = Frustum(resolution=(64, 48), reach=(REACH, REACH), fov=(radians(60), radians(50)))
+NEAR = 1e-7 * REACH
+"""Near offset that displaces nothing on this film by more than 1e-4 px."""
+
+
+def culled(near: float) -> DoubleFrustum:
+    return replace(reversed_d32f(near), cull=Cull.BACK)
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered", "car"])
+@pytest.mark.parametrize("near_per_reach", [1e-6, 0.02])
+def test_culling_changes_no_pixel_of_closed_bodies_on_either_side(name: str, near_per_reach: float) -> None:
+    scene = view(name, (96, 72))
+    near, aperture = near_per_reach * scene.frustum.longest_reach, scene.default_apertures()[-1]
+    with Rasterizer(scene) as rasterizer:
+        whole = rasterizer.render(aperture, reversed_d32f(near))
+        drawn = rasterizer.render(aperture, culled(near))
+    np.testing.assert_array_equal(drawn.triangle, whole.triangle)
+    np.testing.assert_array_equal(drawn.color, whole.color)
+    for side in (whole.height < 0, whole.height > 0):
+        assert side.any()
+
+
+def sheet(z: float, size: float, *, to_viewer: bool, shift: float = 0.0) -> Floats:
+    """Return two triangles of a square about the axis, whose front is turned to the viewer or away."""
+    corners = np.array(
+        [(-size + shift, -size), (size + shift, -size), (size + shift, size), (-size + shift, size)]
+    )
+    points = np.column_stack((corners, np.full(4, z)))
+    faces = points[[[0, 1, 2], [0, 2, 3]]]
+    return faces if to_viewer else faces[:, ::-1]
+
+
+def sheets(side: float) -> Scene:
+    """Return a sheet seen from behind, and one seen from the front: farther away, and half beside it."""
+    near_viewer, farther = (0.75 * REACH, 0.4 * REACH) if side > 0 else (-0.4 * REACH, -0.75 * REACH)
+    back = sheet(near_viewer, 4.1, to_viewer=False)
+    front = sheet(farther, 5.3, to_viewer=True, shift=5.0)
+    return soup(np.concatenate((back, front)), FRUSTUM)
+
+
+def shown_by(scene: Scene, faces: slice) -> Mask:
+    """Return the pixels whose lines meet the square of two faces, from its corners alone."""
+    corners = scene.triangles[faces].reshape(-1, 3)
+    lines = lines_by_definition(scene, scene.plate.middle)
+    middle = scene.plate.middle
+    points = np.array([middle.x, middle.y, 0.0]) - corners[0, 2] * lines
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    inside = (points[..., :2] > low[:2]) & (points[..., :2] < high[:2])
+    return np.asarray(inside.all(axis=-1))
+
+
+def squares(numbers: Numbers) -> Numbers:
+    """Return which square each pixel shows, 0 or 1; -1 where it shows none."""
+    return np.where(numbers < 0, -1, numbers // 2)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_sheet_seen_from_behind_is_lost_and_what_lies_behind_it_shows(side: float) -> None:
+    """Pixels become empty precisely where the truth shows a back and nothing lies behind it."""
+    scene = sheets(side)
+    aperture = scene.plate.middle
+    back, front = shown_by(scene, slice(0, 2)), shown_by(scene, slice(2, 4))
+    truth = Reference(scene).trace(aperture)
+    np.testing.assert_array_equal(squares(truth.triangle), np.where(back, 0, np.where(front, 1, -1)))
+    with Rasterizer(scene) as rasterizer:
+        whole = rasterizer.render(aperture, reversed_d32f(NEAR))
+        drawn = rasterizer.render(aperture, culled(NEAR))
+    np.testing.assert_array_equal(whole.triangle, truth.triangle)
+    lost = truth.covered & ~drawn.covered
+    np.testing.assert_array_equal(lost, back & ~front)
+    assert lost.sum() > 50 and (back & front).sum() > 50
+    np.testing.assert_array_equal(squares(drawn.triangle), np.where(front, 1, -1))
+
+
+@pytest.mark.parametrize("name", ["large-triangles", "crossing", "beetle"])
+def test_the_traced_cameras_cull_what_the_drawn_ones_cull(name: str) -> None:
+    """But for pixels at edges: where scenes are open, culling changes hundreds of pixels."""
+    scene = view(name, (96, 72))
+    settings = culled(1e-3 * scene.frustum.longest_reach)
+    aperture, reference = scene.plate.middle, Reference(scene)
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.render(aperture, settings, color=False)
+    model = reference.trace_model(aperture, settings)
+    whole = reference.trace_model(aperture, replace(settings, cull=Cull.NONE))
+    assert (model.triangle != whole.triangle).sum() > 500
+    assert (model.triangle != drawn.triangle).sum() < 30
+    assert (model.triangle[model.covered] == drawn.triangle[model.covered]).mean() > 0.99
+
+
+def test_culling_is_a_setting_that_images_carry(tmp_path: Path) -> None:
+    out = tmp_path / "a.exr"
+    command = ["raster", "large-triangles", "--near", "0.001", "--out", str(out)]
+    assert main([*command, "--cull", "back"]) == 0
+    settings = read_image(out).camera.settings
+    assert settings is not None and settings.cull is Cull.BACK
+    assert main(command) == 0
+    settings = read_image(out).camera.settings
+    assert settings is not None and settings.cull is Cull.NONE
+
+
+def test_cameras_written_before_there_was_culling_cull_nothing(tmp_path: Path) -> None:
+    scene = view("sheets", (8, 8))
+    with Rasterizer(scene) as rasterizer:
+        camera = rasterizer.render(scene.plate.middle, culled(1.0), color=False).camera
+    told = json.loads(CAMERA_JSON.dump_json(camera))
+    assert told["settings"].pop("cull") == "back"
+    settings = CAMERA_JSON.validate_json(json.dumps(told)).settings
+    assert settings == reversed_d32f(1.0)
+
+
+def test_only_known_faces_can_be_culled() -> None:
+    assert DoubleFrustum(near=1.0, cull="back").cull is Cull.BACK  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="cull"):
+        DoubleFrustum(near=1.0, cull="front")  # type: ignore[arg-type]
