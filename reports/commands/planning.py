@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 
 from scipy.stats import qmc
 
@@ -14,6 +15,7 @@ from xfrustum.compare.planning.plate import PlatePlanner
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.compare.scouting.sample import RandomSample
 from xfrustum.compare.scouting.scout import scout
 from xfrustum.reference import Reference
@@ -31,7 +33,7 @@ LINE_CHARACTERS = 100
 
 def make_plan(
     scene: Scene,
-    apertures: Sequence[Aperture] | None = None,
+    apertures: Sequence[Aperture] | AutoApertures | None = None,
     requirement: Requirement | None = None,
     choices: Sequence[DepthBuffer] | None = None,
     *,
@@ -63,10 +65,11 @@ def make_plan(
     one_of(requirement, Requirement, "requirement")
     if apertures is None:
         return _plate_plan(scene, requirement, choices, sample or RandomSample(), progress=progress)
-    chosen = list(apertures)
+    auto = apertures if isinstance(apertures, AutoApertures) else None
+    chosen = list(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
     require_seen(scene, chosen)
     with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
-        return plan(scene, chosen, requirement, choices, bar.update)
+        return replace(plan(scene, chosen, requirement, choices, bar.update), auto=auto)
 
 
 def _plate_plan(

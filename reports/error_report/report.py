@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
@@ -80,7 +81,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     out: Path | None = None,
     *,
     nears: Sequence[float] | None = None,
-    apertures: Sequence[Aperture] | None = None,
+    apertures: Sequence[Aperture] | AutoApertures | None = None,
     depths: Sequence[DepthBuffer] | None = None,
     tracer: str = "embree",
     effects: str = "auto",
@@ -95,7 +96,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     nears
         Near planes in scene units, each between 0 and the reach; 25 logarithmic ones where None.
     apertures
-        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
+        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners. With
+        those that `auto_apertures` chooses, the page has a map of the plate.
     depths
         Depth formats with mappings; `DEFAULT_DEPTHS` where None.
     tracer
@@ -111,17 +113,20 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         A near outside 0 to the reach, nothing to measure, none of the apertures sees anything of the
         objects, an unwritable folder, no OpenGL.
     """
-    apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
+    auto = apertures if isinstance(apertures, AutoApertures) else None
+    given = scene.default_apertures() if apertures is None else apertures
+    chosen = tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
     settings = _settings(scene, nears, depths)
-    if not settings or not apertures:
+    if not settings or not chosen:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
-    require_seen(scene, apertures)
+    require_seen(scene, chosen)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
-        measured = sweep(scene, apertures, settings, tracer=tracer, effects=effects, progress=progress)
+        measured = sweep(scene, chosen, settings, tracer=tracer, effects=effects, progress=progress)
         watch = Stopwatch()
         with watch.stage("light"):
-            shading = measure_shading(scene, apertures, settings, effects=effects, progress=progress)
+            shading = measure_shading(scene, chosen, settings, effects=effects, progress=progress)
         measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
+        measured = replace(measured, auto=auto)
         record = _write(staging.folder, measured, shading)
         staging.commit()
     return ReportFiles(

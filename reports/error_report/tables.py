@@ -24,6 +24,7 @@ from xfrustum.reports.error_report.report_records import (
 from xfrustum.reports.error_report.shading import ShadingReport
 from xfrustum.reports.measurements.best import Recommendation, best_per_depth, best_setting, sentence
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.reports.scouting.automatic import ScoutRecord
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_record import trade_off_record
 from xfrustum.scenes.model.scene import Scene
@@ -58,6 +59,7 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
         cost=sweep.cost,
         trade_off=trade_off_record(options, recommended=trade_off.recommended_of(sweep, options)),
         shading=shading.record if shading else None,
+        scout=ScoutRecord.of(sweep.auto) if sweep.auto else None,
     )
 
 

@@ -86,8 +86,8 @@ def cli(
 )
 @click.option(
     "--apertures",
-    type=options.Indices(),
-    help="Column,row of each.  [default: the middle; if recentered, also two corners]",
+    type=options.IndicesOrAuto(),
+    help="Column,row of each, or auto.  [default: the middle; if recentered, also two corners]",
 )
 @click.option(
     "--depth",
@@ -104,7 +104,7 @@ def report(
     *,
     scene: str,
     nears: tuple[float, ...] | None,
-    apertures: tuple[tuple[int, int], ...] | None,
+    apertures: tuple[tuple[int, int], ...] | str | None,
     depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
     tracer: str,
     light: Light,
@@ -114,17 +114,13 @@ def report(
 ) -> None:
     """Sweep near planes and depth formats; write index.html, report.json, measurements.parquet.
 
-    A recentered frustum is measured at two corners of the plate too.
+    A recentered frustum is measured at two corners of the plate too. With --apertures auto, a look through
+    hundreds of apertures chooses the worst ones, and the page has a map of the plate.
     """
     from xfrustum.reports.error_report.report import make_report
 
     opened = light.applied(options.open_scene(scene))
-    chosen = (
-        opened.default_apertures()
-        if apertures is None
-        else tuple(opened.plate.aperture(*index) for index in apertures)
-    )
-    options.look_at(opened, chosen)
+    chosen = options.several_or_auto(opened, apertures, quiet=quiet)
     files = make_report(
         opened,
         out,
