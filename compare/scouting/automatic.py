@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from xfrustum.compare.scouting.scout import Look, Scout
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import TOLERANCE_PX
 
 MAX_AUTO_APERTURES = 4
 """Largest number of apertures that `auto` takes: the middle one, and the worst one in each of three respects
@@ -90,10 +91,14 @@ def _worst(looks: Sequence[Look], units: str) -> list[tuple[Aperture, str]]:
     nearest = min(looks, key=lambda look: look.nearest)
     outlined = max(looks, key=lambda look: look.outline_widths)
     return [
-        (
-            displaced.aperture,
-            f"largest displacement ({displaced.pixels_per_near:.3g} px per {units} of near)",
-        ),
+        (displaced.aperture, f"largest displacement ({_tolerated(displaced, units)})"),
         (nearest.aperture, "surface nearest to the plate"),
         (outlined.aperture, f"longest outlines ({outlined.outline_widths:.2g} widths of the film)"),
     ]
+
+
+def _tolerated(look: Look, units: str) -> str:
+    """Say from which near on the picture of an aperture is displaced by more than the usual tolerance."""
+    if look.pixels_per_near == 0:
+        return "none at any near"
+    return f"over {TOLERANCE_PX:g} px from near {TOLERANCE_PX / look.pixels_per_near:.2g} {units} on"

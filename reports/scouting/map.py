@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +24,9 @@ MAP_PIXELS = 340
 
 MARK = "#D55E00"
 """Color of the marks of chosen apertures."""
+
+LABEL = "#1b1f24"
+"""Color of their labels, which lie on white on light and on dark paper."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,23 +151,30 @@ def _mark(figure: go.Figure, auto: AutoApertures, panel: int) -> None:
     figure.add_scatter(
         x=columns,
         y=rows,
-        mode="markers+text",
+        mode="markers",
         marker={"symbol": "circle-open", "size": 15, "color": MARK, "line": {"width": 3}},
-        text=[f"<b>{column},{row}</b>" for column, row in zip(columns, rows, strict=True)],
-        textposition=_places(columns, auto.scout.scene.plate.hogels[0]),
-        textfont={"color": MARK, "size": 13},
-        customdata=[one.why for one in auto.chosen],
-        hovertemplate="%{text}<br>%{customdata}<extra></extra>",
+        text=[f"{one.aperture.column},{one.aperture.row}<br>{one.why}" for one in auto.chosen],
+        hovertemplate="%{text}<extra></extra>",
         showlegend=False,
         cliponaxis=False,
         row=1,
         col=panel,
     )
-
-
-def _places(columns: Sequence[int], hogels: int) -> list[str]:
-    """Return where labels go: toward the middle of the plate, so that they stay on it."""
-    return ["middle left" if 2 * column > hogels else "middle right" for column in columns]
+    for column, row in zip(columns, rows, strict=True):
+        # Labels go toward the middle of the plate, so that they stay on it.
+        side = -1 if 2 * column > auto.scout.scene.plate.hogels[0] else 1
+        figure.add_annotation(
+            x=column,
+            y=row,
+            text=f"<b>{column},{row}</b>",
+            showarrow=False,
+            xanchor="left" if side > 0 else "right",
+            xshift=13 * side,
+            bgcolor="rgba(255, 255, 255, 0.85)",
+            font={"color": LABEL, "size": 12},
+            row=1,
+            col=panel,
+        )
 
 
 def _finish(figure: go.Figure, hogels: tuple[int, int]) -> None:

@@ -85,7 +85,7 @@ def blind(scouted: Scout) -> Scout:
 def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted: Scout) -> None:
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
     assert made.within and made.plate is not None
-    assert made.plate.worst.aperture.index == OVER
+    assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
     assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
 
 
