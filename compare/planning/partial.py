@@ -21,9 +21,9 @@ def largest_share(
 ) -> tuple[tuple[Look, ...], Found] | None:
     """Set aside the hardest apertures, as few as need be, until a plan is found for the others.
 
-    What is hard is told by closed form, first by what a depth buffer is asked for: near must fall as
-    displacement grows, and a step of standard depth at |z| is as z^2 over near. Where that leads to no plan
-    at all, distance alone counts, which is what digits of positions are lost by.
+    What is hard is told by closed forms. Apertures that see nearer to the plate than all others need the
+    smallest near; those that see farthest lose digits; and a step of standard depth at |z| is as z^2 over near, which
+    makes an aperture hard by itself. Each way is tried, and the one that leaves most apertures counts.
 
     Parameters
     ----------
@@ -36,24 +36,32 @@ def largest_share(
     -------
     The looks that are kept, and their plan; None where not even the easiest aperture alone has one.
     """
-    for hardness in (_depth_steps, _distance):
+    best: tuple[tuple[Look, ...], Found] | None = None
+    aside = len(looks) - 1
+    for hardness in (_nearness, _distance, _depth_steps):
         ordered = sorted(looks, key=hardness, reverse=True)
-        kept = tuple(ordered[-1:])
-        found = planned(kept) if kept else None
+        found = planned(tuple(ordered[aside:])) if ordered else None
         if found is None:
             continue
-        low, high = 0, len(ordered) - 1
+        best, low = (tuple(ordered[aside:]), found), 0
         for _ in range(MAX_HALVINGS):
-            if high - low <= 1:
+            if aside - low <= 1:
                 break
-            middle = (low + high) // 2
+            middle = (low + aside) // 2
             tried = planned(tuple(ordered[middle:]))
             if tried is None:
                 low = middle
             else:
-                high, kept, found = middle, tuple(ordered[middle:]), tried
-        return kept, found
-    return None
+                best, aside = (tuple(ordered[middle:]), tried), middle
+    return best
+
+
+def _nearness(look: Look) -> float:
+    return look.pixels_per_near
+
+
+def _distance(look: Look) -> float:
+    return max(look.farthest(camera) for camera in (Camera.C, Camera.C_STAR))
 
 
 def _depth_steps(look: Look) -> float:
@@ -61,7 +69,3 @@ def _depth_steps(look: Look) -> float:
     if math.isinf(look.pixels_per_near):
         return math.inf
     return look.pixels_per_near * _distance(look) ** 2
-
-
-def _distance(look: Look) -> float:
-    return max(look.farthest(camera) for camera in (Camera.C, Camera.C_STAR))
