@@ -10,6 +10,7 @@ error_report/     The error report: every setting of a scene drawn, judged and t
 measurements/     What is measured of a setting, and which setting is best
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
+scouting/         What people see of the scout of a plate: chosen apertures with their reasons, and a map
 splitting_study/  The study of when the frusta must be split
 trade_off/        Error against time
 verification/     The verification of foreign renderers: sources, verdict, files

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 
 from xfrustum.compare.metrics.displacement import displacement, lengths
-from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab
+from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, in_first_slab, pierced
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -62,7 +62,7 @@ def displacement_bound(truth: HogelImage, frustum: Frustum, settings: DoubleFrus
         bent = in_first_slab(points.height, frustum, settings)
         ratio = (1 + settings.near / np.abs(points.height[bent])) / (1 + settings.near * per_fit)
         moved[bent] *= ratio
-    moved = np.where(truth.covered & (truth.height == 0), np.inf, np.nan_to_num(moved, nan=0.0))
+    moved = np.where(pierced(truth), np.inf, np.nan_to_num(moved, nan=0.0))
     largest = maximum_filter(moved, size=NEIGHBORHOOD_PX)[truth.covered]
     return float(np.percentile(largest, PERCENTILE, method="higher"))
 

@@ -51,9 +51,12 @@ class PlateResult:
     sampled, beyond
         Hogels of the last random sample, and of these the ones beyond what is required.
     worst
-        The measured hogel that comes nearest to what is allowed, or is farthest beyond it.
+        The measured hogel that comes nearest to what is allowed, or is farthest beyond it; None without a
+        plan.
     hopeless
         Scouted hogels at which no near at all would keep to the tolerance.
+    set_aside
+        Further scouted hogels that the plan was not made for, since there is none for them and all others.
     share_beyond_at_most
         Bound on the share of all hogels that are beyond what is required.
     confidence
@@ -65,17 +68,31 @@ class PlateResult:
     measured: int
     sampled: int
     beyond: int
-    worst: HogelResult
+    worst: HogelResult | None
     hopeless: int
+    set_aside: int
     share_beyond_at_most: float
     confidence: float
+
+    @property
+    def share_within_at_least(self) -> float:
+        """Bound on the share of all hogels at which the plan holds."""
+        return 1 - self.share_beyond_at_most
+
+    @property
+    def covers_the_plate(self) -> bool:
+        """Whether the plan was made for every scouted hogel."""
+        return not self.hopeless and not self.set_aside
 
     def summary(self) -> dict[str, Any]:
         """Return what `plan --json` prints under `plate`."""
         numbers = asdict(self)
+        numbers["share_within_at_least"] = self.share_within_at_least
         worst = numbers.pop("worst")
-        aperture = worst.pop("aperture")
-        return {**numbers, "worst": {"aperture": [aperture["column"], aperture["row"]], **worst}}
+        if worst is not None:
+            aperture = worst.pop("aperture")
+            worst = {"aperture": [aperture["column"], aperture["row"]], **worst}
+        return {**numbers, "worst": worst}
 
 
 def hogel_result(

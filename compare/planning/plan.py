@@ -13,6 +13,7 @@ from xfrustum.compare.planning.reason import Outcome, disproved, why, why_not
 from xfrustum.compare.planning.robust import most_robust, price
 from xfrustum.compare.planning.search import MAX_CUTS, SEPARATION_MARGIN, Attempt, DepthBuffer, Search
 from xfrustum.compare.planning.views import Quality, Requirement, Views
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -35,6 +36,8 @@ class Plan:
         Quality of these settings at the worst aperture; None where there is no plan.
     plate
         Results all over the plate; None where the plan was made for some apertures only.
+    auto
+        The apertures that the plan was made for, where a scout chose them; else None.
     within
         Whether everything that is required was measured to hold.
     reason
@@ -50,6 +53,7 @@ class Plan:
     within: bool
     reason: str
     plate: PlateResult | None = None
+    auto: AutoApertures | None = None
 
     @property
     def settings(self) -> DoubleFrustum | None:
@@ -71,7 +75,12 @@ class Plan:
             "within": self.within,
             "reason": self.reason,
             "plate": self.plate.summary() if self.plate else None,
+            "apertures": _choices(self.auto) if self.auto else None,
         }
+
+
+def _choices(auto: AutoApertures) -> list[dict[str, object]]:
+    return [{"aperture": list(one.aperture.index), "why": one.why} for one in auto.chosen]
 
 
 def depth_buffers(

@@ -4,11 +4,13 @@ The closed form of displacement is evaluated for every aperture of a scout. The 
 planned for; whatever aperture the plan would then displace too much joins them, until there is none. Then
 the plan is measured at all of them, and at a random sample that took no part in choosing, which bounds the
 share of hogels beyond what is required (Clopper and Pearson 1934). An aperture of the sample at which the
-plan fails joins the others, and a new sample is drawn.
+plan fails joins the others, and a new sample is drawn. Where there is no plan for all, the hardest apertures
+are set aside, and the plan says for which share of the plate it holds.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,12 +19,13 @@ from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.displacement import displacement_bound
 from xfrustum.compare.planning.hogels import HogelResult, PlateResult, hogel_result
 from xfrustum.compare.planning.measure import measured, meets
+from xfrustum.compare.planning.partial import largest_share
 from xfrustum.compare.planning.plan import Plan, predicted_plan
 from xfrustum.compare.planning.reason import disproved
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement, View, Views
 from xfrustum.compare.scouting.sample import CONFIDENCE, RandomSample, sample_hogels, share_at_most
-from xfrustum.compare.scouting.scout import Scout
+from xfrustum.compare.scouting.scout import Look, Scout
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
@@ -71,22 +74,85 @@ class PlatePlanner:
 
     def plan(self, wanted: RandomSample) -> Plan:
         """Return the plan, measured at its worst apertures and at a random sample of hogels."""
-        views = self._traced(self._first_apertures())
+        first = self._first_apertures()
+        if not first:
+            return self._without_plan("No plan: a surface lies in every aperture that was looked through.")
+        views = self._traced(first)
         number = 0
         while True:
             views, made = self._settled(views)
             if made.settings is None:
-                return made
-            chosen = [view.aperture for view in views.views]
-            hogels = sample_hogels(self.reference.scene.plate, wanted, chosen)
-            sample = self._drawn(hogels, made.settings)
-            failing = [one.aperture for one in sample if one.excess(self.requirement) > 1]
-            joining = [one for one in failing if one.index not in self._hopeless]
+                return self._partial(made, wanted)
+            sample = self._sampled(views, made.settings, wanted)
+            joining = [one.aperture for one in sample if one.excess(self.requirement) > 1]
             number += 1
             if not joining or number == MAX_SAMPLES:
                 break
             views, wanted = _joined(views, self._traced(joining)), wanted.next()
         return self._measured(made, views, sample)
+
+    def _partial(self, whole: Plan, wanted: RandomSample) -> Plan:
+        """Return a plan without the hardest apertures, measured at a sample of all.
+
+        Parameters
+        ----------
+        whole
+            The plan for the whole plate, which says why there is none.
+        """
+
+        def planned(looks: tuple[Look, ...]) -> tuple[Views, Plan] | None:
+            planner = replace(self, scouted=replace(self.scouted, looks=looks))
+            views, made = planner._settled(planner._traced(planner._first_apertures()))
+            return None if made.settings is None else (views, made)
+
+        looks = [look for look in self._seeing if look.aperture.index not in self._hopeless]
+        found = largest_share(looks, planned)
+        if found is None:
+            return self._without_plan(
+                f"{whole.reason} Nor was a plan found for any part of the plate: there is none even for the "
+                "easiest aperture alone."
+            )
+        kept, (views, made) = found
+        assert made.settings is not None
+        aside = len(looks) - len(kept)
+        reason = (
+            f"Over the whole plate: {whole.reason} Without the hardest {aside} of {len(self.scouted.looks)} "
+            f"apertures that were looked through: {made.reason}"
+        )
+        sample = self._sampled(views, made.settings, wanted)
+        return self._measured(replace(made, reason=reason), views, sample, set_aside=aside)
+
+    def _without_plan(self, reason: str) -> Plan:
+        """Return the plan that there is none, for no share of the plate."""
+        columns, rows = self.reference.scene.plate.hogels
+        only = self.choices[0] if len(self.choices) == 1 else (None, None)
+        return Plan(
+            near=None,
+            slabs=(),
+            depth=only[0],
+            mapping=only[1],
+            predicted=None,
+            measured=None,
+            within=False,
+            reason=reason,
+            plate=PlateResult(
+                hogels=columns * rows,
+                scouted=len(self.scouted.looks),
+                measured=0,
+                sampled=0,
+                beyond=0,
+                worst=None,
+                hopeless=len(self._hopeless),
+                set_aside=len(self._seeing) - len(self._hopeless),
+                share_beyond_at_most=1.0,
+                confidence=1.0,
+            ),
+        )
+
+    @cached_property
+    def _seeing(self) -> tuple[Look, ...]:
+        """Looks that see anything."""
+        return tuple(look for look in self.scouted.looks if math.isfinite(look.nearest))
 
     @cached_property
     def _hopeless(self) -> frozenset[tuple[int, int]]:
@@ -97,13 +163,17 @@ class PlatePlanner:
         return frozenset(one.index for one, px in pairs if px > self.requirement.tolerance_px)
 
     def _first_apertures(self) -> list[Aperture]:
-        """Return the middle, the worst apertures that some near can draw, and those that see farthest."""
+        """Return the middle, the worst apertures that some near can draw, and those that see farthest.
+
+        Only of those that were looked through; none where no near can draw any.
+        """
         scouted = self.scouted
         worst = [look.aperture for look in scouted.worst(len(scouted.looks))]
         worst = [one for one in worst if one.index not in self._hopeless][:WORST_VIEWS]
         farthest = [scouted.farthest(camera).aperture for camera in (Camera.C, Camera.C_STAR)]
-        wanted = {one.index: one for one in (self.reference.scene.plate.middle, *worst, *farthest)}
-        return [one for index, one in wanted.items() if index not in self._hopeless] or worst[:1]
+        middle = [one for one in scouted.apertures if one == self.reference.scene.plate.middle]
+        wanted = {one.index: one for one in (*middle, *worst, *farthest)}
+        return [one for index, one in wanted.items() if index not in self._hopeless]
 
     def _traced(self, apertures: Sequence[Aperture]) -> Views:
         return Views.traced(self.reference, apertures, self.done)
@@ -137,6 +207,13 @@ class PlatePlanner:
             if displacement_bound(view.truth, frustum, settings) > self.requirement.tolerance_px
         )
 
+    def _sampled(self, views: Views, settings: DoubleFrustum, wanted: RandomSample) -> list[HogelResult]:
+        """Draw and judge hogels at random, out of those that nothing is known of."""
+        plate = self.reference.scene.plate
+        hopeless = [plate.aperture(*index) for index in self._hopeless]
+        known = [*(view.aperture for view in views.views), *hopeless]
+        return self._drawn(sample_hogels(plate, wanted, known), settings)
+
     def _drawn(self, apertures: Sequence[Aperture], settings: DoubleFrustum) -> list[HogelResult]:
         """Draw apertures with some settings, and judge each."""
         results = []
@@ -146,33 +223,38 @@ class PlatePlanner:
                 self.done(1)
         return results
 
-    def _measured(self, made: Plan, views: Views, sample: Sequence[HogelResult]) -> Plan:
+    def _measured(self, made: Plan, views: Views, sample: Sequence[HogelResult], set_aside: int = 0) -> Plan:
         """Return the plan with what was measured at its own apertures and at the sample."""
         assert made.settings is not None
         chosen = self._drawn([view.aperture for view in views.views], made.settings)
         quality = measured(views, made.settings, self.requirement, self.done)
-        plate = self._plate_result(chosen, sample)
+        plate = self._plate_result(chosen, sample, set_aside)
+        assert plate.worst is not None
         holds = meets(quality, self.requirement)
         reason = made.reason if holds else f"{made.reason} {disproved(quality, self.requirement)}"
         return replace(
             made,
             measured=quality,
-            within=holds and plate.worst.excess(self.requirement) <= 1,
+            within=holds and plate.covers_the_plate and plate.worst.excess(self.requirement) <= 1,
             reason=reason,
             plate=plate,
         )
 
-    def _plate_result(self, chosen: Sequence[HogelResult], sample: Sequence[HogelResult]) -> PlateResult:
+    def _plate_result(
+        self, chosen: Sequence[HogelResult], sample: Sequence[HogelResult], set_aside: int
+    ) -> PlateResult:
         columns, rows = self.reference.scene.plate.hogels
         drawn = [*chosen, *sample]
         beyond, chosen_beyond = (
             sum(one.excess(self.requirement) > 1 for one in some) for some in (sample, chosen)
         )
-        everything = len(drawn) == columns * rows
-        # The sample speaks for the hogels that were not chosen; the chosen ones are known.
+        hopeless = len(self._hopeless)
+        known = len(chosen) + hopeless
+        everything = known + len(sample) == columns * rows
+        # The sample speaks for the hogels that nothing was known of.
         each = CONFIDENCE ** (1 / MAX_SAMPLES)
         unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
-        share = (chosen_beyond + unchosen * (columns * rows - len(chosen))) / (columns * rows)
+        share = (chosen_beyond + hopeless + unchosen * (columns * rows - known)) / (columns * rows)
         return PlateResult(
             hogels=columns * rows,
             scouted=len(self.scouted.looks),
@@ -180,7 +262,8 @@ class PlatePlanner:
             sampled=len(sample),
             beyond=beyond,
             worst=max(drawn, key=lambda one: one.excess(self.requirement)),
-            hopeless=len(self._hopeless),
+            hopeless=hopeless,
+            set_aside=set_aside,
             share_beyond_at_most=share,
             confidence=1.0 if everything else CONFIDENCE,
         )

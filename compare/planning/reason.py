@@ -19,6 +19,7 @@ from xfrustum.compare.planning.search import (
 )
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.prediction.displacement import pierced
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 MAX_SPELLED_HEIGHTS = 4
@@ -123,7 +124,7 @@ def disproved(measured: Quality, requirement: Requirement) -> str:
 
 def _at_plate(views: Views) -> str:
     """Say what is so close to the plate that no near is small enough."""
-    shares = (float(np.mean(view.truth.height[view.truth.covered] == 0)) for view in views.views)
+    shares = (float(np.mean(pierced(view.truth)[view.truth.covered])) for view in views.views)
     share = max(shares, default=0.0)
     if share > 1 - PERCENTILE / 100:
         return (

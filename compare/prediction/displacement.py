@@ -88,6 +88,18 @@ class TruePoints:
         return self.at(np.isfinite(self.height))
 
 
+def pierced(truth: HogelImage) -> Mask:
+    """Return (H, W) pixels that end in the aperture itself, on a surface which passes through the plate.
+
+    All of the picture that such a surface fills is one point of it, and drawn are others, closer than n. A
+    surface that lies in the plate is another matter: both cameras draw it where it is.
+    """
+    found: Mask = truth.covered & (truth.height == 0)
+    if truth.normal is not None:
+        found &= (truth.normal[..., 0] != 0) | (truth.normal[..., 1] != 0)
+    return found
+
+
 def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
     """Return the displacement of some points, (..., 2) in pixels; see `displacement_field`.
 

@@ -14,9 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths
+from xfrustum.compare.prediction.displacement import TruePoints, displacement_lengths, pierced
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
@@ -50,6 +50,8 @@ class Look:
         The aperture that is looked through.
     height
         (h, w) signed heights of the first surfaces, scene units; NaN where there is none.
+    pierced
+        (h, w) lines that end in the aperture, on a surface which passes through it.
     camera
         True frustum of the aperture, with the resolution of the scene.
     outline_widths
@@ -58,6 +60,7 @@ class Look:
 
     aperture: Aperture
     height: Floats
+    pierced: Mask
     camera: HogelCamera
     outline_widths: float
 
@@ -67,6 +70,7 @@ class Look:
         return cls(
             aperture=image.camera.aperture,
             height=np.where(image.covered, image.height, np.nan).astype(np.float64),
+            pierced=pierced(image),
             camera=replace(image.camera, resolution=frustum_resolution),
             outline_widths=_outline_widths(image),
         )
@@ -100,13 +104,16 @@ class Look:
     def pixels_per_near(self) -> float:
         """The 99th percentile of displacement over n, as n tends to 0: pixels per scene unit.
 
-        0 where nothing is seen; infinite where more than one line in a hundred ends in the plate.
+        0 where nothing is seen; infinite where more than one line in a hundred ends in the aperture, on a
+        surface which passes through it.
         """
         seen = np.isfinite(self.height)
         if not seen.any():
             return 0.0
         with np.errstate(divide="ignore"):
             moved = self.points.radius[seen] / np.abs(self.height[seen])
+        moved[self.height[seen] == 0] = 0.0
+        moved[self.pierced[seen]] = np.inf
         return float(np.percentile(moved, PERCENTILE, method="higher"))
 
     def displacement_p99_px(self, settings: DoubleFrustum, scene: Scene) -> float:
@@ -115,7 +122,7 @@ class Look:
         if not seen.any():
             return 0.0
         moved = displacement_lengths(self.points, scene.frustum, settings)[seen]
-        moved = np.where(self.height[seen] == 0, np.inf, np.nan_to_num(moved, nan=0.0))
+        moved = np.where(self.pierced[seen], np.inf, np.nan_to_num(moved, nan=0.0))
         return float(np.percentile(moved, PERCENTILE, method="higher"))
 
 

@@ -16,7 +16,7 @@ from PIL import Image
 from plotly.colors import unlabel_rgb
 
 from xfrustum.reports.commands import radiance_budgeting
-from xfrustum.reports.commands.budgeting import BudgetReport
+from xfrustum.reports.commands.budgeting import AutoBudget, BudgetReport
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
@@ -24,6 +24,7 @@ from xfrustum.reports.error_report import images
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
 
 IMAGES = ("T0", "T1", "T2", "T3", "T4", "R0", "R1")
 """Names of the chain's images, as the files are called."""
@@ -96,16 +97,20 @@ class Cause:
     predicted_surface: float | None
 
 
-def write_budget(report: BudgetReport, out: Path) -> tuple[Path, ...]:
+def write_budget(report: BudgetReport | AutoBudget, out: Path) -> tuple[Path, ...]:
     """Write a page, budget.json, every image of the chain, and the causes in color, all or nothing.
 
-    With a picture of what each link of the radiance error changes, too.
+    With a picture of what each link of the radiance error changes, too. Several budgets are written to
+    a folder each, named by their apertures.
 
     Raises
     ------
     InputError
         The folder cannot be written.
     """
+    if isinstance(report, AutoBudget):
+        every = (write_budget(one, out / folder_of(one.aperture)) for one in report.budgets)
+        return tuple(path for paths in every for path in paths)
     pictures = _pictures(report)
     with Staging(out, FILES) as staging:
         text = json.dumps(report.summary(), allow_nan=False, indent=1)
@@ -114,6 +119,11 @@ def write_budget(report: BudgetReport, out: Path) -> tuple[Path, ...]:
             (staging.folder / name).write_bytes(encoded)
         (staging.folder / PAGE).write_text(_page(report, pictures), encoding="utf-8")
         return staging.commit()
+
+
+def folder_of(aperture: Aperture) -> str:
+    """Return the name of the folder of one of several apertures."""
+    return f"aperture-{aperture.column}-{aperture.row}"
 
 
 def _pictures(report: BudgetReport) -> dict[str, bytes]:
@@ -215,6 +225,7 @@ def _page(report: BudgetReport, pictures: Mapping[str, bytes]) -> str:
     values = {
         "scene": report.scene,
         "aperture": report.aperture,
+        "why": report.why,
         "settings": report.settings,
         "numbers": numbers,
         "radiance": numbers.radiance,

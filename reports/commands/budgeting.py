@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from xfrustum.compare.attribution.budget import Budget, BudgetNumbers, LinkNumbers, make_budget
 from xfrustum.compare.attribution.radiance_budget import RadianceBudget, RadianceNumbers
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.prediction.chain import Chain, make_chain
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import radiance_budgeting
+from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.scouting.automatic import ChoiceRecord, spelled
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
@@ -41,6 +44,8 @@ class BudgetReport(Summarized[BudgetRecord]):
         Every wrong pixel, charged to one link of the chain.
     radiance
         The error of color, link by link.
+    why
+        Reason for which the aperture was chosen; empty where it was given.
     """
 
     scene: Scene
@@ -49,11 +54,75 @@ class BudgetReport(Summarized[BudgetRecord]):
     chain: Chain
     geometry: Budget
     radiance: RadianceBudget
+    why: str = ""
 
     @property
     def record(self) -> BudgetRecord:
         """The numbers, as they are written."""
         return BudgetRecord(**vars(self.geometry.numbers), radiance=self.radiance.numbers)
+
+    def table(self) -> str:
+        """Return the numbers as aligned lines."""
+        return f"{table(self.geometry)}\n{radiance_budgeting.table(self.radiance)}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedBudgetRecord:
+    """The budget of one of several apertures."""
+
+    choice: ChoiceRecord = field(metadata=INLINED)
+    budget: BudgetRecord = field(metadata=INLINED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AutoBudgetRecord:
+    """JSON object of an `AutoBudget`."""
+
+    apertures: tuple[PlacedBudgetRecord, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AutoBudget(Summarized[AutoBudgetRecord]):
+    """A budget at each of the apertures that were chosen for a plate.
+
+    Attributes
+    ----------
+    auto
+        The apertures, with the reasons for which they were chosen.
+    budgets
+        One for each aperture, in the same order.
+    """
+
+    auto: AutoApertures
+    budgets: tuple[BudgetReport, ...]
+
+    @property
+    def record(self) -> AutoBudgetRecord:
+        """The numbers, as they are written."""
+        return AutoBudgetRecord(
+            apertures=tuple(
+                PlacedBudgetRecord(choice=ChoiceRecord.of(chosen), budget=one.record)
+                for chosen, one in zip(self.auto.chosen, self.budgets, strict=True)
+            )
+        )
+
+    def table(self) -> str:
+        """Return the budgets one below the other, each under its aperture."""
+        parts = [
+            f"{spelled(chosen)}\n{one.table()}"
+            for chosen, one in zip(self.auto.chosen, self.budgets, strict=True)
+        ]
+        return "\n\n".join(parts)
+
+
+def auto_budget(
+    scene: Scene, settings: DoubleFrustum, auto: AutoApertures, *, progress: bool = False
+) -> AutoBudget:
+    """Return a budget at each of the apertures that were chosen for a plate; see `budget`."""
+    budgets = [
+        replace(budget(scene, settings, one.aperture, progress=progress), why=one.why) for one in auto.chosen
+    ]
+    return AutoBudget(auto=auto, budgets=tuple(budgets))
 
 
 def budget(

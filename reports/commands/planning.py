@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 
 import scipy
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.planning.hogels import PlateResult
 from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps
 from xfrustum.compare.planning.plate import PlatePlanner
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.compare.scouting.sample import RandomSample
 from xfrustum.compare.scouting.scout import scout
 from xfrustum.reference import Reference
@@ -31,7 +34,7 @@ LINE_CHARACTERS = 100
 
 def make_plan(
     scene: Scene,
-    apertures: Sequence[Aperture] | None = None,
+    apertures: Sequence[Aperture] | AutoApertures | None = None,
     requirement: Requirement | None = None,
     choices: Sequence[DepthBuffer] | None = None,
     *,
@@ -63,10 +66,11 @@ def make_plan(
     one_of(requirement, Requirement, "requirement")
     if apertures is None:
         return _plate_plan(scene, requirement, choices, sample or RandomSample(), progress=progress)
-    chosen = list(apertures)
+    auto = apertures if isinstance(apertures, AutoApertures) else None
+    chosen = list(apertures.apertures if isinstance(apertures, AutoApertures) else apertures)
     require_seen(scene, chosen)
     with progress_bar(steps(len(chosen)), "plan", "step", shown=progress) as bar:
-        return plan(scene, chosen, requirement, choices, bar.update)
+        return replace(plan(scene, chosen, requirement, choices, bar.update), auto=auto)
 
 
 def _plate_plan(
@@ -113,7 +117,7 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     lines = [textwrap.fill(made.reason, LINE_CHARACTERS)]
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
-        return lines[0]
+        return "\n".join([*lines, *([] if made.plate is None else [_no_share(made.plate)])])
     cuts = ", ".join(f"{height:g}" for height in made.slabs)
     cuts = f"{cuts} {scene.units}" if cuts else "none"
     lines += [f"near {made.near:g} {scene.units}, cuts {cuts}, {settings.depth_label}", ""]
@@ -141,6 +145,7 @@ def _answer(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
         count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
         return f"{answer}{count}."
     worst, share = known.worst, known.share_beyond_at_most
+    assert worst is not None
     sentences = [
         f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst: "
         f"{worst.aperture.column},{worst.aperture.row}, displaced by {worst.displacement_p99_px:.3g} px, "
@@ -158,7 +163,27 @@ def _answer(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
             f"At {known.hopeless} of the {known.scouted} that were looked through no near would do: "
             "a surface passes through these apertures."
         )
+    if known.set_aside:
+        sentences.append(
+            f"{known.set_aside} of the {known.scouted} were set aside, since no near does for all."
+        )
+    if not known.covers_the_plate:
+        certain = "" if known.confidence == 1 else f" ({known.confidence:.0%})"
+        sentences.append(
+            f"So no near holds over the whole plate; this one holds for at least "
+            f"{percent(known.share_within_at_least)} of its apertures{certain}."
+        )
     return textwrap.fill(" ".join(sentences), LINE_CHARACTERS)
+
+
+def _no_share(known: PlateResult) -> str:
+    """Say that a near holds at none of the apertures that were looked through."""
+    blocked = f", at {known.hopeless} of them because a surface passes through" if known.hopeless else ""
+    return textwrap.fill(
+        f"A near was found for no share of the plate's {known.hogels:,} hogels: for none of the "
+        f"{known.scouted} that were looked through{blocked}.",
+        LINE_CHARACTERS,
+    )
 
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
 from xfrustum.compare import compare_images
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common import provenance
@@ -17,11 +19,13 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.reports.common.turns import take_turn, take_turns_until_settled
 from xfrustum.reports.cost.ways import Way, drawn, traced
+from xfrustum.reports.scouting.automatic import ChoiceRecord, choices
 from xfrustum.reports.trade_off.trade_off import FastestWithin, Option, answers, unsettled
 from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord, trade_off_record
 from xfrustum.scenes.arguments import real, whole
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
+from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
@@ -36,6 +40,7 @@ class CostRecord:
 
     scene: provenance.SceneName
     aperture: tuple[int, int]
+    apertures: tuple[ChoiceRecord, ...] | None
     trade_off: TradeOffRecord = field(metadata=INLINED)
     upload_s: dict[str, float]
     machine: dict[str, str]
@@ -49,7 +54,9 @@ class CostReport:
     Attributes
     ----------
     scene, aperture, tolerance_px
-        Question that was asked.
+        Question that was asked; pictures of the aperture are timed.
+    auto
+        Apertures at all of which pictures are judged, the worst of which counts; None where it is the one.
     options
         Rasterizer, tracers and truth.
     upload_s
@@ -60,6 +67,7 @@ class CostReport:
 
     scene: Scene
     aperture: Aperture
+    auto: AutoApertures | None
     tolerance_px: float
     options: tuple[Option, ...]
     upload_s: dict[str, float]
@@ -76,6 +84,7 @@ class CostReport:
         record = CostRecord(
             scene=provenance.SceneName.of(self.scene),
             aperture=self.aperture.index,
+            apertures=choices(self.auto),
             trade_off=trade_off_record(self.options, self.tolerance_px),
             upload_s=self.upload_s,
             machine=self.machine,
@@ -86,7 +95,7 @@ class CostReport:
 
 def measure_cost(
     scene: Scene,
-    aperture: Aperture | None = None,
+    aperture: Aperture | AutoApertures | None = None,
     tolerance_px: float = TOLERANCE_PX,
     *,
     repeat: int = REPEAT,
@@ -97,7 +106,8 @@ def measure_cost(
     Parameters
     ----------
     aperture
-        Aperture whose picture is made; the middle one where None.
+        Aperture whose picture is made; the middle one where None. Of the ones that `auto_apertures` chooses
+        the first is timed; pictures are judged at each, and the worst counts.
     tolerance_px
         Tolerance of the 99th percentile of displacement; a fifth of it is answered for too.
     repeat
@@ -113,8 +123,11 @@ def measure_cost(
     """
     if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:
         raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
-    aperture = scene.plate.middle if aperture is None else aperture
-    require_seen(scene, [aperture])
+    if aperture is None:
+        aperture = scene.plate.middle
+    auto = aperture if isinstance(aperture, AutoApertures) else None
+    apertures = aperture.apertures if isinstance(aperture, AutoApertures) else (aperture,)
+    require_seen(scene, apertures)
     asked = Asked(repeat=repeat, tolerance_px=tolerance_px)
     watch = Stopwatch()
     with ExitStack() as stack:
@@ -127,13 +140,14 @@ def measure_cost(
             with watch.stage(name):
                 reference.tracer  # noqa: B018 - built when first asked for
         device = drawers["auto"].device
-        ways = [*drawn(scene, aperture, drawers), *traced(aperture, tracers)]
-        options = _race(ways, tracers["embree"], aperture, asked, progress)
+        ways = {one: [*drawn(scene, one, drawers), *traced(one, tracers)] for one in apertures}
+        options = _race(ways, tracers["embree"], asked, progress)
     opengl = {f"OpenGL {name}": value for name, value in device.items()}
     libraries = {key: value for one in tracers.values() for key, value in one.versions.items()}
     return CostReport(
         scene=scene,
-        aperture=aperture,
+        aperture=apertures[0],
+        auto=auto,
         tolerance_px=tolerance_px,
         options=tuple(options),
         upload_s=watch.seconds,
@@ -143,27 +157,24 @@ def measure_cost(
 
 
 def _race(
-    ways: list[Way],
-    reference: Reference,
-    aperture: Aperture,
-    asked: Asked,
-    progress: bool,
+    ways: Mapping[Aperture, list[Way]], reference: Reference, asked: Asked, progress: bool
 ) -> list[Option]:
     """Make the picture of each way in turn; the first picture of each is judged, and not timed.
+
+    Pictures of all apertures are judged, the worst one counts, and those of the first aperture are timed.
 
     Ways that may be the fastest within a tolerance go on in turns until they are told apart, for at
     most as long again.
     """
-    truth = reference.trace(aperture)
-    timed = [TimedWay(one) for one in ways]
-    errors: list[tuple[float, float]] = []
-    with progress_bar(len(ways) * (1 + asked.repeat), "cost", "picture", shown=progress) as bar:
-        for one in ways:
-            judged = compare_images(truth, one.picture(), reference, radiance=False)
-            moved, wrong = judged.displacement_px, judged.surface_wrong or 0
-            p99 = moved.p99 if moved and one.renderer == "raster" else 0.0
-            errors.append((p99, wrong / max(judged.judged, 1)))
-            bar.update()
+    timed = [TimedWay(one) for one in next(iter(ways.values()))]
+    errors = [(0.0, 0.0) for _ in timed]
+    with progress_bar(len(timed) * (len(ways) + asked.repeat), "cost", "picture", shown=progress) as bar:
+        for aperture, those in ways.items():
+            truth = reference.trace(aperture)
+            for number, one in enumerate(those):
+                p99, wrong = _error(one, truth, reference)
+                errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
+                bar.update()
         for _ in range(asked.repeat):
             take_turn(timed, [one.time_s for one in timed])
             bar.update(len(timed))
@@ -176,6 +187,14 @@ def _race(
         timed, [one.time_s for one in timed], lambda _: unsettled(options(), asked.tolerance_px), spent
     )
     return options()
+
+
+def _error(way: Way, truth: HogelImage, reference: Reference) -> tuple[float, float]:
+    """Return the 99th percentile of displacement of a picture, and its share of wrong surfaces."""
+    judged = compare_images(truth, way.picture(), reference, radiance=False)
+    moved, wrong = judged.displacement_px, judged.surface_wrong or 0
+    p99 = moved.p99 if moved and way.renderer == "raster" else 0.0
+    return p99, wrong / max(judged.judged, 1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.predict import Prediction
+from xfrustum.compare.scouting.scout import FILM_PIXELS
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common import formatting
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
@@ -29,6 +30,7 @@ from xfrustum.reports.measurements.measurement import (
     Sweep,
 )
 from xfrustum.reports.scene_check.page_section import scene_fit
+from xfrustum.reports.scouting.map import map_figure
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
@@ -107,6 +109,8 @@ class PageData:
         Figure of the bent eye vector, where there is one.
     times, cost
         Figures of the stages' times, and of error against time.
+    scout
+        The map of the plate, where apertures were chosen by a scout.
     """
 
     rows: tuple[PageRow, ...]
@@ -121,6 +125,7 @@ class PageData:
     eye: go.Figure | None
     times: go.Figure
     cost: go.Figure
+    scout: go.Figure | None
 
 
 def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
@@ -143,6 +148,8 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "repeat_budget_s": REPEAT_BUDGET_S,
         "per_depth": best.best_per_depth(sweep.rows),
         "apertures": sweep.apertures,
+        "auto": sweep.auto,
+        "scouted_lines": FILM_PIXELS**2,
         "settings_count": len({row.settings for row in sweep.rows}),
         "rows": sweep.rows,
         "certainty": _certainty_table(sweep),
@@ -201,6 +208,7 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
         eye=shading_page.eye_figure(shading),
         times=figures.stage_times(sweep),
         cost=trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX),
+        scout=map_figure(sweep.auto) if sweep.auto else None,
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.plain import CERTIFIED, Decision
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
@@ -82,7 +83,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     out: Path | None = None,
     *,
     nears: Sequence[float] | None = None,
-    apertures: Sequence[Aperture] | None = None,
+    apertures: Sequence[Aperture] | AutoApertures | None = None,
     depths: Sequence[DepthBuffer] | None = None,
     pivots: Sequence[Pivot] | None = None,
     fits: Sequence[Fit | float] | None = None,
@@ -104,7 +105,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         Near planes in scene units, each between 0 and the reach, and depth formats with mappings; where None
         25 logarithmic ones and `DEFAULT_DEPTHS`.
     apertures
-        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
+        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners. With
+        those that `auto_apertures` chooses, the page has a map of the plate.
     pivots, fits, offsets, slabs
         Camera geometries, every combination of which is measured; see `geometry_grid`.
     tracer, effects
@@ -122,16 +124,19 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     InputError
         A setting that makes no sense, nothing to measure or to see, an unwritable folder, no OpenGL.
     """
-    apertures = tuple(dict.fromkeys(scene.default_apertures() if apertures is None else apertures))
+    auto = apertures if isinstance(apertures, AutoApertures) else None
+    given = scene.default_apertures() if apertures is None else apertures
+    chosen = tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
     settings = _settings(scene, nears, depths, geometry_grid(scene.frustum, pivots, fits, offsets, slabs))
-    if not settings or not apertures:
+    if not settings or not chosen:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
-    require_seen(scene, apertures)
+    require_seen(scene, chosen)
     settings = tuple(replace(one, cull=cull) for one in settings)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
         decision = Decision(by=decided_by, tracer=tracer)
-        measured = sweep(scene, apertures, settings, decision=decision, effects=effects, progress=progress)
+        measured = sweep(scene, chosen, settings, decision=decision, effects=effects, progress=progress)
         measured, shading = _with_light(measured, settings, effects, progress)
+        measured = replace(measured, auto=auto)
         record = _write(staging.folder, measured, shading)
         staging.commit()
     return _report_files(staging.out, measured, shading, record)

@@ -16,6 +16,7 @@ from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.error_report.shading import ShadingRecord
 from xfrustum.reports.measurements.best import Window
 from xfrustum.reports.measurements.measurement import Ratios, StageParts, StageTimes, SweepCost
+from xfrustum.reports.scouting.automatic import ScoutRecord
 from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
@@ -139,3 +140,4 @@ class ReportRecord:
     cost: SweepCost
     trade_off: TradeOffRecord
     shading: ShadingRecord | None
+    scout: ScoutRecord | None

@@ -30,6 +30,7 @@ from xfrustum.reports.measurements.best import (
     sentence,
 )
 from xfrustum.reports.measurements.measurement import Measurement, Sweep
+from xfrustum.reports.scouting.automatic import ScoutRecord
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_record import trade_off_record
 from xfrustum.scenes.model.scene import Scene
@@ -67,6 +68,7 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
         cost=sweep.cost,
         trade_off=trade_off_record(options, recommended=trade_off.recommended_of(sweep, options)),
         shading=shading.record if shading else None,
+        scout=ScoutRecord.of(sweep.auto) if sweep.auto else None,
     )
 
 

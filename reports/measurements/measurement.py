@@ -11,6 +11,7 @@ from xfrustum.compare.attribution.shear import ShearNumbers
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
+from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
@@ -242,6 +243,8 @@ class Sweep:
         Wall seconds of everything.
     frames_s
         By setting: times of repeated frames with read-back at the first aperture, where they were timed.
+    auto
+        The scout from which the apertures were chosen; None where they were given.
     """
 
     scene: Scene
@@ -258,6 +261,7 @@ class Sweep:
     parts_s: StageParts
     wall_s: float
     frames_s: Mapping[DoubleFrustum, Timing]
+    auto: AutoApertures | None = None
 
     def with_stage(self, name: str, seconds: float) -> Sweep:
         """Return the sweep with one more stage, which was done after all others."""

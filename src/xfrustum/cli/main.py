@@ -103,8 +103,8 @@ _decided_by_option = click.option(
 )
 @click.option(
     "--apertures",
-    type=options.Indices(),
-    help="Column,row of each.  [default: the middle; if recentered, also two corners]",
+    type=options.IndicesOrAuto(),
+    help="Column,row of each, or auto.  [default: the middle; if recentered, also two corners]",
 )
 @click.option(
     "--depth",
@@ -146,7 +146,7 @@ def report(
     *,
     scene: str,
     nears: tuple[float, ...] | None,
-    apertures: tuple[tuple[int, int], ...] | None,
+    apertures: tuple[tuple[int, int], ...] | str | None,
     depths: tuple[tuple[DepthFormat, DepthMapping], ...] | None,
     pivots: tuple[Pivot, ...] | None,
     fits: tuple[Fit | float, ...] | None,
@@ -163,18 +163,14 @@ def report(
     """Sweep near planes and depth formats; write index.html, report.json, measurements.parquet.
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
-    measured at two corners of the plate too.
+    measured at two corners of the plate too. With --apertures auto, a look through hundreds of apertures
+    chooses the worst ones, and the page has a map of the plate.
     """
     from xfrustum.reports.error_report.report import make_report
 
     _check_no_other_tracer(tracer if options.is_given("tracer") else None, decided_by)
     opened = light.applied(options.open_scene(scene))
-    chosen = (
-        opened.default_apertures()
-        if apertures is None
-        else tuple(opened.plate.aperture(*index) for index in apertures)
-    )
-    options.look_at(opened, chosen)
+    chosen = options.several_or_auto(opened, apertures, quiet=quiet)
     files = make_report(
         opened,
         out,

@@ -18,6 +18,7 @@ from xfrustum.cli.streams import say
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
+    from xfrustum.compare.scouting.automatic import AutoApertures
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Fit
     from xfrustum.scenes.plate.plate import Aperture
@@ -177,6 +178,32 @@ class Indices(click.ParamType[tuple[tuple[int, int], ...]]):
             self.fail(f"{value!r} is not a list of column,row such as 40,30;0,0", param, ctx)
 
 
+AUTO = "auto"
+"""Word for the apertures that a scout of the plate chooses."""
+
+
+class IndicesOrAuto(click.ParamType["tuple[tuple[int, int], ...] | str"]):
+    """Apertures as column,row separated by semicolons, or the word `auto`."""
+
+    name = "I,J;I,J|auto"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[tuple[int, int], ...] | str:
+        """Return (column, row) of each aperture, or the word."""
+        return AUTO if str(value).lower() == AUTO else Indices().convert(value, param, ctx)
+
+
+class CountOrAuto(click.ParamType["int | str"]):
+    """A number of apertures, or the word `auto`."""
+
+    name = "N|auto"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        """Return the number or the word."""
+        return AUTO if str(value).lower() == AUTO else click.IntRange(1).convert(value, param, ctx)
+
+
 class Index(click.ParamType[tuple[int, int]]):
     """One aperture as column,row."""
 
@@ -284,6 +311,67 @@ def is_given(parameter: str) -> bool:
     return click.get_current_context().get_parameter_source(parameter) is not ParameterSource.DEFAULT
 
 
+def auto_apertures(scene: Scene, *, quiet: bool) -> AutoApertures:
+    """Choose apertures by a scout of the plate, and say on standard error which and why.
+
+    Raises
+    ------
+    InputError
+        None of them sees anything.
+    """
+    from xfrustum.reports.scouting.automatic import auto_apertures as chosen
+    from xfrustum.reports.scouting.automatic import notes
+
+    auto = chosen(scene, progress=not quiet)
+    look_at(scene, auto.apertures)
+    for note in notes(auto):
+        say(f"note: {note}")
+    return auto
+
+
+def one_or_auto(
+    scene: Scene, index: tuple[int, int] | None, auto: str | None, *, quiet: bool
+) -> Aperture | AutoApertures:
+    """Return the aperture of an index, the middle one, or those that `--apertures auto` chooses.
+
+    Raises
+    ------
+    InputError
+        The index lies outside the plate, or none of the apertures sees anything.
+    click.UsageError
+        Both options are given.
+    """
+    if auto is None:
+        aperture = chosen_aperture(scene, index)
+        look_at(scene, [aperture])
+        return aperture
+    if index is not None:
+        raise click.UsageError(
+            "--aperture names one aperture and --apertures asks for many: give one of them"
+        )
+    return auto_apertures(scene, quiet=quiet)
+
+
+def several_or_auto(
+    scene: Scene, indices: tuple[tuple[int, int], ...] | str | None, *, quiet: bool
+) -> tuple[Aperture, ...] | AutoApertures:
+    """Return the apertures of some indices, those of a report by default, or those that `auto` chooses.
+
+    Raises
+    ------
+    InputError
+        An index lies outside the plate, or none of the apertures sees anything.
+    """
+    if isinstance(indices, str):
+        return auto_apertures(scene, quiet=quiet)
+    if indices is None:
+        given = scene.default_apertures()
+    else:
+        given = tuple(scene.plate.aperture(*index) for index in indices)
+    look_at(scene, given)
+    return given
+
+
 def look_at(scene: Scene, apertures: Sequence[Aperture], *, black_is_right: bool = False) -> None:
     """Refuse apertures that see nothing; warn on standard error of cut and of tiny objects.
 
@@ -349,6 +437,12 @@ def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[]
 scene_argument = click.argument("scene")
 aperture_option = click.option(
     "--aperture", type=Index(), help="Column,row on the plate.  [default: the middle]"
+)
+auto_option = click.option(
+    "--apertures",
+    "auto",
+    type=click.Choice([AUTO], case_sensitive=False),
+    help="Instead of one aperture: the middle one and the worst of the plate.",
 )
 tracer_option = click.option(
     "--tracer", type=Tracer(), default="embree", show_default=True, help="Ray tracer."

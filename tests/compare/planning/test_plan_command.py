@@ -82,6 +82,7 @@ def test_json_is_exactly_as_promised(small_scene: str, capsys: pytest.CaptureFix
         "within",
         "reason",
         "plate",
+        "apertures",
     ]
     assert made["plate"]["hogels"] == 41 * 31 and made["plate"]["worst"]["displacement_p99_px"] <= 0.5
     assert list(made["predicted"]) == list(made["measured"]) == KEYS

@@ -14,6 +14,7 @@ from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.compare.planning.hogels import hogel_result
+from xfrustum.compare.planning.partial import largest_share
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.plate import PlatePlanner
 from xfrustum.compare.planning.views import Requirement
@@ -85,7 +86,7 @@ def blind(scouted: Scout) -> Scout:
 def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted: Scout) -> None:
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
     assert made.within and made.plate is not None
-    assert made.plate.worst.aperture.index == OVER
+    assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
     assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
 
 
@@ -146,3 +147,82 @@ def test_a_plate_whose_middle_sees_nothing_is_planned(
     assert main(["plan", scene, "--sample", "3", "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)["within"] is True
     assert main(["plan", scene, "--aperture", "4,1", "--quiet"]) == 2
+
+
+# Where no near holds over the whole plate ----------------------------------------------------------------
+
+
+def crossed(tmp_path: Path, **keys: object) -> str:
+    """Write a scene whose plate is a row of apertures on the x axis, and a square through some of them."""
+    size = film((40.0, 5.0), hogels=(8, 1), resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(60.0, 60.0))
+    text = size + part("square", 20.0, (-10.5, 0.0, 0.0), **keys) + part("box", 10.0, (8.0, 0.0, -30.0))
+    (tmp_path / "crossed.toml").write_text(text)
+    return str(tmp_path / "crossed.toml")
+
+
+def test_apertures_that_a_surface_passes_through_are_hopeless_and_their_share_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four of eight hogels lie in a tilted square; all others are drawn and measured."""
+    scene = crossed(tmp_path, rotate_deg=[30.0, 0.0, 0.0])
+    assert main(["plan", scene, "--sample", "8", "--json", "--quiet"]) == 0
+    made = json.loads(capsys.readouterr().out)
+    plate = made["plate"]
+    assert made["near"] is not None and not made["within"]
+    assert plate["hopeless"] == 4 and plate["measured"] == 4 and plate["confidence"] == 1.0
+    assert plate["share_within_at_least"] == 0.5 == plate["share_beyond_at_most"]
+
+
+def test_a_surface_that_lies_in_the_plate_is_drawn_where_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", crossed(tmp_path), "--sample", "8", "--quiet"]) == 0
+    assert "The plan holds, measured at 8 of 8 hogels" in capsys.readouterr().out.replace("\n", " ")
+
+
+def test_a_plate_without_any_near_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = crossed(tmp_path, rotate_deg=[30.0, 0.0, 0.0])
+    Path(scene).write_text(Path(scene).read_text().replace("scale = 20.0", "scale = 100.0"))
+    assert main(["plan", scene, "--sample", "8", "--json", "--quiet"]) == 0
+    made = json.loads(capsys.readouterr().out)
+    assert made["near"] is None and "every aperture" in made["reason"]
+    assert made["plate"]["hopeless"] == 8 and made["plate"]["share_within_at_least"] == 0.0
+    assert main(["plan", scene, "--sample", "8", "--quiet"]) == 0
+    assert "for no share of the plate's 8 hogels" in capsys.readouterr().out
+
+
+def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
+    near_ball: Scene, scouted: Scout
+) -> None:
+    """Over the ball, near has to be tiny; D16 then orders nothing at the wall, and cuts are not allowed."""
+    taken = replace(
+        planner(near_ball, scouted),
+        requirement=Requirement(separation=1.0),
+        choices=[(DepthFormat.D16, DepthMapping.STANDARD)],
+    )
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("xfrustum.compare.planning.plan.MAX_CUTS", 0)
+        made = taken.plan(RandomSample(hogels=HOGELS[0] * HOGELS[1]))
+    assert made.settings is not None and made.plate is not None and not made.within
+    assert 1 <= made.plate.set_aside <= 3
+    assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
+    assert made.reason.startswith("Over the whole plate: No plan")
+    assert 0 < made.plate.share_beyond_at_most <= 3 / 63
+
+
+# How few apertures are set aside --------------------------------------------------------------------------
+
+
+def test_few_apertures_are_set_aside(scouted: Scout) -> None:
+    """A plan for all but the look over the ball is found by halving, to a 32nd of the looks."""
+    over = next(look for look in scouted.looks if look.aperture.index == OVER)
+    found = largest_share(scouted.looks, lambda looks: None if over in looks else len(looks))
+    assert found is not None
+    kept, planned = found
+    assert over not in kept and planned == len(kept) >= len(scouted.looks) * (1 - 2 / 32) - 1
+
+
+def test_where_no_aperture_has_a_plan_there_is_none_for_any_share(scouted: Scout) -> None:
+    tried: list[int] = []
+    assert largest_share(scouted.looks, lambda looks: tried.append(len(looks))) is None
+    assert tried == [1, 1, 1]

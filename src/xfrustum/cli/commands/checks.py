@@ -37,6 +37,7 @@ def _side_option(pixels: int) -> Callable[[Command], Command]:
 @click.command()
 @options.scene_argument
 @options.aperture_option
+@options.auto_option
 @options.double_frustum_options
 @cli_light.light_options("supersample", "multisample", "aperture", "shadows", "interreflection", "samples")
 @click.option(
@@ -48,30 +49,38 @@ def budget(
     *,
     scene: str,
     aperture: tuple[int, int] | None,
+    auto: str | None,
     settings: DoubleFrustum,
     light: Light,
     out: Path | None,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Charge every wrong pixel of one image to its cause, and take its radiance error apart."""
-    from xfrustum.reports.commands import budgeting, radiance_budgeting
-    from xfrustum.reports.commands.budget_page import FILES, write_budget
+    """Charge every wrong pixel of one image to its cause, and take its radiance error apart.
+
+    With --apertures auto, of one image for each of several apertures.
+    """
+    from xfrustum.compare.scouting.automatic import AutoApertures
+    from xfrustum.reports.commands import budgeting
+    from xfrustum.reports.commands.budget_page import FILES, folder_of, write_budget
     from xfrustum.reports.common.outputs import check_writable_folder
 
     opened = light.applied(options.open_scene(scene))
+    settings.check_against(opened.frustum)
     if out is not None:
-        check_writable_folder(out, FILES)
-    chosen = options.chosen_aperture(opened, aperture)
-    options.look_at(opened, [chosen])
-    charged = budgeting.budget(opened, settings, chosen, progress=not quiet)
+        check_writable_folder(out, () if auto else FILES)
+    chosen = options.one_or_auto(opened, aperture, auto, quiet=quiet)
+    charged: budgeting.BudgetReport | budgeting.AutoBudget
+    if isinstance(chosen, AutoApertures):
+        if out is not None:
+            for one in chosen.apertures:
+                check_writable_folder(out / folder_of(one), FILES)
+        charged = budgeting.auto_budget(opened, settings, chosen, progress=not quiet)
+    else:
+        charged = budgeting.budget(opened, settings, chosen, progress=not quiet)
     if out is not None:
         write_budget(charged, out)
-    options.tell(
-        as_json,
-        charged.summary,
-        lambda: f"{budgeting.table(charged.geometry)}\n{radiance_budgeting.table(charged.radiance)}",
-    )
+    options.tell(as_json, charged.summary, charged.table)
 
 
 @click.command()

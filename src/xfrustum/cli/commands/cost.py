@@ -12,6 +12,7 @@ from xfrustum.cli import options
 @click.command()
 @options.scene_argument
 @options.aperture_option
+@options.auto_option
 @options.tolerance_option
 @click.option(
     "--repeat",
@@ -27,6 +28,7 @@ def cost(
     *,
     scene: str,
     aperture: tuple[int, int] | None,
+    auto: str | None,
     tolerance_px: float,
     repeat: int,
     out: Path | None,
@@ -35,17 +37,17 @@ def cost(
 ) -> None:
     """Measure error against time of every configuration; name the cheapest within a tolerance.
 
-    The answer is given for the tolerance and for a fifth of it.
+    The answer is given for the tolerance and for a fifth of it. With --apertures auto, pictures are judged at
+    several apertures, the worst of which counts.
     """
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.cost.cost import measure_cost
     from xfrustum.reports.cost.page import FILES, table, write_cost
 
     opened = options.open_scene(scene)
-    chosen = options.chosen_aperture(opened, aperture)
     if out is not None:
         check_writable_folder(out, FILES)
-    options.look_at(opened, [chosen])
+    chosen = options.one_or_auto(opened, aperture, auto, quiet=quiet)
     measured = measure_cost(opened, chosen, tolerance_px, repeat=repeat, progress=not quiet)
     if out is not None:
         write_cost(measured, out)

@@ -11,7 +11,10 @@ from xfrustum.cli.numbers import Positive
 from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
+    from xfrustum.scenes.plate.plate import Aperture
 
 
 @click.command()
@@ -19,8 +22,8 @@ if TYPE_CHECKING:
 @options.aperture_option
 @click.option(
     "--apertures",
-    type=click.IntRange(1),
-    help="Number of apertures instead of the plate: the middle, the corners, then between.",
+    type=options.CountOrAuto(),
+    help="Instead of the plate: the middle, the corners, then between; auto: the middle and the worst.",
 )
 @click.option(
     "--sample",
@@ -53,7 +56,7 @@ def plan(
     *,
     scene: str,
     aperture: tuple[int, int] | None,
-    apertures: int | None,
+    apertures: int | str | None,
     sample: int,
     seed: int,
     tolerance_px: float,
@@ -71,6 +74,7 @@ def plan(
     """
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
+    from xfrustum.compare.scouting.automatic import AutoApertures
     from xfrustum.compare.scouting.sample import RandomSample
     from xfrustum.raster import require_room
     from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
@@ -83,12 +87,12 @@ def plan(
     opened = options.open_scene(scene)
     # The plan is measured by drawing it, but only after a search that traces and predicts for long.
     require_room(opened)
-    chosen = None
-    if aperture is not None:
-        chosen = [options.chosen_aperture(opened, aperture)]
-    elif apertures is not None:
-        chosen = spread_apertures(opened.plate, apertures)
-    if chosen is not None:
+    chosen: Sequence[Aperture] | AutoApertures | None = None
+    if isinstance(apertures, str):
+        chosen = options.auto_apertures(opened, quiet=quiet)
+    elif aperture is not None or apertures is not None:
+        asked = options.chosen_aperture(opened, aperture)
+        chosen = [asked] if apertures is None else spread_apertures(opened.plate, apertures)
         options.look_at(opened, chosen)
     made = make_plan(
         opened,
@@ -101,5 +105,5 @@ def plan(
     if chosen is None:
         # The middle may see nothing of what other hogels do. The plan's scout refuses what no hogel sees.
         options.warn_of(opened)
-    drawn = chosen or [opened.plate.middle]
+    drawn = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
     options.tell(as_json, made.summary, lambda: table(made, opened, drawn, requirement))

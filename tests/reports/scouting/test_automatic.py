@@ -1,0 +1,109 @@
+"""`--apertures auto`: what the commands say of it, on standard error, in JSON and on the page."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.scene_file import film, part
+from xfrustum.cli.main import main
+from xfrustum.reports.scouting.automatic import auto_apertures
+from xfrustum.reports.scouting.map import MAX_MAP_CELLS, MapCells, map_figure
+from xfrustum.scenes import open_scene
+
+HOGELS = (8, 6)
+BALL = (12.0, 7.0, -3.3)
+"""Middle of a ball of radius 1.5 close behind one aperture; a box stands far behind the others."""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("scene") / "ball.toml"
+    text = film((40.0, 30.0), hogels=HOGELS, resolution=(32, 24), fov_deg=(60.0, 45.0), reach=(20.0, 60.0))
+    path.write_text(text + part("sphere", 3.0, BALL) + part("box", 20.0, (0.0, 0.0, -40.0)))
+    return str(path)
+
+
+def chosen(told: list[dict[str, Any]]) -> list[tuple[int, int]]:
+    assert all(set(one) >= {"aperture", "why"} and one["why"] for one in told)
+    return [tuple(one["aperture"]) for one in told]
+
+
+def test_every_command_takes_the_same_apertures_and_says_why(
+    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected = [one.index for one in auto_apertures(open_scene(scene)).apertures]
+    out, near = ["--out", str(tmp_path / "report")], ["--near", "0.1", "--depth", "d24"]
+    common = ["--apertures", "auto", "--json", "--quiet"]
+    found = {}
+    for command, own in {
+        "report": [*near, *out],
+        "budget": [*near, "--out", str(tmp_path / "budget")],
+        "cost": ["--repeat", "1"],
+        "plan": ["--depth", "d32f", "--mapping", "reversed"],
+    }.items():
+        assert main([command, scene, *own, *common]) == 0
+        captured = capsys.readouterr()
+        found[command] = json.loads(captured.out)
+        told = re.findall(r"note: auto: aperture (\d+),(\d+): \S", captured.err)
+        assert [(int(column), int(row)) for column, row in told] == expected
+        assert "looked through all 48 apertures" in captured.err and "at most 1,000" in captured.err
+    report, budget = found["report"], found["budget"]
+    assert chosen(report["scout"]["chosen"]) == expected
+    assert report["scout"]["scouted"] == len(report["scout"]["looks"]) == 48
+    assert [(a["column"], a["row"]) for a in report["apertures"]] == expected
+    assert chosen(budget["apertures"]) == expected and "links" in budget["apertures"][0]
+    assert chosen(found["cost"]["apertures"]) == chosen(found["plan"]["apertures"]) == expected
+    assert len(list((tmp_path / "budget").glob("aperture-*/index.html"))) == len(expected)
+
+
+def test_the_page_of_a_report_has_the_map_only_where_there_was_a_scout(
+    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, shown in ((["--apertures", "auto"], True), ([], False)):
+        common = ["--near", "0.1", "--depth", "d24", "--quiet", "--out", str(tmp_path)]
+        assert main(["report", scene, *words, *common]) == 0
+        page = (tmp_path / "index.html").read_text()
+        assert ('id="plot-scout"' in page) is shown
+        assert (json.loads((tmp_path / "report.json").read_text())["scout"] is not None) is shown
+    capsys.readouterr()
+
+
+def test_errors_of_a_cost_are_those_of_the_worst_aperture(
+    scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Right behind the ball a large near displaces much more than in the middle."""
+    rows = []
+    for words in (["--apertures", "auto"], []):
+        assert main(["cost", scene, *words, "--repeat", "1", "--json", "--quiet"]) == 0
+        rows.append(json.loads(capsys.readouterr().out)["configurations"])
+    worst, middle = ([row["displacement_p99_px"] for row in those] for those in rows)
+    assert all(more >= less for more, less in zip(worst, middle, strict=True))
+    assert max(worst) > 1.5 * max(middle)
+
+
+def test_the_map_shows_each_look_at_its_place_and_marks_what_was_chosen(scene: str) -> None:
+    auto = auto_apertures(open_scene(scene))
+    cells = MapCells.of(auto)
+    assert cells.look.shape == HOGELS[::-1] and max(cells.look.shape) <= MAX_MAP_CELLS
+    for number, look in enumerate(auto.scout.looks):
+        column, row = look.aperture.index
+        assert cells.look[row, column] == number
+    figure = map_figure(auto)
+    marks = [trace for trace in figure.data if trace.type == "scatter"]
+    assert [list(zip(one.x, one.y, strict=True)) for one in marks] == 2 * [
+        [one.index for one in auto.apertures]
+    ]
+
+
+@pytest.mark.parametrize("command", ["cost", "budget"])
+def test_one_aperture_and_auto_exclude_each_other(
+    command: str, scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    near = ["--near", "1"] if command == "budget" else []
+    assert main([command, scene, *near, "--aperture", "1,1", "--apertures", "auto", "--quiet"]) == 2
+    assert "give one of them" in capsys.readouterr().err
