@@ -25,6 +25,9 @@ CAUSE_COLORS = {
 }
 """Okabe and Ito's palette, told apart by people with any color vision."""
 
+UNEXPLAINED_COLOR = "rgb(255,0,255)"
+"""Color of pixels that are charged to rounding and bear none of its marks."""
+
 CAUSE_WORDS = {
     "near offset": "the near offset",
     "pivot": "the shear about the wrong point",
