@@ -64,6 +64,12 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
     )
 
 
+def test_without_an_offset_the_first_link_is_the_gap_at_the_plate() -> None:
+    stays = row(1.0, near_offset=500)
+    (said,) = sentences([replace(stays, settings=replace(stays.settings, offset="none"))], "mm")
+    assert said == "D24 standard: at n = 1 mm the gap at the plate dominates."
+
+
 def test_areas_are_shares_of_the_wrong_pixels_and_add_up() -> None:
     rows = [row(1.0, near_offset=30, pivot=60, depth=10), row(0.1, near_offset=1), row(0.01)]
     figure = cause_figure(list(enumerate(rows)), 10.0)
