@@ -15,7 +15,7 @@ from xfrustum.compare.prediction.predict import Prediction, Separations
 from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Pivot, open_scene
+from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, Offset, Pivot, open_scene
 
 MIDDLE = Aperture(column=1, row=1, x=0.0, y=0.0)
 JUDGED = 10_000
@@ -66,7 +66,7 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
 
 def test_without_an_offset_the_first_link_is_the_gap_at_the_plate() -> None:
     stays = row(1.0, near_offset=500)
-    (said,) = sentences([replace(stays, settings=replace(stays.settings, offset="none"))], "mm")
+    (said,) = sentences([replace(stays, settings=replace(stays.settings, offset=Offset.NONE))], "mm")
     assert said == "D24 standard: at n = 1 mm the gap at the plate dominates."
 
 
