@@ -21,6 +21,7 @@ from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
@@ -34,16 +35,8 @@ BY_TRIANGLE, BY_SURFACE = "causes-by-triangle.png", "causes-by-surface.png"
 FILES = (PAGE, DATA, BY_TRIANGLE, BY_SURFACE, *(f"{name}.webp" for name in IMAGES))
 """Files that are always written; `radiance-*.png` come beside it, one for each link of the radiance error."""
 
-LINK_COLORS = (
-    "rgb(0,114,178)",
-    "rgb(86,180,233)",
-    "rgb(204,121,167)",
-    "rgb(0,158,115)",
-    "rgb(230,159,0)",
-    "rgb(213,94,0)",
-)
-"""Okabe and Ito's palette, told apart by people with any color vision, in the order of the links."""
-UNEXPLAINED_COLOR = "rgb(255,0,255)"
+LINK_COLORS = tuple(CAUSE_COLORS[name] for name in LINKS)
+"""Colors of the links, in their order."""
 SHOWN_GRAY, EMPTY_GRAY = 215, 250
 
 CHAIN_WORDS = (

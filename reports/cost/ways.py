@@ -1,4 +1,4 @@
-"""The configurations whose cost is measured: near, depth, mapping, slabs, offset, samples, effects, tracers."""
+"""The configurations whose cost is measured: near, depth, slabs, offset, samples, effects, tracers."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ See docs/method.md, "Splitting".
 """
 NEARS_PER_CUT = (1e-1, 1e-2)
 NEARS_WITHOUT_OFFSET_PER_REACH = (1e-2, 1e-3, 1e-4, 1e-5)
-"""Near planes of cameras that stay in the aperture, over the shorter reach: they displace nothing, and leave a
-gap of near on both sides of the plate. Their depth buffer, D32F reversed, orders surfaces at any near."""
+"""Near planes of cameras that stay in the aperture, over the shorter reach: they displace nothing, and
+leave a gap of near on both sides of the plate. Their depth buffer is D32F reversed, which needs no
+large near."""
 USUAL_NEAR_PER_REACH = 1e-3
 """Near plane at which samples and effects are measured: their cost does not depend on it."""
 

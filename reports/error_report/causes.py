@@ -14,6 +14,7 @@ from xfrustum.reports.common.figure_style import log_axis, style
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.measurements.best import SURFACE_TIE_FRACTION
 from xfrustum.reports.measurements.measurement import Measurement
+from xfrustum.scenes.plate.double_frustum import Offset
 
 CAUSE_COLORS = {
     "near offset": "rgb(0,114,178)",
@@ -25,6 +26,9 @@ CAUSE_COLORS = {
     "depth": "rgb(213,94,0)",
 }
 """Okabe and Ito's palette, told apart by people with any color vision, and gray, in the order of links."""
+
+UNEXPLAINED_COLOR = "rgb(255,0,255)"
+"""Color of pixels that are charged to rounding and bear none of its marks."""
 
 CAUSE_WORDS = {
     "near offset": "the near offset",
@@ -85,18 +89,27 @@ def sentences(rows: Sequence[Measurement], units: str) -> list[str]:
         Length unit of the scene.
     """
     return [
-        f"{label}: {_told(reigns(group), units)}." for label, group in _by_depth_buffer(rows).items() if group
+        f"{label}: {_told(reigns(group), _words(group[0]), units)}."
+        for label, group in _by_depth_buffer(rows).items()
+        if group
     ]
 
 
-def _told(found: Sequence[Reign], units: str) -> str:
+def _words(row: Measurement) -> dict[str, str]:
+    """Return what the causes of a row are called; without an offset the first link is the gap."""
+    if row.settings.offset is Offset.NONE:
+        return {**CAUSE_WORDS, LINKS[0]: "the gap at the plate"}
+    return CAUSE_WORDS
+
+
+def _told(found: Sequence[Reign], words: dict[str, str], units: str) -> str:
     parts = []
     for reign in found:
         if reign.low == reign.high:
             where = f"at n = {digits(reign.low)} {units}"
         else:
             where = f"from n = {digits(reign.low)} to {digits(reign.high)} {units}"
-        what = "hardly a surface is wrong" if reign.cause is None else f"{CAUSE_WORDS[reign.cause]} dominates"
+        what = "hardly a surface is wrong" if reign.cause is None else f"{words[reign.cause]} dominates"
         parts.append(f"{where} {what}")
     return "; ".join(parts)
 

@@ -59,6 +59,11 @@ class GeometryContext:
     shear: tuple[ShearRow, ...]
     without_offset: bool
 
+    def name_of(self, best: Recommendation) -> str:
+        """Return the name of the geometry of a setting."""
+        wanted = CameraGeometry.of(best.settings)
+        return next(one.name for one in self.shown if CameraGeometry.of(one.best.settings) == wanted)
+
 
 def context(sweep: Sweep) -> GeometryContext:
     """Return what the page says about the camera geometries of a sweep."""
@@ -138,7 +143,7 @@ def _compared(shown: Sequence[ShownGeometry], units: str) -> list[str]:
         f"With {one.name} the best setting is near {digits(one.best.settings.near)} {units} and "
         f"{one.best.settings.depth_label} depth: {percent(one.best.surface_fraction)} of the judged pixels "
         "show the wrong surface, and 99 % of the picture lies within "
-        f"{best.pixels(one.best.displacement_p99_px)} of where it belongs."
+        f"{best.pixels(one.best.displacement_p99_px)} of where it belongs.{best.gap(one.best, units)}"
         for one in shown
     ]
 
@@ -155,9 +160,9 @@ def _shear_sentences(shear: Sequence[ShearRow], sweep: Sweep) -> list[str]:
     )
     where = f"near {digits(worst.near)} {units} and aperture {worst.aperture.column},{worst.aperture.row}"
     said = [
-        "A shear about the cameras' own centers moves what is drawn by up to "
-        f"{digits(worst.numbers.rms_px)} px (rms, at {where}); a shear about the aperture moves nothing.",
-        "What is traced and the closed form -k n/((|z| + n) t) differ by "
+        "Beside what the near offset does, a shear about the cameras' own centers moves points by up to "
+        f"{digits(worst.numbers.rms_px)} px (rms, at {where}), and a shear about the aperture by nothing.",
+        "This is what is traced. The closed form -k n/((|z| + n) t), for the same points, differs from it by "
         + (f"at most {percent(apart)} at every near." if apart > _EQUAL else "nothing but rounding."),
     ]
     if any(one.pivot is Pivot.APERTURE for one in sweep.geometries):

@@ -17,6 +17,7 @@ from skimage.measure import block_reduce
 from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.metrics.display import LEVELS, encoded
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
+from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.measurements.measurement import SettingPictures
 from xfrustum.scenes.arrays import Bytes, Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -77,7 +78,11 @@ def _rounded_up(value: float) -> float:
 
 
 def setting_pictures(
-    drawn: HogelImage, maps: ErrorMaps, reach: float, heights: tuple[float, float], reduction: int = 1
+    drawn: HogelImage,
+    maps: ErrorMaps,
+    charge: NDArray[np.int8],
+    scale: tuple[float, tuple[float, float]],
+    reduction: int = 1,
 ) -> SettingPictures:
     """Encode the raster image and its error maps.
 
@@ -85,13 +90,14 @@ def setting_pictures(
     ----------
     drawn, maps
         The raster image and what the comparison found, (H, W).
-    reach
-        Longest reach, scene units; the unit of the height scale.
-    heights
-        Both ends of the height scale; see `height_range`.
+    charge
+        (H, W) number of the link that each wrong surface is charged to, negative where there is none.
+    scale
+        Longest reach in scene units, and both ends of the height scale in multiples of it (`height_range`).
     reduction
         Image pixels per picture pixel, along each side; errors keep the worst of a block.
     """
+    reach, heights = scale
     surface = np.zeros_like(maps.triangle) if maps.surface is None else maps.surface
     return SettingPictures(
         raster=picture(drawn, reduction),
@@ -99,6 +105,7 @@ def setting_pictures(
         surface=mask(surface, SURFACE_COLOR, reduction),
         triangle=mask(maps.triangle, TRIANGLE_COLOR, reduction),
         height=height_map(maps.height, reach, heights, reduction),
+        causes=cause_map(charge, reduction),
         radiance=None if maps.radiance is None else radiance_map(maps.radiance, reduction),
     )
 
@@ -141,6 +148,22 @@ def displacement_map(displacement: Floats, reduction: int = 1) -> bytes:
     index = np.zeros(length.shape, dtype=np.uint8)
     index[known] = 1 + np.clip(np.floor(level), 0, _DISPLACEMENT_STEPS - 1)
     return _palette_png(_worst(index, reduction), _DISPLACEMENT_COLORS)
+
+
+def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
+    """Encode which link each wrong surface is charged to as PNG, transparent where nothing is wrong.
+
+    Parameters
+    ----------
+    charge
+        (H, W) numbers of links, negative where the pixel is right; the number after the last link stands for
+        unexplained pixels.
+    reduction
+        Image pixels per picture pixel, along each side; a block shows the last of its links.
+    """
+    # Index 0 is "right" and the least of all, so that no wrong pixel of a block is lost.
+    index = (charge + 1).astype(np.uint8)
+    return _palette_png(_worst(index, reduction), [*CAUSE_COLORS.values(), UNEXPLAINED_COLOR])
 
 
 def height_map(

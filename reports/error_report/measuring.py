@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.compare import Comparison, ErrorMaps, compare_images
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
@@ -17,7 +18,7 @@ from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.metrics.surface import JudgedImage
-from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
+from xfrustum.compare.prediction.chain import LINKS, traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -106,10 +107,11 @@ class _Drawn:
 
 @dataclass(frozen=True, kw_only=True)
 class _Judged:
-    """The row of a frame, and its error maps."""
+    """The row of a frame, its error maps, and the links that its wrong surfaces are charged to."""
 
     row: Measurement
     maps: ErrorMaps
+    charge: NDArray[np.int8]
 
 
 class SettingMeasurer:
@@ -209,8 +211,7 @@ class SettingMeasurer:
                 judged = [each.result() for each in tasks]
                 # Timed separately: encoding pictures is not measurement.
                 with watch.stage("pictures"):
-                    maps = (each.maps for each in judged)
-                    pictures = list(pool.map(self._encoded, (each.image for each in drawn), maps))
+                    pictures = list(pool.map(self._encoded, drawn, judged))
             for each in drawn:
                 watch.add(each.lap.seconds)
             yield [
@@ -284,7 +285,7 @@ class SettingMeasurer:
             budget = charged(start, drawn.image, links, comparison.maps)
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage
         row = _row(traced, drawn, comparison, prediction, budget)
-        return _Judged(row=row, maps=comparison.maps)
+        return _Judged(row=row, maps=comparison.maps, charge=_charges(budget))
 
     def _predictor(
         self, traced: TracedAperture, settings: DoubleFrustum, watch: Stopwatch, shared: SharedStopwatch
@@ -311,10 +312,9 @@ class SettingMeasurer:
             reference=self._reference, images=images, subpixel_bits=bits, truth_moved=traced.moved
         )
 
-    def _encoded(self, drawn: HogelImage, maps: ErrorMaps) -> SettingPictures:
-        return images.setting_pictures(
-            drawn, maps, self._frustum.longest_reach, self._height_range, self._reduction
-        )
+    def _encoded(self, drawn: _Drawn, judged: _Judged) -> SettingPictures:
+        scale = self._frustum.longest_reach, self._height_range
+        return images.setting_pictures(drawn.image, judged.maps, judged.charge, scale, self._reduction)
 
 
 def _prepare(start: ChainStart, part: str, watch: Stopwatch, shared: SharedStopwatch) -> None:
@@ -348,6 +348,13 @@ def _row(
         parts_s=StageParts(raster=RasterParts(gpu=drawn.gpu_s)),
         wrong=_wrong_pixels(comparison.maps),
     )
+
+
+def _charges(budget: Budget) -> NDArray[np.int8]:
+    """Return the links that wrong surfaces are charged to (H, W), and the next number where none explains."""
+    charge = budget.surface_charge.copy()
+    charge[budget.explanation.unexplained & (charge >= 0)] = len(LINKS)
+    return charge
 
 
 def _settings(drawn: HogelImage) -> DoubleFrustum:

@@ -51,7 +51,10 @@ _CERTAINTY_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class PageRow:
-    """One row as the page's script reads it; pictures by the keys of `PageData.pictures`."""
+    """One row as the page's script reads it; pictures by the keys of `PageData.pictures`.
+
+    `causes` are the numbers of pixels with the wrong surface that are charged to each link.
+    """
 
     aperture: tuple[int, int]
     geometry: int
@@ -64,6 +67,7 @@ class PageRow:
     times_s: StageTimes
     parts_s: StageParts
     pictures: dict[str, str]
+    causes: dict[str, int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +97,8 @@ class PageData:
         One for each aperture and setting.
     geometries
         Names of the camera geometries, which the rows number.
+    cause_colors
+        Color of each cause in the pictures of causes.
     apertures
         Column and row of each aperture.
     truths
@@ -115,6 +121,7 @@ class PageData:
 
     rows: tuple[PageRow, ...]
     geometries: tuple[str, ...]
+    cause_colors: dict[str, str]
     apertures: tuple[tuple[int, int], ...]
     truths: tuple[str, ...]
     start: int
@@ -194,6 +201,7 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
     start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
     return PageData(
         rows=rows,
+        cause_colors=causes.CAUSE_COLORS,
         geometries=tuple(names[one] for one in sweep.geometries),
         apertures=tuple(aperture.index for aperture in sweep.apertures),
         truths=tuple(_keep(encoded, pictures) for encoded in sweep.truths),
@@ -253,6 +261,7 @@ def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str], 
             for f in fields(own)
             if (encoded := getattr(own, f.name)) is not None
         },
+        causes={cause.name: cause.surface for cause in row.causes},
     )
 
 

@@ -10,7 +10,7 @@ from xfrustum.compare.metrics.paired import is_worse
 from xfrustum.reports.common.formatting import _plain, digits, percent
 from xfrustum.reports.common.geometry import CameraGeometry, geometries_of, geometry_names
 from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
 
 SURFACE_TIE_FRACTION = 1e-4
@@ -251,6 +251,17 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
         f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
         f"{_equally(best, units)}{wrong}, {_colors(best)}"
         f"and 99 % of the picture lies within {pixels(best.displacement_p99_px)} of where it belongs."
+        f"{gap(best, units)}"
+    )
+
+
+def gap(best: Recommendation, units: str) -> str:
+    """Say what cameras that stay in the aperture leave out; nothing of cameras that step back."""
+    if best.settings.offset is Offset.PLATE:
+        return ""
+    return (
+        " The cameras stay in the aperture and clip all that is closer than near: a gap of "
+        f"{digits(best.settings.near)} {units} on each side of the plate."
     )
 
 

@@ -164,6 +164,7 @@ class SettingPictures:
     surface: bytes
     triangle: bytes
     height: bytes
+    causes: bytes
     radiance: bytes | None = None
 
 

@@ -119,6 +119,19 @@ function predictions(row) {
   ]);
 }
 
+function legend(row) {
+  const shown = Object.entries(row.causes).filter(([, count]) => count > 0);
+  const parts = shown.map(([name, count]) => {
+    const swatch = document.createElement("i"), text = document.createElement("em");
+    swatch.style.background = data.cause_colors[name];
+    text.textContent = `${name} ${count.toLocaleString()}`;
+    return [swatch, text];
+  });
+  get("causes").replaceChildren(...(parts.length ? parts.flat() : ["no pixel is wrong"]));
+  const share = row.comparison.surface;
+  document.querySelector('[data-layer="causes"]').classList.toggle("sparse", share !== null && share.fraction < 0.002);
+}
+
 function show() {
   const rows = candidates();
   const place = closest(rows);
@@ -141,6 +154,7 @@ function show() {
   }
   numbers(row);
   predictions(row);
+  legend(row);
   if (drawn !== `${state.aperture} ${state.geometry}`) drawPlots();
   const upright = { type: "line", xref: "x", yref: "paper", x0: row.near / data.reach, x1: row.near / data.reach, y0: 0, y1: 1, line: { color: "#80868f", width: 1.2, dash: "dot" } };
   for (const [name, figure] of Object.entries(curves())) if (figure !== null) Plotly.relayout(get("plot-" + name), { shapes: [upright] });

@@ -371,7 +371,7 @@ def _family(settings: DoubleFrustum) -> str:
 def _with_geometry(label: str, settings: DoubleFrustum) -> str:
     """Add to some words what is not usual about the cameras."""
     described = CameraGeometry.of(settings).described
-    return f"{label}, {described}" if described else label
+    return f"{label} ({described})" if described else label
 
 
 def near_label(near: float, units: str, reach: float, depth: str) -> str:

@@ -98,7 +98,7 @@ SCENES: MappingProxyType[str, Builtin] = MappingProxyType(
             frustum=_CAR_RECENTERED,
         ),
         "car-transfer": Builtin(
-            purpose="a master for transfer: the car behind the plate, the screen in the transfer plane through it",
+            purpose="a master for transfer: the car behind the plate, the screen in the transfer plane",
             objects=_transferred_car,
             frustum=_TRANSFER,
         ),

@@ -61,6 +61,7 @@ def row(comparison: ComparisonNumbers, predicted: Spread | None) -> TableRow:
             near_per_reach=0.01,
             comparison=comparison,
             unexplained=0,
+            shear=None,
             predicted_displacement_px=predicted,
             predicted_surface=PredictedSurface(
                 fraction=0.1, silhouettes=0.1, snapped=0.0, depth=0.0, outside=0.0

@@ -271,7 +271,7 @@ def test_cost_prints_one_object_and_writes_a_page(
     assert main(arguments) == 0
     printed = json.loads(capsys.readouterr().out)
     assert {"raster", "embree", "mitsuba", "certified"} == {row["renderer"] for row in printed["rows"]}
-    stays = [row for row in printed["rows"] if row["configuration"].get("offset") == "none"]
+    stays = [row for row in printed["rows"] if row.get("offset") == "none"]
     assert len(stays) == len(cost_ways.NEARS_WITHOUT_OFFSET_PER_REACH)
     # Cameras in the aperture displace nothing: what is measured is the rounding of positions.
     assert all(row["error"]["displacement_p99_px"] < DISPLACEMENT_TIE_PX for row in stays)

@@ -14,7 +14,7 @@ from xfrustum.compare.prediction.chain import LINKS
 from xfrustum.reports.error_report.causes import cause_figure, reigns, sentences
 from xfrustum.reports.error_report.report import ReportFiles, make_report
 from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes import DepthFormat, DoubleFrustum, Pivot, open_scene
+from xfrustum.scenes import DepthFormat, DoubleFrustum, Offset, Pivot, open_scene
 
 JUDGED = 10_000
 
@@ -45,6 +45,12 @@ def test_each_cause_reigns_where_it_makes_most_surfaces_wrong() -> None:
         "D24 standard: from n = 1e-6 to 0.0001 mm the depth buffer dominates; at n = 0.01 mm hardly a "
         "surface is wrong; from n = 0.1 to 1 mm the near offset dominates."
     )
+
+
+def test_without_an_offset_the_first_link_is_the_gap_at_the_plate() -> None:
+    stays = row(1.0, near_offset=500)
+    (said,) = sentences([replace(stays, settings=replace(stays.settings, offset=Offset.NONE))], "mm")
+    assert said == "D24 standard: at n = 1 mm the gap at the plate dominates."
 
 
 def test_areas_are_shares_of_the_wrong_pixels_and_add_up() -> None:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
+import re
+from collections import Counter
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.main import cli, main
@@ -101,7 +107,7 @@ def test_causes_add_up_and_rounding_is_explained_with_either_pivot(files: Report
 def test_the_page_compares_the_pivots(files: ReportFiles) -> None:
     html, data = files.html.read_text(), page_data(files.html)
     assert data["geometries"] == ["pivot aperture", "pivot camera"]
-    assert "Cameras compared" in html and "A shear about the cameras" in html
+    assert "Cameras compared" in html and "a shear about the cameras" in html.replace("&#39;", "'")
     (of_corner,) = data["curves"]
     for curves in of_corner:
         names = [line["name"] for line in curves["geometry_displacement"]["data"]]
@@ -201,3 +207,17 @@ def test_the_command_to_copy_draws_the_same_cameras() -> None:
     command = raster_command(scene, scene.plate.middle, settings)
     for words in ("--pivot camera", "--fit screen", "--offset none", "--slabs 15"):
         assert words in command
+
+
+def unlabeled(color: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", color))
+
+
+def test_the_picture_of_causes_has_the_color_of_each_charged_pixel(files: ReportFiles) -> None:
+    data = page_data(files.html)
+    colors = {name: unlabeled(color) for name, color in data["cause_colors"].items()}
+    for row in data["rows"]:
+        encoded = base64.b64decode(data["pictures"][row["pictures"]["causes"]].split(",")[1])
+        pixels = np.asarray(Image.open(io.BytesIO(encoded)).convert("RGBA")).reshape(-1, 4)
+        shown = Counter(map(tuple, pixels[pixels[:, 3] > 0, :3].tolist()))
+        assert shown == {colors[name]: count for name, count in row["causes"].items() if count}
