@@ -142,7 +142,8 @@ def register(reference: Reference, images: Sequence[HogelImage], nominal: DrawnM
 def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
     """Return a fit to pictures of a recentered frustum, in which a moved screen looks like a shift.
 
-    A shift within the pixel is kept, with the moved screen as an alternative; beyond it, the reverse.
+    A shift that is within the pixel, or may be by its interval, is kept with the moved screen as an
+    alternative; beyond it, the reverse.
     """
     shift = np.asarray(fit.model.shift)
     if not shift.any():
@@ -150,9 +151,10 @@ def _or_screen(scene: Scene, fit: GeometryFit) -> GeometryFit:
     per_px = parameters.screen_lengths(scene)
     x, y = (shift * per_px).tolist()
     moved = replace(fit.model, shift=(0.0, 0.0), screen_center=(x, y))
-    if np.abs(shift).max() <= MAX_SAMPLING_PX:
-        return replace(fit, alternatives=(moved,))
     of_shift, of_screen = list(parameters.places("shift")), list(parameters.places("screen-center"))
+    half = (fit.high - fit.low)[of_shift] / 2
+    if (np.abs(shift) - half <= MAX_SAMPLING_PX).all():
+        return replace(fit, alternatives=(moved,))
     low, high = fit.low.copy(), fit.high.copy()
     ends = np.sort((low[of_shift] * per_px, high[of_shift] * per_px), axis=0)
     low[of_screen], high[of_screen] = ends
