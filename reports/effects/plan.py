@@ -150,10 +150,7 @@ def explain(
         from xfrustum.reports.effects.costs import Stopwatches  # noqa: PLC0415
 
         watches = Stopwatches(scene=scene, aperture=aperture, settings=settings, tracer=tracer, repeat=repeat)
-        steps = 2 * (len(rows) + 1)
-        with progress_bar(steps, "explain", "measurement", shown=progress) as bar:
-            rows = [replace(row, costs=_measured(row, used, watches, bar)) for row in rows]
-            left_out = watches.of_effects(ALL_EFFECTS, used, bar)
+        rows, left_out = _all_measured(rows, used, watches, progress)
     return EffectsPlan(
         scene=scene,
         aperture=aperture,
@@ -206,6 +203,15 @@ def _settings_of(scene: Scene) -> list[Row]:
         Row(name=name, used=used, reason=reason if used else would_be[name], costs={})
         for name, (used, reason) in asked.items()
     ]
+
+
+def _all_measured(
+    rows: list[Row], used: frozenset[Effect], watches: Stopwatches, progress: bool
+) -> tuple[list[Row], dict[str, Cost]]:
+    """Return the rows with their costs, and the cost of all local effects beyond those used."""
+    with progress_bar(2 * (len(rows) + 1), "explain", "measurement", shown=progress) as bar:
+        costly = [replace(row, costs=_measured(row, used, watches, bar)) for row in rows]
+        return costly, watches.of_effects(ALL_EFFECTS, used, bar)
 
 
 def _measured(
