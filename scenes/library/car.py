@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry.placement import place, placement
@@ -81,6 +80,9 @@ def rim_faces(wheels: SceneObject) -> Mask:
 
 def _curve(knots: Knots, at: Floats) -> Floats:
     """Interpolate without overshoot between knots."""
+    # Loaded here: other scenes are opened through this module's names, and need no interpolation.
+    from scipy.interpolate import PchipInterpolator  # noqa: PLC0415
+
     where, value = np.array(knots, dtype=np.float64).T
     return np.asarray(PchipInterpolator(where, value)(at), dtype=np.float64)
 
