@@ -62,4 +62,5 @@ def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
     if kind is ColorType.UINT8:
         return np.rint(np.clip(color, 0.0, 1.0) * np.float32(255)).astype(np.uint8)
     with np.errstate(over="ignore"):
-        return np.asarray(color, dtype=kind.dtype)
+        rounded: NDArray[Any] = color.astype(kind.dtype)
+    return rounded

@@ -92,8 +92,9 @@ class EffectsPlan:
 
     @property
     def drawn(self) -> tuple[SlabContent, ...]:
-        """The slabs that have something in them."""
-        return tuple(slab for slab in self.slabs if slab.triangles)
+        """The slabs that have something in them, of the cameras that are used."""
+        used = {row.name for row in self.rows if row.used}
+        return tuple(slab for slab in self.slabs if slab.triangles and slab.camera.value in used)
 
     @property
     def passes(self) -> tuple[tuple[Camera, tuple[float, float], str], ...]:
@@ -142,7 +143,7 @@ def explain(
         raise InputError(f"tracer must be one of {', '.join(TRACERS)}, not {tracer!r}")
     require_seen(scene, [aperture])
     question = Question(camera=settings.camera, apertures=(aperture,), settings=(settings,))
-    rows = [*_local(scene, question), *_settings_of(scene)]
+    rows = [*_local(scene, question), *_settings_of(scene, measured=repeat > 0)]
     used = frozenset(Effect(row.name) for row in rows if row.used and row.name in set(Effect))
     left_out: dict[str, Cost] = {}
     if repeat:
@@ -150,10 +151,7 @@ def explain(
         from xfrustum.reports.effects.costs import Stopwatches  # noqa: PLC0415
 
         watches = Stopwatches(scene=scene, aperture=aperture, settings=settings, tracer=tracer, repeat=repeat)
-        steps = 2 * (len(rows) + 1)
-        with progress_bar(steps, "explain", "measurement", shown=progress) as bar:
-            rows = [replace(row, costs=_measured(row, used, watches, bar)) for row in rows]
-            left_out = watches.of_effects(ALL_EFFECTS, used, bar)
+        rows, left_out = _all_measured(rows, used, watches, progress)
     return EffectsPlan(
         scene=scene,
         aperture=aperture,
@@ -182,8 +180,11 @@ def _local(scene: Scene, question: Question) -> list[Row]:
     ]
 
 
-def _settings_of(scene: Scene) -> list[Row]:
-    """Return the rows of what changes the picture and therefore is simulated only if it is asked for."""
+def _settings_of(scene: Scene, *, measured: bool) -> list[Row]:
+    """Return the rows of what changes the picture and therefore is simulated only if it is asked for.
+
+    Where costs are measured, the reason says what the cost of a setting is that is not asked for.
+    """
     sampling, transport = scene.sampling, scene.transport
     side, many = sampling.supersample, sampling.multisample
     finer = side > 1 or many > 1
@@ -195,17 +196,30 @@ def _settings_of(scene: Scene) -> list[Row]:
             transport.interreflection, f"asked for, with {transport.samples} light paths a pixel"
         ),
     }  # fmt: skip
-    paths = f"the cost is that of {transport.samples} light paths a pixel"
-    would_be = {
-        "antialiasing": "not asked for; the cost is that of 2 x 2 points a pixel",
-        "band-limiting": "not asked for; the cost is that of 4 sub-apertures",
-        "shadows": f"not asked for; {paths}",
-        "interreflection": f"not asked for; {paths}",
+    paths = f"{transport.samples} light paths a pixel"
+    measured_as = {
+        "antialiasing": "2 x 2 points a pixel",
+        "band-limiting": "4 sub-apertures",
+        "shadows": paths,
+        "interreflection": paths,
     }
+
+    def left_out(name: str) -> str:
+        return f"not asked for{f'; the cost is that of {measured_as[name]}' if measured else ''}"
+
     return [
-        Row(name=name, used=used, reason=reason if used else would_be[name], costs={})
+        Row(name=name, used=used, reason=reason if used else left_out(name), costs={})
         for name, (used, reason) in asked.items()
     ]
+
+
+def _all_measured(
+    rows: list[Row], used: frozenset[Effect], watches: Stopwatches, progress: bool
+) -> tuple[list[Row], dict[str, Cost]]:
+    """Return the rows with their costs, and the cost of all local effects beyond those used."""
+    with progress_bar(2 * (len(rows) + 1), "explain", "measurement", shown=progress) as bar:
+        costly = [replace(row, costs=_measured(row, used, watches, bar)) for row in rows]
+        return costly, watches.of_effects(ALL_EFFECTS, used, bar)
 
 
 def _measured(
