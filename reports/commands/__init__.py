@@ -4,8 +4,8 @@ budget_page         The folder of `xfrustum budget --out`: a page with a legend,
                     pictures
 budgeting           `xfrustum budget`: the error of one image link by link, in numbers
 comparison          `xfrustum compare`: two images from files, and what a person wants to see of the outcome
-figure7             The paper's figure 7: what camera C sees, what camera C* sees, and both, as one page
-                    and three pictures
+figure7             The paper's figure 7: C, two perspectives of C* as seen and as overlaid, and both cameras,
+                    as one page
 planning            `xfrustum plan`: which settings to draw with, what they keep, and the command that
                     draws so
 radiance_budgeting  `xfrustum budget` in radiance: the table, and a picture of what each link changes

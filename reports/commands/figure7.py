@@ -1,4 +1,4 @@
-"""The paper's figure 7: what camera C sees, what camera C* sees, and both, as one page and three pictures."""
+"""The paper's figure 7: C, two perspectives of C* as seen and as overlaid, and both cameras, as one page."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -21,21 +22,27 @@ from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 NEAR_PER_REACH = 1e-6
 """Near offset as a share of the reach, where none is asked for. What is farther than a percent of the reach
 from the plate is displaced by less than W/2 1e-4, 0.03 px at 512 pixels; and a reversed float depth buffer
 resolves 2^-24 of any distance, however small the near plane."""
 
+LATTICE = 4
+"""Apertures along each side of the plate among which the second perspective of C* is chosen."""
+
 _PAGE = "index.html"
 _DRAWN = (Camera.C, Camera.C_STAR, Camera.BOTH)
-FILES = (_PAGE, *(f"{camera.value}.png" for camera in _DRAWN))
+_AS_SEEN, _OTHER = "c-star-as-seen", "c-star-other"
+"""Names of the pictures of C*: as the camera sees it, and of another aperture."""
+FILES = (_PAGE, *(f"{name}.png" for name in (*(camera.value for camera in _DRAWN), _AS_SEEN, _OTHER)))
+"""Names of the files that are written; that of another aperture only where the plate has one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Figure:
-    """The three pictures.
+    """The pictures of an aperture, and what C* shows of another one.
 
     Attributes
     ----------
@@ -43,6 +50,8 @@ class Figure:
         What was drawn; the camera of `settings` means nothing.
     images
         By camera, in the paper's order.
+    other
+        Image of another aperture by C* alone; None where the plate has one aperture.
     times_s
         Wall seconds of each picture, by the name of its camera.
     device
@@ -53,6 +62,7 @@ class Figure:
     aperture: Aperture
     settings: DoubleFrustum
     images: Mapping[Camera, HogelImage]
+    other: HogelImage | None
     times_s: Mapping[str, float]
     device: str
 
@@ -63,8 +73,18 @@ def default_settings(scene: Scene, near: float | None) -> DoubleFrustum:
     return DoubleFrustum(near=near, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED)
 
 
-def draw_figure(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> Figure:
-    """Draw an aperture with C alone, C* alone and both.
+def draw_figure(
+    scene: Scene, aperture: Aperture, settings: DoubleFrustum, other: Aperture | None = None
+) -> Figure:
+    """Draw an aperture with C alone, C* alone and both, and another aperture with C* alone.
+
+    Parameters
+    ----------
+    scene, aperture, settings
+        What is drawn.
+    other
+        Aperture of the second perspective of C*; where None the one of a coarse lattice over the plate from
+        which C* shows most.
 
     Raises
     ------
@@ -80,47 +100,91 @@ def draw_figure(scene: Scene, aperture: Aperture, settings: DoubleFrustum) -> Fi
         for camera in _DRAWN:
             with watch.stage(camera.value):
                 images[camera] = rasterizer.render(aperture, replace(settings, camera=camera), normals=False)
+        alone = replace(settings, camera=Camera.C_STAR)
+        second = _fullest(rasterizer, alone, aperture) if other is None else other
+        perspective = None if second is None else rasterizer.render(second, alone, normals=False)
         device = rasterizer.device["renderer"]
     return Figure(
-        scene=scene, aperture=aperture, settings=settings, images=images, times_s=watch.seconds, device=device
+        scene=scene,
+        aperture=aperture,
+        settings=settings,
+        images=images,
+        other=perspective,
+        times_s=watch.seconds,
+        device=device,
     )
 
 
+def _fullest(rasterizer: Rasterizer, settings: DoubleFrustum, apart_from: Aperture) -> Aperture | None:
+    """Return the aperture of a lattice whose picture is fullest; None where the plate has no other one."""
+    candidates = [one for one in _lattice(rasterizer.scene.plate) if one != apart_from]
+
+    def covered(aperture: Aperture) -> int:
+        drawn = rasterizer.render(aperture, settings, normals=False, color=False)
+        return int(drawn.covered.sum())
+
+    return max(candidates, key=covered, default=None)
+
+
+def _lattice(plate: Plate) -> list[Aperture]:
+    """Return `LATTICE` x `LATTICE` apertures spread over the plate to its corners, row by row."""
+    columns, rows = (
+        [round(place * (count - 1) / (LATTICE - 1)) for place in range(LATTICE)] for count in plate.hogels
+    )
+    return list(dict.fromkeys(plate.aperture(column, row) for row, column in product(rows, columns)))
+
+
 def write_figure(figure: Figure, out: Path) -> tuple[Path, ...]:
-    """Write index.html and three pictures to a folder, all or nothing.
+    """Write index.html and the pictures to a folder, all or nothing.
 
     Raises
     ------
     InputError
         The folder cannot be written.
     """
-    pictures = {camera: png(image) for camera, image in figure.images.items()}
+    pictures = {camera.value: png(image) for camera, image in figure.images.items()}
+    pictures[_AS_SEEN] = png(figure.images[Camera.C_STAR], as_seen=True)
+    if figure.other is not None:
+        pictures[_OTHER] = png(figure.other, as_seen=True)
     with Staging(out, FILES) as staging:
-        for camera, encoded_picture in pictures.items():
-            (staging.folder / f"{camera.value}.png").write_bytes(encoded_picture)
+        for name, encoded_picture in pictures.items():
+            (staging.folder / f"{name}.png").write_bytes(encoded_picture)
         (staging.folder / _PAGE).write_text(_page(figure, pictures), encoding="utf-8")
         return staging.commit()
 
 
-def png(image: HogelImage) -> bytes:
-    """Encode the color image as PNG: clipped, sRGB, 8 bits; transparent where there is no surface."""
+def png(image: HogelImage, *, as_seen: bool = False) -> bytes:
+    """Encode the color image as PNG: clipped, sRGB, 8 bits; transparent where there is no surface.
+
+    Parameters
+    ----------
+    image
+        Image as it lies on the film.
+    as_seen
+        Whether to show it as C* sees it, which looks from the plate back at the viewer with +y upward and
+        so with +x to its left. The film has the same sides, and +y downward: up and down change places.
+    """
     assert image.color is not None
     color = np.rint(LEVELS * encoded(image.color))
     pixels = np.dstack((color, np.where(image.covered, LEVELS, 0)))
+    if as_seen:
+        pixels = np.flipud(pixels)
     buffer = io.BytesIO()
     Image.fromarray(pixels.astype(np.uint8)).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
 
 
-def _page(figure: Figure, pictures: Mapping[Camera, bytes]) -> str:
+def _page(figure: Figure, pictures: Mapping[str, bytes]) -> str:
     covered = {camera.value: float(image.covered.mean()) for camera, image in figure.images.items()}
+    if figure.other is not None:
+        covered[_OTHER] = float(figure.other.covered.mean())
     values = {
         "figure": figure,
         "reach": figure.scene.frustum.longest_reach,
         "covered": covered,
         "pictures": {
-            camera.value: f"data:image/png;base64,{base64.b64encode(data).decode()}"
-            for camera, data in pictures.items()
+            name: f"data:image/png;base64,{base64.b64encode(data).decode()}"
+            for name, data in pictures.items()
         },
     }
     return html_page("figure7.html.j2", {"digits": digits}, values)

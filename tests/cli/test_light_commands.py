@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.attribution.radiance_budget import LOCAL_LINKS
 from xfrustum.compare.metrics.display import encoded
+from xfrustum.reference import Reference
+from xfrustum.scenes import open_scene
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.files.openexr.images import read_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
@@ -164,18 +167,20 @@ def test_the_budget_has_radiance_by_link(capsys: pytest.CaptureFixture[str]) -> 
     assert "radiance changes by" in capsys.readouterr().out
 
 
-def test_figure_7_is_one_page_and_three_pictures(capsys: pytest.CaptureFixture[str]) -> None:
+def test_figure_7_is_one_page_with_its_pictures(capsys: pytest.CaptureFixture[str]) -> None:
     run("figure7", "asymmetric", "--near", "0.01", "--out", "seven")
     assert capsys.readouterr().out.strip() == "seven/index.html"
     assert sorted(path.name for path in Path("seven").iterdir()) == [
         "both.png",
+        "c-star-as-seen.png",
+        "c-star-other.png",
         "c-star.png",
         "c.png",
         "index.html",
     ]
     page = Path("seven/index.html").read_text()
     assert not re.search(r"https?:|//cdn|@import|url\(", page)
-    assert page.count("data:image/png;base64,") == 4
+    assert page.count("data:image/png;base64,") == 5
     c, c_star, both = (np.asarray(Image.open(f"seven/{name}.png")) for name in ("c", "c-star", "both"))
     # C* overlays C: where it shows a surface, both show it; elsewhere both show what C shows.
     overlay = np.where(c_star[..., 3:] > 0, c_star, c)
@@ -189,6 +194,33 @@ def test_figure_7_is_one_page_and_three_pictures(capsys: pytest.CaptureFixture[s
     assert drawn.color is not None
     expected = np.rint(255 * encoded(drawn.color)).astype(np.uint8)
     np.testing.assert_array_equal(both[..., :3][drawn.covered], expected[drawn.covered])
+
+
+def test_figure_7_shows_c_star_as_an_upright_camera_sees_it_that_looks_back_at_the_viewer() -> None:
+    """By projection: -x/|z| to the right and y/|z| upward, about the aperture."""
+    run("figure7", "asymmetric", "--near", "1e-4", "--other", "0,0", "--out", "seven")
+    scene = open_scene("asymmetric")
+    width, height = scene.frustum.resolution
+    fov = scene.frustum.fov
+    assert fov is not None
+    for name, aperture in (
+        ("c-star-as-seen", scene.plate.middle),
+        ("c-star-other", scene.plate.aperture(0, 0)),
+    ):
+        picture = np.asarray(Image.open(f"seven/{name}.png"))
+        truth = Reference(scene).trace(aperture)
+        points = truth.position[truth.height > 0]
+        right = (aperture.x - points[:, 0]) / points[:, 2] / math.tan(fov[0] / 2)
+        up = (points[:, 1] - aperture.y) / points[:, 2] / math.tan(fov[1] / 2)
+        seen = np.zeros((height, width), dtype=np.bool_)
+        rows = np.floor((1 - up) * height / 2).astype(int)
+        seen[rows, np.floor((1 + right) * width / 2).astype(int)] = True
+        assert seen.sum() > 500
+        # But for outlines, which the near offset moves by less than a pixel.
+        assert (seen != (picture[..., 3] > 0)).mean() < 0.005
+    assert not np.array_equal(
+        np.asarray(Image.open("seven/c-star-as-seen.png")), np.asarray(Image.open("seven/c-star-other.png"))
+    )
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,17 @@ def test_multisampling_shades_and_reflects_as_one_sample_does_away_from_edges(sa
     assert (several != plain.color).any()
 
 
+@pytest.mark.parametrize("sampling", [{}, {"multisample": FOUR}, {"supersample": 2, "aperture": 4}])
+def test_color_alone_is_the_color_of_the_whole_image(sampling: dict[str, int]) -> None:
+    """Bit for bit, whatever was drawn before."""
+    scene = dressed_scene("asymmetric-recentered", (48, 36))
+    place = scene.plate.aperture(1, 2)
+    with Rasterizer(scene) as raster:
+        expected = color(raster, place, **sampling)
+        raster.render(scene.plate.middle, SETTINGS)
+        np.testing.assert_array_equal(raster.render_color(place, SETTINGS, Sampling(**sampling)), expected)
+
+
 def test_multisampling_mixes_reflections_as_supersampling_does() -> None:
     scene = dressed_scene("car", RESOLUTION)
     with Rasterizer(scene) as raster:

@@ -123,12 +123,20 @@ def test_table_1_is_measured_in_the_papers_terms(capsys: pytest.CaptureFixture[s
             assert row["factors"][name] == pytest.approx(rate / machine["frames_per_second"])
         # Every triangle is somewhere in the frusta, and none is drawn more than twice.
         assert 0 < row["submitted_polygons_per_second"] < 2 * row["polygons_per_second"]
+        on = row["antialiased"]
+        assert on["samples"] == 4
+        assert on["frames_per_second"] == pytest.approx(1 / on["seconds_per_frame"]["median"])
+        old = row["paper"]["RealityEngine2"]["frames_per_second"]
+        assert on["factor"] == pytest.approx(on["frames_per_second"] / old)
+        without = on["seconds_per_frame_without"]["median"]
+        assert on["slowdown"] == pytest.approx(on["seconds_per_frame"]["median"] / without)
     assert found["antialiasing"] is False
 
 
 def test_table_1_as_text_sets_both_machines_beside_the_measurement() -> None:
     text = table_1(benchmark_table1(8, 1, PAPER[:1]))
-    assert text.count("42,382") == 3
+    assert text.count("42,382") == 4
+    assert "antialiasing on (4 samples)" in text
     assert re.search(r"RealityEngine2 \(1996\), antialiasing on", text)
     assert re.search(r"Maximum Impact \(1996\), antialiasing off", text)
 

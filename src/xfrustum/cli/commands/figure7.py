@@ -13,18 +13,34 @@ from xfrustum.cli.numbers import Positive
 @click.command()
 @click.argument("scene", default="car-studio")
 @options.aperture_option
+@click.option(
+    "--other",
+    type=options.Index(),
+    help="Second perspective of C*, column,row.  [default: one from which it shows most]",
+)
 @click.option("--near", type=Positive(), help="Offset of both cameras.  [default: 1e-6 of the reach]")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: figure7/NAME]")
-def figure7(scene: str, aperture: tuple[int, int] | None, near: float | None, out: Path | None) -> None:
-    """Draw C alone, C* alone and both, as in the paper's figure 7; write a page and three pictures."""
+def figure7(
+    *,
+    scene: str,
+    aperture: tuple[int, int] | None,
+    other: tuple[int, int] | None,
+    near: float | None,
+    out: Path | None,
+) -> None:
+    """Draw C alone, two perspectives of C*, and both cameras, as in the paper's figure 7; write a page.
+
+    C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
+    """
     from xfrustum.reports.commands.figure7 import FILES, default_settings, draw_figure, write_figure
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.error_report.report import default_folder
 
     opened = options.open_scene(scene)
     chosen = options.chosen_aperture(opened, aperture)
+    second = None if other is None else opened.plate.aperture(*other)
     folder = Path("figure7") / default_folder(opened).name if out is None else out
     check_writable_folder(folder, FILES)
     options.look_at(opened, [chosen])
-    write_figure(draw_figure(opened, chosen, default_settings(opened, near)), folder)
+    write_figure(draw_figure(opened, chosen, default_settings(opened, near), second), folder)
     click.echo(folder / "index.html")
