@@ -96,8 +96,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     nears
         Near planes in scene units, each between 0 and the reach; 25 logarithmic ones where None.
     apertures
-        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners. With
-        those that `auto_apertures` chooses, the page has a map of the plate.
+        Apertures to measure; where None the middle one and, if the frustum is recentered, two corners.
     depths
         Depth formats with mappings; `DEFAULT_DEPTHS` where None.
     tracer
@@ -113,9 +112,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         A near outside 0 to the reach, nothing to measure, none of the apertures sees anything of the
         objects, an unwritable folder, no OpenGL.
     """
-    auto = apertures if isinstance(apertures, AutoApertures) else None
-    given = scene.default_apertures() if apertures is None else apertures
-    chosen = tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
+    chosen = _apertures(scene, apertures)
     settings = _settings(scene, nears, depths)
     if not settings or not chosen:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
@@ -126,8 +123,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         with watch.stage("light"):
             shading = measure_shading(scene, chosen, settings, effects=effects, progress=progress)
         measured = measured.with_stage("light", watch.seconds["light"]) if shading else measured
-        measured = replace(measured, auto=auto)
-        record = _write(staging.folder, measured, shading)
+        record = _write(staging.folder, replace(measured, auto=_auto(apertures)), shading)
         staging.commit()
     return ReportFiles(
         html=staging.out / FILES[0],
@@ -140,6 +136,18 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         cost=measured.cost_sentence,
         command=recommended_command(measured),
     )
+
+
+def _apertures(scene: Scene, given: Sequence[Aperture] | AutoApertures | None) -> tuple[Aperture, ...]:
+    """Return the apertures to measure, each once."""
+    if given is None:
+        given = scene.default_apertures()
+    return tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
+
+
+def _auto(given: Sequence[Aperture] | AutoApertures | None) -> AutoApertures | None:
+    """Return what a scout has chosen, which the page shows a map of."""
+    return given if isinstance(given, AutoApertures) else None
 
 
 def _settings(
