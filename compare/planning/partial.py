@@ -22,8 +22,8 @@ def largest_share(
     """Set aside the hardest apertures, as few as need be, until a plan is found for the others.
 
     What is hard is told by closed forms. Apertures that see nearer to the plate than all others need the
-    smallest near; those that see farthest lose digits; and a step of standard depth at |z| is as z^2 over near, which
-    makes an aperture hard by itself. Each way is tried, and the one that leaves most apertures counts.
+    smallest near; those that see farthest lose digits; and where z^2 over near is largest, the steps of
+    standard depth are. Each way is tried, and the one that leaves most apertures counts.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ def _worst(looks: Sequence[Look], units: str) -> list[tuple[Aperture, str]]:
     return [
         (displaced.aperture, f"largest displacement ({_tolerated(displaced, units)})"),
         (nearest.aperture, "surface nearest to the plate"),
-        (outlined.aperture, f"longest outlines ({outlined.outline_widths:.2g} widths of the film)"),
+        (outlined.aperture, f"longest outlines ({outlined.outline_widths:.2g} widths of the picture)"),
     ]
 
 
@@ -101,4 +101,5 @@ def _tolerated(look: Look, units: str) -> str:
     """Say from which near on the picture of an aperture is displaced by more than the usual tolerance."""
     if look.pixels_per_near == 0:
         return "none at any near"
-    return f"over {TOLERANCE_PX:g} px from near {TOLERANCE_PX / look.pixels_per_near:.2g} {units} on"
+    near = f"{TOLERANCE_PX / look.pixels_per_near:.2g}".replace("e-0", "e-")
+    return f"over {TOLERANCE_PX:g} px from near {near} {units} on"

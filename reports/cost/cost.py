@@ -123,10 +123,8 @@ def measure_cost(
     """
     if not 0 < real(tolerance_px) < math.inf or whole(repeat) < 1:
         raise InputError(f"cost: tolerance {tolerance_px} and repetitions {repeat} must be positive")
-    if aperture is None:
-        aperture = scene.plate.middle
     auto = aperture if isinstance(aperture, AutoApertures) else None
-    apertures = aperture.apertures if isinstance(aperture, AutoApertures) else (aperture,)
+    apertures = _all_of(scene.plate.middle if aperture is None else aperture)
     require_seen(scene, apertures)
     asked = Asked(repeat=repeat, tolerance_px=tolerance_px)
     watch = Stopwatch()
@@ -154,6 +152,10 @@ def measure_cost(
         machine={**provenance.machine(), **opengl},
         versions={**provenance.versions(), **libraries},
     )
+
+
+def _all_of(aperture: Aperture | AutoApertures) -> tuple[Aperture, ...]:
+    return aperture.apertures if isinstance(aperture, AutoApertures) else (aperture,)
 
 
 def _race(

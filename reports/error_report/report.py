@@ -124,9 +124,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     InputError
         A setting that makes no sense, nothing to measure or to see, an unwritable folder, no OpenGL.
     """
-    auto = apertures if isinstance(apertures, AutoApertures) else None
-    given = scene.default_apertures() if apertures is None else apertures
-    chosen = tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
+    chosen = _apertures(scene, apertures)
     settings = _settings(scene, nears, depths, geometry_grid(scene.frustum, pivots, fits, offsets, slabs))
     if not settings or not chosen:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
@@ -136,8 +134,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         decision = Decision(by=decided_by, tracer=tracer)
         measured = sweep(scene, chosen, settings, decision=decision, effects=effects, progress=progress)
         measured, shading = _with_light(measured, settings, effects, progress)
-        measured = replace(measured, auto=auto)
-        record = _write(staging.folder, measured, shading)
+        record = _write(staging.folder, replace(measured, auto=_auto(apertures)), shading)
         staging.commit()
     return _report_files(staging.out, measured, shading, record)
 
@@ -169,6 +166,18 @@ def _with_light(
             measured.scene, measured.apertures, settings, effects=effects, progress=progress
         )
     return (measured.with_stage("light", watch.seconds["light"]) if shading else measured), shading
+
+
+def _apertures(scene: Scene, given: Sequence[Aperture] | AutoApertures | None) -> tuple[Aperture, ...]:
+    """Return the apertures to measure, each once."""
+    if given is None:
+        given = scene.default_apertures()
+    return tuple(dict.fromkeys(given.apertures if isinstance(given, AutoApertures) else given))
+
+
+def _auto(given: Sequence[Aperture] | AutoApertures | None) -> AutoApertures | None:
+    """Return what a scout has chosen, which the page shows a map of."""
+    return given if isinstance(given, AutoApertures) else None
 
 
 def _settings(

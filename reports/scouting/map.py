@@ -70,7 +70,7 @@ def map_figure(auto: AutoApertures) -> go.Figure:
         rows=1,
         cols=2,
         horizontal_spacing=0.16,
-        subplot_titles=(f"nearest visible |z|, {scene.units}", "length of outlines, widths of the film"),
+        subplot_titles=(f"nearest visible |z|, {scene.units}", "length of outlines, widths of the picture"),
     )
     nearest = np.array([look.nearest for look in auto.scout.looks])
     outlines = np.array([look.outline_widths for look in auto.scout.looks])

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.plate_plans import try_plan
 from tests.support.scene_file import film, part
+from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.compare.planning.hogels import hogel_result
@@ -226,3 +228,17 @@ def test_where_no_aperture_has_a_plan_there_is_none_for_any_share(scouted: Scout
     tried: list[int] = []
     assert largest_share(scouted.looks, lambda looks: tried.append(len(looks))) is None
     assert tried == [1, 1, 1]
+
+
+# At hogels that took no part ------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["asymmetric", "car-recentered"])
+@pytest.mark.parametrize("buffer", [(None, None), (DepthFormat.D16, DepthMapping.STANDARD)])
+def test_a_plan_of_the_plate_holds_at_random_hogels(
+    name: str, buffer: tuple[DepthFormat | None, DepthMapping | None]
+) -> None:
+    """The same at 192 x 192 and 200 hogels: `python -m tests.plate_plans`."""
+    trial = try_plan(view(name, (96, 96)), 60, depth=buffer[0], mapping=buffer[1])
+    assert len(trial.tried) == 60 and not trial.beyond
