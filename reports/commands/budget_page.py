@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from plotly.colors import unlabel_rgb
 
+from xfrustum.compare.prediction.chain import CULLING, LINKS
 from xfrustum.reports.commands import radiance_budgeting
 from xfrustum.reports.commands.budgeting import AutoBudget, BudgetReport
 from xfrustum.reports.common.formatting import digits
@@ -62,7 +63,7 @@ LINK_WORDS = (
 
 CULLED_IMAGE, CULLED_WORDS = "T5", "with faces culled that are turned away from the viewer"
 """Name and words of the image that a chain has after `T4` where faces are culled."""
-CULLING_COLOR = "rgb(90,90,90)"
+CULLING_COLOR = CAUSE_COLORS[CULLING]
 CULLING_WORDS = "faces that are turned away from the viewer are left out"
 
 EXPLANATION_WORDS = {

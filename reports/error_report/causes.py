@@ -9,7 +9,7 @@ from itertools import groupby
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from xfrustum.compare.prediction.chain import CULLING
+from xfrustum.compare.prediction.chain import CULLING, LINKS
 from xfrustum.reports.common.figure_style import log_axis, style
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.measurements.best import SURFACE_TIE_FRACTION

@@ -156,8 +156,8 @@ def cause_map(charge: NDArray[np.int8], reduction: int = 1) -> bytes:
     Parameters
     ----------
     charge
-        (H, W) numbers of links, negative where the pixel is right; the number after the last link stands for
-        unexplained pixels.
+        (H, W) places of links in `CAUSE_COLORS`, negative where the pixel is right; the place after the last
+        stands for unexplained pixels.
     reduction
         Image pixels per picture pixel, along each side; a block shows the last of its links.
     """

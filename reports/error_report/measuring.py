@@ -18,7 +18,7 @@ from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
 from xfrustum.compare.metrics.surface import JudgedImage
-from xfrustum.compare.prediction.chain import LINKS, traced_models, with_exact_depth
+from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
@@ -27,6 +27,7 @@ from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, Stopwatch, Timing
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.error_report import images
+from xfrustum.reports.error_report.causes import CAUSE_COLORS
 from xfrustum.reports.error_report.shading import is_shaded
 from xfrustum.reports.measurements.measurement import (
     Measurement,
@@ -351,9 +352,12 @@ def _row(
 
 
 def _charges(budget: Budget) -> NDArray[np.int8]:
-    """Return the links that wrong surfaces are charged to (H, W), and the next number where none explains."""
+    """Return the place in `CAUSE_COLORS` of the link of each wrong surface, (H, W), or the place after all."""
+    places = np.array([list(CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8)
+    wrong = budget.surface_charge >= 0
     charge = budget.surface_charge.copy()
-    charge[budget.explanation.unexplained & (charge >= 0)] = len(LINKS)
+    charge[wrong] = places[charge[wrong]]
+    charge[budget.explanation.unexplained & wrong] = len(CAUSE_COLORS)
     return charge
 
 
