@@ -352,7 +352,7 @@ def _row(
 
 
 def _charges(budget: Budget) -> NDArray[np.int8]:
-    """Return the place in `CAUSE_COLORS` of the link of each wrong surface, (H, W), or the place after all."""
+    """Return the place in `CAUSE_COLORS` of each wrong surface's link, (H, W), or the place after all."""
     places = np.array([list(CAUSE_COLORS).index(name) for name in budget.links], dtype=np.int8)
     wrong = budget.surface_charge >= 0
     charge = budget.surface_charge.copy()
