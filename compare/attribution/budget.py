@@ -168,26 +168,32 @@ class ChainStart:
         """(images, H, W) triangle numbers."""
         return np.stack([image.triangle for image in self.images])
 
-    @cached_property
-    def wrong(self) -> Mask:
-        """(images, H, W) judged pixels with the wrong surface; images that are one are looked at once."""
-        found = {id(self.truth): np.zeros_like(self.judged)}
+    def wrong(self, pixels: Mask) -> Mask:
+        """Return which of some judged pixels (H, W) show the wrong surface in each image, (images, N).
+
+        Traced images are judged at the pixels that are asked about alone; images that are one, once.
+        """
+        truth = self.truth.at(pixels)
+        found = {id(self.truth): np.zeros(truth.triangle.size, dtype=np.bool_)}
         for image in self.images[:-1]:
             if id(image) not in found:
-                found[id(image)] = wrong_surface(self.truth, image, self.reference) & self.judged
-        found[id(self.images[-1])] = self.exact.errors.wrong & self.judged
+                found[id(image)] = wrong_surface(truth, image.at(pixels), self.reference)[0]
+        found[id(self.images[-1])] = self.exact.errors.wrong[pixels]
         return np.stack([found[id(image)] for image in self.images])
 
     @cached_property
     def exact(self) -> JudgedImage:
         """The frame with exact depth, R0, and its wrong surfaces."""
         image = self.images[-1]
-        return JudgedImage(image=image, errors=surface_errors(self.truth, image, self.reference))
+        errors = surface_errors(self.truth, image, self.reference)
+        return JudgedImage(image=image, errors=errors, moved=displacement(image, self.truth.camera))
 
     @cached_property
     def moved(self) -> Floats:
         """(images, H, W, 2) displacement in pixels, NaN where an image shows no surface off the plate."""
-        found = {} if self.truth_moved is None else {id(self.truth): self.truth_moved}
+        found = {id(self.images[-1]): self.exact.moved}
+        if self.truth_moved is not None:
+            found[id(self.truth)] = self.truth_moved
         for image in self.images:
             if id(image) not in found:
                 found[id(image)] = displacement(image, self.truth.camera)
@@ -379,7 +385,7 @@ def charged(
         start=start,
         drawn=drawn,
         charge=charge,
-        surface_charge=_scattered(wrong, _last(~start.wrong[:, wrong])),
+        surface_charge=_scattered(wrong, _last(~start.wrong(wrong))),
         moved=displacement(drawn, start.truth.camera) if maps is None else maps.displacement,
         explanation=by_rasterizing.joined(by_depth),
         predicted=predicted,

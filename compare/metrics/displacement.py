@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xfrustum.compare.metrics.film import pixel_centers, true_pixel
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
 
@@ -59,6 +59,28 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     shift -= pixel_centers(camera, rows)
     # Each vector is one complex number: numpy is several times slower along rows of two numbers.
     shift.view(np.complex128)[..., 0][~raster.off_plate] = complex(np.nan, np.nan)
+    return shift
+
+
+def displacement_beside(
+    raster: HogelImage, camera: HogelCamera, rows: slice, known: Floats, same: Mask
+) -> Floats:
+    """Return the displacement as `displacement` does, where that of some pixels is known.
+
+    Parameters
+    ----------
+    raster, camera, rows
+        As for `displacement`.
+    known
+        (H, W, 2) displacement of an image that shows the same points at some pixels.
+    same
+        (H, W) these pixels.
+    """
+    shift = known.copy()
+    other = ~same
+    moved = true_pixel(raster.position[other], camera) - pixel_centers(camera, rows)[other]
+    moved[~raster.off_plate[other]] = np.nan
+    shift[other] = moved
     return shift
 
 

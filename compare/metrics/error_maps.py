@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import displacement, lengths
+from xfrustum.compare.metrics.displacement import displacement, displacement_beside, lengths
 from xfrustum.compare.metrics.pixel_bands import in_bands
 from xfrustum.compare.metrics.surface import JudgedImage, SurfaceErrors, surface_errors
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Mask
-from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,8 +73,14 @@ def error_maps(
         assert reference is not None
         return surface_errors(true, shown, reference, judged.rows(rows) if judged else None)
 
+    def moved_of(shown: HogelImage, rows: slice) -> Floats:
+        if judged is None:
+            return displacement(shown, truth.camera, rows)
+        before = judged.rows(rows)
+        return displacement_beside(shown, truth.camera, rows, before.moved, before.shows_the_same(shown))
+
     surfaces = errors_of if reference else None
-    bands = in_bands(truth, raster, partial(_judge, truth.camera, surfaces, numbered))
+    bands = in_bands(truth, raster, partial(_judge, moved_of, surfaces, numbered))
     maps = [band.maps for band in bands]
     surface = [part.surface for part in maps if part.surface is not None]
     outside = [part.outside for part in maps if part.outside is not None]
@@ -106,7 +112,7 @@ class _Band:
 
 
 def _judge(
-    camera: HogelCamera,
+    moved_of: Callable[[HogelImage, slice], Floats],
     surfaces: Callable[[HogelImage, HogelImage, slice], SurfaceErrors] | None,
     numbered: bool,
     truth: HogelImage,
@@ -114,7 +120,7 @@ def _judge(
     rows: slice,
 ) -> _Band:
     judged = judged_pixels(truth)
-    shift = displacement(raster, camera, rows)
+    shift = moved_of(raster, rows)
     errors = surfaces(truth, raster, rows) if surfaces else None
     maps = ErrorMaps(
         judged=judged,

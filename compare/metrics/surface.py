@@ -21,7 +21,7 @@ from xfrustum.compare.metrics.film import true_lines
 from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil, pixel_places
-from xfrustum.scenes.arrays import Indices, Mask, Numbers
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
@@ -111,15 +111,23 @@ class JudgedImage:
 
     Most of their pixels show the same point of the same triangle. What is found for a pixel depends on no
     other pixel, so that such pixels need not be judged again.
+
+    Attributes
+    ----------
+    image, errors
+        The image, and its wrong surfaces.
+    moved
+        (H, W, 2) its displacement, see `displacement`.
     """
 
     image: HogelImage
     errors: SurfaceErrors
+    moved: Floats
 
     def rows(self, some: slice) -> JudgedImage:
         """Return a band of rows."""
         errors = SurfaceErrors(wrong=self.errors.wrong[some], outside=self.errors.outside[some])
-        return JudgedImage(image=self.image.rows(some), errors=errors)
+        return JudgedImage(image=self.image.rows(some), errors=errors, moved=self.moved[some])
 
     def shows_the_same(self, other: HogelImage) -> Mask:
         """Return the pixels (H, W) at which another image shows the same point of the same triangle."""
@@ -130,7 +138,10 @@ class JudgedImage:
 
 
 def surface_errors(
-    truth: HogelImage, raster: HogelImage, reference: Reference, judged: JudgedImage | None = None
+    truth: HogelImage,
+    raster: HogelImage,
+    reference: Reference,
+    judged: JudgedImage | None = None,
 ) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 

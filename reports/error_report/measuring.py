@@ -201,7 +201,7 @@ class SettingMeasurer:
                         models.clear()
                     start = self._chain_start(traced, drawn, models)
                 # These are found before they are needed, side by side.
-                shared_parts = ("exact", "wrong", "rounding", "steps")
+                shared_parts = ("exact", "rounding", "steps")
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:
                     # The common part of an aperture's predictions is found once, while images are compared.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
@@ -136,9 +136,17 @@ class HogelImage:
 
     def rows(self, some: slice) -> HogelImage:
         """Return a band of rows, without `companions` and `overruled`."""
+        return self._mapped(lambda array: array[some])
+
+    def at(self, pixels: Mask) -> HogelImage:
+        """Return the pixels of a mask (H, W) side by side in one row, likewise."""
+        return self._mapped(lambda array: array[pixels][None])
+
+    def _mapped(self, part: Callable[[NDArray[Any]], NDArray[Any]]) -> HogelImage:
         mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}
-        arrays = {name: value[some] for name, value in mine.items() if isinstance(value, np.ndarray)}
-        return HogelImage(**mine | arrays | {"companions": None, "overruled": None})
+        mine |= {"companions": None, "overruled": None}
+        arrays = {name: part(value) for name, value in mine.items() if isinstance(value, np.ndarray)}
+        return HogelImage(**mine | arrays)
 
 
 def stacked(bands: Sequence[HogelImage]) -> HogelImage:
