@@ -23,8 +23,12 @@ larger sizes than the last one look like it."""
 START_FILMS = (0.5, 2.0, 3.0)
 """Starting points for the extent of the film: a field of view taken for half of it, or half taken for all."""
 
-START_HEIGHTS = (0.5, 0.75, 1.5, 2.0)
+START_HEIGHTS = (0.5, 2.0)
 """Starting points for the height of the projection screen, over that of the scene's."""
+
+SHEARED_NEAR = 0.03
+"""Near offset, as a part of the reach, with which every wrong shear is tried besides none. Smaller offsets move
+pictures less than a wrong shear does, and larger ones are rare."""
 
 MAX_STARTS = 4
 """Largest number of starting points from the search that are fitted."""
@@ -42,14 +46,15 @@ def starting_points(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[D
     for orientation, order in itertools.product(orientations(claims.size), orders):
         upright = replace(nominal, orientation=orientation, order=order)
         tried = [
-            replace(upright, near=near, recentering=recentering)
-            for near in {nominal.near, *(reach * n for n in START_NEARS[::4])}
-            for recentering in recenterings(scene)
+            replace(upright, near=near) for near in {nominal.near, *(reach * n for n in START_NEARS[::4])}
         ]
         tried += [replace(upright, scene_scale=scale) for scale in START_SCALES]
         tried += [replace(upright, fov=(film, film)) for film in START_FILMS]
         if scene.frustum.recentered:
             tried += [replace(upright, screen_height=height) for height in START_HEIGHTS]
+            wrongly = [shear for shear in Recentering if shear is not nominal.recentering]
+            nears = dict.fromkeys((nominal.near, reach * SHEARED_NEAR))
+            tried += [replace(upright, near=near, recentering=shear) for near in nears for shear in wrongly]
         ranked += [(float(outside_px(claims, scene, model, cap).mean()), model) for model in tried]
     ranked.sort(key=lambda pair: (pair[0], _changes(pair[1])))
     # Step 2: the best conventions, each with all values of near.
@@ -70,11 +75,6 @@ def starting_points(claims: Claims, scene: Scene, nominal: DrawnModel) -> list[D
     best = [model for _, model in finely[:MAX_STARTS]]
     # Step 3: the best starts, and the best one of each group that was searched.
     return list(dict.fromkeys([*best, ranked[0][1], *scaled[:1], *filmed[:1], *plainly[:1], *raised[:1]]))
-
-
-def recenterings(scene: Scene) -> tuple[Recentering, ...]:
-    """Return the ways to shear that images of a scene can tell apart: of a centered frustum there is one."""
-    return tuple(Recentering) if scene.frustum.recentered else (Recentering.RIGHT,)
 
 
 def _changes(model: DrawnModel) -> tuple[int, int]:
