@@ -300,6 +300,7 @@ def agreed(rows: Rows, family: Family) -> Agreed:
         and TOLERANCE_PX / 10 <= row.predicted_p99 <= TOLERANCE_PX
         and row.depth_fraction <= MAX_DEPTH_WRONG
         and row.offset is Offset.PLATE
+        and not row.slabs
     ]
     found = {case: a for case, a in outcomes(own).items() if _as_in_the_paper(case)}
     seen = {case_of(row): row.nearest for row in own}
