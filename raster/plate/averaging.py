@@ -60,7 +60,8 @@ def averaged(
 def stored(color: Singles, kind: ColorType) -> NDArray[Any]:
     """Return linear RGB in the type in which it is stored, as the device rounds it."""
     if kind is ColorType.UINT8:
-        return np.rint(np.clip(color, 0.0, 1.0) * np.float32(255)).astype(np.uint8)
+        codes: NDArray[Any] = np.rint(np.clip(color, 0.0, 1.0) * np.float32(255))
+        return codes.astype(np.uint8)
     with np.errstate(over="ignore"):
         rounded: NDArray[Any] = color.astype(kind.dtype)
     return rounded
