@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.support.scene_file import film, named, part
 from tests.support.views import view
+from xfrustum.cli.main import main
 from xfrustum.compare.extent.content import depth_bins
 from xfrustum.compare.prediction.band_limiting import (
     DISCREPANCY,
@@ -164,3 +168,22 @@ def test_bins_of_depth_hold_what_lies_in_the_frustum() -> None:
         largest, least = band_limit(scene, one, 1.0).blur_px
         assert largest == pytest.approx(max(blur_px(scene, -one.nearest)))
         assert least == pytest.approx(max(blur_px(scene, -one.farthest)))
+
+
+def test_auto_is_the_number_that_explain_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A dim ball far behind the plate: its picture moves by a fifth of a pixel over the pitch."""
+    file, out = tmp_path / "ball.toml", str(tmp_path / "x.zarr")
+    file.write_text(
+        named("dim")
+        + film((2.0, 2.0), hogels=(8, 8), resolution=(16, 16), fov_deg=(40.0, 40.0), reach=(50.0, 90.0))
+        + "[material.dim]\nambient = 0.2\ndiffuse = 0.0\n[[light]]\ndirection = [0.0, 0.0, 1.0]\n"
+        + part("sphere", 20.0, (0.0, 0.0, -70.0), material="dim")
+    )
+    assert main(["explain", str(file), "--json"]) == 0
+    count = json.loads(capsys.readouterr().out)["depths"]["sub_apertures"]
+    assert 1 < count <= 256
+    arguments = ["plate", str(file), "--near", "0.02", "--apertures", "4,4", "--quiet", "--out", out]
+    assert main([*arguments, "--aperture-samples", "auto"]) == 0
+    assert f"auto: {count} points" in capsys.readouterr().err
+    assert main([*arguments, "--aperture-samples", str(count), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["found"] == 1

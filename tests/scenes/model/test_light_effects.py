@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -283,3 +285,36 @@ def test_explain_on_the_command_line_prints_one_json_object(capsys: pytest.Captu
     assert main(["explain", "car", "--camera", "c", "--repeat", "0"]) == 0
     assert "camera c alone is asked for" in capsys.readouterr().out
     assert main(["explain", "car", "--slabs", "400", "--repeat", "0"]) == 2
+
+
+def test_explain_answers_from_the_scene_alone() -> None:
+    """Neither renderers nor tracers are loaded, nor statistics: they would take longer than the answer."""
+    loaded = (
+        "import sys; from xfrustum.cli.main import main; main(['explain', 'grating']); "
+        "print([m for m in ('moderngl', 'embreex', 'mitsuba', 'scipy.stats', 'trimesh') if m in sys.modules])"
+    )
+    ended = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+    assert ended.stdout.endswith("[]\n") and "because" in ended.stdout and not ended.stderr
+
+
+def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
+    """A sheet 5 behind the plate, through an aperture of pitch 1 and a film of 16 pixels over 1 radian."""
+    plan = explain(scene(), settings=DoubleFrustum(near=0.1))
+    told = summary(plan)["depths"]
+    assert [(row["side"], row["heights"]) for row in told["rows"]] == [
+        ("behind", [5.0, 10.0]),
+        ("behind", [2.5, 5.0]),
+    ]
+    blur = 1 / 5 * 16 / (2 * np.tan(0.5))
+    for row in told["rows"]:
+        assert (row["nearest"], row["farthest"], row["shear_px"]) == (5.0, 5.0, 0.0)
+        assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1)
+        np.testing.assert_allclose(row["blur_px"], blur)
+    moved = 8 * 2**0.5 * told["largest_near"] / (5 + told["largest_near"])
+    assert moved == pytest.approx(told["tolerance_px"])
+    assert told["contrast"] == pytest.approx(0.7) and told["sub_apertures"] == 8192
+    assert "band limiting: needed; 8,192 sub-apertures" in table(plan)
+    [sheet_record] = summary(plan)["objects"]
+    assert sheet_record["in_sight"] and sheet_record["effects"] == ["ambient", "diffuse"]
+    beyond = summary(explain(scene(sheet(), sheet(z=-500.0))))["objects"][1]
+    assert not beyond["in_sight"] and beyond["effects"] == []
