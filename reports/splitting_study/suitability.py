@@ -28,9 +28,9 @@ def suitability(row: StudyRow) -> Suitability:
 
     It is bent where displacement exceeds `TOLERANCE_PX`: that of what was drawn, as measured, or that of what
     should have been drawn, in closed form, for what is bent out of the film or behind something else is not
-    drawn. What the near plane clips, without an offset, counts as displaced. It is starved of depth where more
-    than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of it, or where sheets `ASKED_SEPARATION`
-    apart at the far end are not ordered.
+    drawn. What the near plane clips, without an offset, counts as displaced. It is starved of depth where
+    more than `MAX_DEPTH_WRONG` of the pixels show a wrong surface because of it, or where sheets
+    `ASKED_SEPARATION` apart at the far end are not ordered.
     """
     # A picture in which nothing is left to be displaced has lost everything to depth.
     bent = row.displacement_p99 is not None and row.displacement_p99 > TOLERANCE_PX
