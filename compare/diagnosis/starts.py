@@ -27,8 +27,8 @@ START_HEIGHTS = (0.5, 2.0)
 """Starting points for the height of the projection screen, over that of the scene's."""
 
 SHEARED_NEAR = 0.03
-"""Near offset, as a part of the reach, with which every wrong shear is tried besides none. Smaller offsets move
-pictures less than a wrong shear does, and larger ones are rare."""
+"""Near offset, as a part of the reach, with which every wrong shear is tried besides none. Smaller offsets
+move pictures less than a wrong shear does, and larger ones are rare."""
 
 MAX_STARTS = 4
 """Largest number of starting points from the search that are fitted."""
