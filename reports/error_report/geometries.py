@@ -112,7 +112,7 @@ def comparison_figures(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]
 
 def _shear_figure(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
     rows = [row for row in _shear_rows(sweep) if row.aperture == aperture]
-    if not rows:
+    if not any(row.numbers.closed_form_rms_px for row in rows):
         return {}
     reach = sweep.scene.frustum.longest_reach
     figure = figures.pair_figure(
@@ -149,7 +149,8 @@ def _compared(shown: Sequence[ShownGeometry], units: str) -> list[str]:
 
 
 def _shear_sentences(shear: Sequence[ShearRow], sweep: Sweep) -> list[str]:
-    if not shear:
+    if not shear or not any(row.numbers.closed_form_rms_px for row in shear):
+        # Right before the middle of its screen an aperture has no shear.
         return []
     units = sweep.scene.units
     worst = max(shear, key=lambda row: row.numbers.rms_px)

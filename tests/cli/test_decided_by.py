@@ -75,7 +75,19 @@ def test_a_second_opinion_is_not_asked_of_another_tracer(
     assert not out.exists()
 
 
-REPORT = ["report", HARD, "--near", "0.01", "--depth", "d32f:reversed", "--apertures", "2,2", "--quiet"]
+REPORT = [
+    "report",
+    HARD,
+    "--pivot",
+    "aperture",
+    "--near",
+    "0.01",
+    "--depth",
+    "d32f:reversed",
+    "--apertures",
+    "2,2",
+    "--quiet",
+]
 
 
 def reported(folder: Path, *options: str) -> tuple[dict[str, Any], str]:
