@@ -67,6 +67,7 @@ def check(found: Verification, expected: Mapping[str, tuple[float, tuple[str, ..
     assert corrected["causes"]["unexplained"] == 0
 
 
+@pytest.mark.slow
 def test_apertures_at_the_corners_of_hogels_are_named_as_such() -> None:
     for name, others in ((CENTERED, ("scene-offset-x", "scene-offset-y")), (RECENTERED, ())):
         # Half a pitch to the left and up: 80 x 60 mm in 5 x 5 hogels.

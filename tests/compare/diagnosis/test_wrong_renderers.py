@@ -266,10 +266,7 @@ NUMBERINGS = {
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=() if name in ("right", "from zero") else pytest.mark.slow)
-        for name in NUMBERINGS
-    ],
+    [pytest.param(name, marks=() if name == "right" else pytest.mark.slow) for name in NUMBERINGS],
 )
 def test_numbers_in_openexr_files(studio: Studio, tmp_path: Path, name: str) -> None:
     numbering, world = NUMBERINGS[name], world_of("attic")

@@ -208,6 +208,7 @@ def test_orders_of_channels_that_cannot_be_told_apart_are_said_to_be(
     assert not found.passed
 
 
+@pytest.mark.slow
 def test_jpeg_files_hold_no_numbers(world: Scene, hogels: dict[str, list[HogelImage]]) -> None:
     found = xfrustum.verify("scene.toml", stored(hogels["right"], ids, "jpg"), encoding="triangle-id")
     assert not found.passed

@@ -61,7 +61,7 @@ def holds(views: Views, settings: DoubleFrustum, requirement: Requirement) -> bo
 
 # The plan holds.
 
-QUICK = ("car", "asymmetric-recentered", "empty")
+QUICK = ("asymmetric-recentered", "empty")
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_no_larger_near_is_predicted_to_hold(
     ("name", "requirement", "choices"),
     [
         ("car", Requirement(), depth_buffers()),
-        ("car", Requirement(separation=0.003), [D16]),
+        pytest.param("car", Requirement(separation=0.003), [D16], marks=pytest.mark.slow),
         ("sheets", Requirement(separation=0.003), depth_buffers(DepthFormat.D24, DepthMapping.REVERSED)),
         ("asymmetric-recentered", Requirement(tolerance_px=0.05), [D24]),
         ("large-triangles", Requirement(), [D16]),

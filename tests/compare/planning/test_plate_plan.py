@@ -109,6 +109,7 @@ def drawn_at(scene: Scene, seed: int) -> set[tuple[int, int]]:
     return {(place % columns, place // columns) for one in indices for place in (one - 1, one, one + 1)}
 
 
+@pytest.mark.slow
 def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(near_ball: Scene, blind: Scout) -> None:
     """A sample of all hogels finds what the scout has not seen: the next plan holds there, too."""
     made = planner(near_ball, blind).plan(RandomSample(hogels=HOGELS[0] * HOGELS[1]))
@@ -118,6 +119,7 @@ def test_a_hogel_of_the_sample_that_disproves_a_plan_joins(near_ball: Scene, bli
     assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
 
 
+@pytest.mark.slow
 def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(near_ball: Scene, scouted: Scout) -> None:
     """Each of three samples may flatter: each bound holds with the cube root of the confidence."""
     made = planner(near_ball, scouted).plan(RandomSample(hogels=5))
@@ -193,6 +195,7 @@ def test_a_plate_without_any_near_says_so(tmp_path: Path, capsys: pytest.Capture
     assert "for no share of the plate's 8 hogels" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
     near_ball: Scene, scouted: Scout
 ) -> None:
