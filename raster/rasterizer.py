@@ -202,7 +202,7 @@ class Rasterizer(ContextOwner):
             check_sampling(sampling, self.device["renderer"])
             target = self._target(self.scene.frustum.resolution, settings.depth)
             if sampling == SINGLE_SAMPLE:
-                passes = drawing_order(self.scene, aperture, settings, self.effects)
+                passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
                 self._draw(target, passes, settings, color=True)
             return self._color(target, aperture, settings, sampling)
 
