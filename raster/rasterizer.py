@@ -84,7 +84,7 @@ class Rasterizer(ContextOwner):
         self.scene = scene
         self.effects = needed(scene) if effects is None else checked(effects)
         self._automatic = effects is None
-        self._beyond_reach: dict[DoubleFrustum, frozenset[Effect]] = {}
+        self._beyond_reach: frozenset[Effect] | None = None
         self._context = open_context()
         self.device = describe(self._context)
         self._targets: dict[tuple[tuple[int, int], DepthFormat, int], Target] = {}
@@ -111,9 +111,10 @@ class Rasterizer(ContextOwner):
         """Return the effects that pictures with these settings are drawn with."""
         if not self._automatic or not loses_far_plane(self.scene, settings):
             return self.effects
-        if settings not in self._beyond_reach:
-            self._beyond_reach[settings] = needed(self.scene, question=Question(settings=(settings,)))
-        return self._beyond_reach[settings]
+        if self._beyond_reach is None:
+            # A picture that loses the far plane has no end in depth: all such settings call for the same.
+            self._beyond_reach = needed(self.scene, question=Question(settings=(settings,)))
+        return self._beyond_reach
 
     def render(
         self,
@@ -202,7 +203,7 @@ class Rasterizer(ContextOwner):
             check_sampling(sampling, self.device["renderer"])
             target = self._target(self.scene.frustum.resolution, settings.depth)
             if sampling == SINGLE_SAMPLE:
-                passes = drawing_order(self.scene, aperture, settings, self.effects)
+                passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
                 self._draw(target, passes, settings, color=True)
             return self._color(target, aperture, settings, sampling)
 

@@ -26,7 +26,7 @@ import numpy as np
 from xfrustum.compare.rounding.cameras import RoundingCamera
 from xfrustum.compare.rounding.clip_seams import distance_to_border, distance_to_segments, seams
 from xfrustum.compare.rounding.depth import Depths, depths
-from xfrustum.compare.rounding.edges import PixelIndex, placement
+from xfrustum.compare.rounding.edges import PixelIndex, PixelTriangles, placement
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 
@@ -105,7 +105,7 @@ def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown
     rows, columns = np.nonzero(where)
     possible = np.zeros(len(rows), dtype=np.bool_)
     for part in _drawn_by(triangles, cameras, shown, (columns, rows)):
-        placed = placement(part.corners, part.camera.pencil, part.pixels, part.camera.precision)
+        placed = placement(part.shown, part.camera.pencil, part.camera.precision)
         possible[part.places] |= placed.possible
     return _scattered(where, ~possible)
 
@@ -116,8 +116,7 @@ class _Part:
 
     camera: RoundingCamera
     places: Indices
-    pixels: PixelIndex
-    corners: Floats
+    shown: PixelTriangles
 
 
 def _drawn_by(
@@ -135,8 +134,7 @@ def _drawn_by(
         yield _Part(
             camera=camera,
             places=places,
-            pixels=(columns[places], rows[places]),
-            corners=triangles[number[places]],
+            shown=PixelTriangles.of(triangles, number[places], (columns[places], rows[places])),
         )
 
 
@@ -167,7 +165,7 @@ def _marks(
     possible = image.triangle[rows, columns] == NOTHING
     stored = []
     for part in _drawn_by(triangles, cameras, image, pixels):
-        drawing = (part.corners, part.camera.pencil, part.pixels, part.camera.precision)
+        drawing = (part.shown, part.camera.pencil, part.camera.precision)
         placed = placement(*drawing)
         near_edge[part.places] |= placed.near_edge
         possible[part.places] |= placed.possible

@@ -8,7 +8,7 @@ from typing import Literal, assert_never
 import numpy as np
 
 from xfrustum.compare.rounding.cameras import Precision
-from xfrustum.compare.rounding.edges import PixelIndex, film_points, film_vertices
+from xfrustum.compare.rounding.edges import PixelTriangles, film_points, film_vertices
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask
@@ -61,8 +61,8 @@ class Depths:
         return np.asarray(np.abs(self.depth - self.clear) <= self.tolerance)
 
 
-def depths(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Precision) -> Depths:
-    """Return the depths of one triangle (N, 3, 3) at each pixel, as a camera's buffer stores them.
+def depths(shown: PixelTriangles, pencil: Pencil, precision: Precision) -> Depths:
+    """Return the depth of one triangle at each pixel, as a camera's buffer stores it.
 
     With w the distance along the axis, 1 / w is linear on the film. A shift by half a subpixel step
     along each axis changes depth by its slope; 1 / w, or the depth that is linear in it, is known
@@ -70,20 +70,23 @@ def depths(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Preci
     """
     n, f = sorted(abs(s) for s in pencil.s_range)
     orthoscopic = pencil.s_range[0] > 0
-    vertices, _ = film_vertices(corners, pencil)
+    vertices, _ = film_vertices(shown.corners, pencil)
     w = vertices[:, :, 2] if orthoscopic else -vertices[:, :, 2]
     plane = sum(np.cross(vertices[:, i], vertices[:, (i + 1) % 3]) for i in range(3))
     volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
     resolution = np.asarray(pencil.resolution, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         over_w = (1.0 if orthoscopic else -1.0) * plane / volume[:, None]
-        inverse = np.einsum("ij,ij->i", over_w, film_points(pencil, pixels))
+        inverse = shown.linear_at(over_w, film_points(pencil, shown.pixels))
         slope_px = np.abs(over_w[:, :2]) * (2 / resolution)
-        shift = slope_px.sum(axis=1) * 2.0 ** -(precision.subpixel_bits + 1)
+        shift = shown.each(slope_px.sum(axis=1) * 2.0 ** -(precision.subpixel_bits + 1))
         ends = 1 / np.clip(np.stack((w.min(axis=1), w.max(axis=1))), n, f)
-        depth, per_inverse, rounding = _mapped(precision.mapping, inverse, ends, slope_px @ resolution, n, f)
+        extent = shown.each(slope_px @ resolution)
+        depth, per_inverse, rounding = _mapped(
+            precision.mapping, inverse, ends.take(shown.which, axis=1), extent, n, f
+        )
         # A corner that the far plane cuts off is made anew from one with errors relative to its own w.
-        beyond = np.maximum(w.max(axis=1, initial=0.0) / f, 1.0)
+        beyond = shown.each(np.maximum(w.max(axis=1, initial=0.0) / f, 1.0))
         tolerance = shift * per_inverse + rounding * beyond
     tolerance += STEP[precision.depth] / 2 + FLOAT32_ROUNDING * np.abs(depth)
     undefined = ~np.isfinite(depth)
@@ -92,7 +95,7 @@ def depths(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Preci
     return Depths(
         depth=np.where(undefined, np.nan, depth),
         tolerance=np.where(undefined, 0.0, tolerance),
-        clear=np.full(len(corners), 1.0 if starts_at_one else 0.0),
+        clear=np.full(len(depth), 1.0 if starts_at_one else 0.0),
     )
 
 

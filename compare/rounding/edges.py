@@ -10,11 +10,50 @@ import numpy as np
 from xfrustum.compare.rounding.cameras import Precision
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
 PixelIndex = tuple[Indices, Indices]
 """Columns and rows of some pixels, (N,) each."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PixelTriangles:
+    """One triangle at each of some pixels.
+
+    Most triangles are shown at many pixels, and what depends on a triangle alone is found once for each.
+
+    Attributes
+    ----------
+    pixels
+        Columns and rows, (N,) each.
+    corners
+        (T, 3, 3) corners of the triangles, scene units, each triangle once.
+    which
+        (N,) place of each pixel's triangle among these.
+    """
+
+    pixels: PixelIndex
+    corners: Floats
+    which: Indices
+
+    @classmethod
+    def of(cls, triangles: Floats, number: Numbers, pixels: PixelIndex) -> PixelTriangles:
+        """Take the triangles of some numbers (N,), all of which exist, out of those of a scene (F, 3, 3)."""
+        # Neighbors mostly show the same triangle: runs of one number are fewer to sort than pixels.
+        starts = np.flatnonzero(np.diff(number, prepend=NOTHING) != 0)
+        distinct, run = np.unique(number[starts], return_inverse=True)
+        which = np.repeat(run, np.diff(starts, append=len(number)))
+        return cls(pixels=pixels, corners=triangles[distinct], which=which)
+
+    def each(self, values: Floats) -> Floats:
+        """Return for each pixel the value (N,) that its triangle has in (T,)."""
+        return values.take(self.which)
+
+    def linear_at(self, functions: Floats, points: Floats) -> Floats:
+        """Return linear functions (T, 3) of (u, v, 1), one for each triangle, at each pixel's point (N, 3)."""
+        return np.asarray(np.einsum("ij,ij->i", functions.take(self.which, axis=0), points))
 
 CLIPPED_VERTEX_ROUNDINGS = 16
 """Bound of the error of a float32 clip coordinate, in roundings of 2^-24 of the sum of its absolute terms.
@@ -95,7 +134,7 @@ class Placement:
     near_edge: Mask
 
 
-def placement(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Precision) -> Placement:
+def placement(shown: PixelTriangles, pencil: Pencil, precision: Precision) -> Placement:
     """Place pixel centers on triangles as a rasterizer's roundings may see them.
 
     Vertices are rounded to the subpixel grid, which moves an edge by up to sqrt(2)/2 of its step;
@@ -104,29 +143,29 @@ def placement(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Pr
 
     Parameters
     ----------
-    corners
-        (N, 3, 3) one triangle for each pixel.
+    shown
+        One triangle for each pixel.
     pencil
         Lines of the camera that drew it.
-    pixels
-        Columns and rows, (N,) each.
     precision
         How exactly the camera draws; the mapping of depth decides how exactly the far plane cuts.
     """
     far = max(pencil.s_range, key=abs)
-    vertices, bound = film_vertices(corners, pencil)
+    vertices, bound = film_vertices(shown.corners, pencil)
     largest_w = np.abs(vertices[..., 2]).max(axis=1, initial=0.0)
     far_rounding = far_cut_rounding(largest_w, pencil, precision.mapping)
-    points = film_points(pencil, pixels)
+    points = film_points(pencil, shown.pixels)
+    farthest = np.abs(points)
 
     # The center lies inside where all three edge functions have one sign; each is known within a margin.
-    sides, margins = np.empty((3, len(corners))), np.empty((3, len(corners)))
-    plane, plane_bound = np.zeros((len(corners), 3)), np.zeros(len(corners))
+    sides, margins = np.empty((3, len(points))), np.empty((3, len(points)))
+    plane, plane_bound = np.zeros((len(vertices), 3)), np.zeros(len(points))
     for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
         line = np.cross(vertices[:, i], vertices[:, j])
-        shift = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j], points)
-        sides[k] = np.einsum("ij,ij->i", line, points)
-        margins[k] = precision.snap_px * _per_pixel(line, pencil.resolution) + shift
+        moved = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j])
+        shift = shown.linear_at(moved, farthest)
+        sides[k] = shown.linear_at(line, points)
+        margins[k] = shown.each(precision.snap_px * _per_pixel(line, pencil.resolution)) + shift
         plane += line
         plane_bound += shift
     possible = (sides >= -margins).all(axis=0) | (sides <= margins).all(axis=0)
@@ -134,13 +173,13 @@ def placement(corners: Floats, pencil: Pencil, pixels: PixelIndex, precision: Pr
 
     # Cuts by near and far plane are edges too. On the triangle, 1/s = plane . (u, v, 1) / volume.
     volume, volume_bound = _volume(vertices, bound)
+    on_plane = shown.linear_at(plane, points)
+    snapped = shown.each(precision.snap_px * _per_pixel(plane, pencil.resolution)) + plane_bound
     for cut in pencil.s_range:
-        value = np.einsum("ij,ij->i", plane, points) - volume / cut
-        margin = precision.snap_px * _per_pixel(plane, pencil.resolution)
-        margin = margin + plane_bound + volume_bound / abs(cut)
+        margin = snapped + shown.each(volume_bound / abs(cut))
         if cut == far:
-            margin = margin + np.abs(volume) * far_rounding
-        near |= np.abs(value) <= margin
+            margin = margin + shown.each(np.abs(volume) * far_rounding)
+        near |= np.abs(on_plane - shown.each(volume / cut)) <= margin
     return Placement(possible=np.asarray(possible), near_edge=np.asarray(possible & near))
 
 
@@ -172,7 +211,6 @@ def _magnitude(a: Floats, b: Floats) -> Floats:
     )
 
 
-def _perturbation(a: Floats, b: Floats, a_bound: Floats, b_bound: Floats, points: Floats) -> Floats:
-    """Return how far (a x b) . point moves when a and b move within their bounds."""
-    moved = _magnitude(a, b_bound) + _magnitude(a_bound, b) + _magnitude(a_bound, b_bound)
-    return np.asarray(np.einsum("ij,ij->i", np.abs(points), moved))
+def _perturbation(a: Floats, b: Floats, a_bound: Floats, b_bound: Floats) -> Floats:
+    """Return how far each coefficient of a x b moves when a and b move within their bounds."""
+    return _magnitude(a, b_bound) + _magnitude(a_bound, b) + _magnitude(a_bound, b_bound)

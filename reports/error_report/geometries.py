@@ -18,6 +18,14 @@ from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
 
+ROUNDED_SHEAR_PX = 1e-6
+"""Displacement up to which a shear is taken for rounding, of an aperture's place or of pixels. Places on films of
+thousands of pixels are known to some 1e-12 px in double precision: larger shears have six digits or more."""
+
+EQUAL_FRACTION = 1e-6
+"""Relative difference of two shears, each larger than `ROUNDED_SHEAR_PX`, that is rounding alone."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShownGeometry:
     """One camera geometry on the page: its name, and its best setting."""
@@ -33,6 +41,11 @@ class ShearRow:
     aperture: Aperture
     near: float
     numbers: ShearNumbers
+
+    @property
+    def sheared(self) -> bool:
+        """Whether there is a shear: right before the middle of its screen an aperture has none."""
+        return self.numbers.closed_form_rms_px > ROUNDED_SHEAR_PX
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +124,11 @@ def comparison_figures(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]
 
 
 def _shear_figure(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
-    rows = [row for row in _shear_rows(sweep) if row.aperture == aperture]
-    if not any(row.numbers.closed_form_rms_px for row in rows):
+    """Return the shear's curves, blank where an aperture has no shear; none where nothing is sheared."""
+    every = _shear_rows(sweep)
+    if not every:
         return {}
+    rows = [row for row in every if row.aperture == aperture and row.sheared]
     reach = sweep.scene.frustum.longest_reach
     figure = figures.pair_figure(
         [row.near / reach for row in rows],
@@ -149,50 +164,40 @@ def _compared(shown: Sequence[ShownGeometry], units: str) -> list[str]:
 
 
 def _shear_sentences(shear: Sequence[ShearRow], sweep: Sweep) -> list[str]:
-    if not shear or not any(row.numbers.closed_form_rms_px for row in shear):
-        # Right before the middle of its screen an aperture has no shear.
+    sheared = [row for row in shear if row.sheared]
+    if not sheared:
         return []
     units = sweep.scene.units
-    worst = max(shear, key=lambda row: row.numbers.rms_px)
-    apart = max(
-        abs(row.numbers.rms_px / row.numbers.closed_form_rms_px - 1)
-        for row in shear
-        if row.numbers.closed_form_rms_px > 0
-    )
+    worst = max(sheared, key=lambda row: row.numbers.rms_px)
+    apart = max(abs(row.numbers.rms_px / row.numbers.closed_form_rms_px - 1) for row in sheared)
     where = f"near {digits(worst.near)} {units} and aperture {worst.aperture.column},{worst.aperture.row}"
     said = [
         "Beside what the near offset does, a shear about the cameras' own centers moves points by up to "
         f"{digits(worst.numbers.rms_px)} px (rms, at {where}), and a shear about the aperture by nothing.",
         "This is what is traced. The closed form -k n/((|z| + n) t), for the same points, differs from it by "
-        + (f"at most {percent(apart)} at every near." if apart > _EQUAL else "nothing but rounding."),
+        + (f"at most {percent(apart)} at every near." if apart > EQUAL_FRACTION else "nothing but rounding."),
     ]
-    if any(one.pivot is Pivot.APERTURE for one in sweep.geometries):
-        said.append(_limits(sweep))
-    return said
+    return [*said, *_limits(sweep)]
 
 
-_EQUAL = 1e-6
-"""Relative difference of two displacements below which only rounding tells them apart: pixels are counted in
-double precision, and shears of a ten-thousandth of a pixel still have nine digits."""
-
-
-def _limits(sweep: Sweep) -> str:
-    """Say up to which near each pivot keeps the displacement that nobody sees."""
+def _limits(sweep: Sweep) -> list[str]:
+    """Say up to which near each pivot keeps the displacement that nobody sees, where both were measured."""
+    kept = {pivot: _kept_near(sweep, pivot) for pivot in Pivot}
     parts = []
-    for pivot in Pivot:
-        kept = _kept_nears(sweep, pivot)
-        if kept is not None:
-            where = (
-                f"up to near {digits(kept)} {sweep.scene.units}" if kept else "at no near that was measured"
-            )
-            parts.append(f"with pivot {pivot} {where}")
-    return (
-        f"99 % of the picture lies within {digits(best.UNSEEN_DISPLACEMENT_PX)} px " + ", ".join(parts) + "."
-    )
+    for pivot, near in kept.items():
+        if near is None:
+            return []
+        where = f"up to near {digits(near)} {sweep.scene.units}" if near else "at no near that was measured"
+        parts.append(f"with pivot {pivot} {where}")
+    unseen = digits(best.UNSEEN_DISPLACEMENT_PX)
+    return [f"99 % of the picture lies within {unseen} px {', '.join(parts)}."]
 
 
-def _kept_nears(sweep: Sweep, pivot: Pivot) -> float | None:
-    """Return the largest near at which every aperture keeps it, with the usual fit, offset and no cuts."""
+def _kept_near(sweep: Sweep, pivot: Pivot) -> float | None:
+    """Return the largest near at which every aperture keeps it, with the usual fit, offset and no cuts.
+
+    0 where none does; None where these cameras were not measured with the depth buffer of the best setting.
+    """
     usual = CameraGeometry(pivot=pivot)
     moved: dict[float, float] = {}
     label = best.best_setting(sweep.rows).settings.depth_label

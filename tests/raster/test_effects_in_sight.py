@@ -138,6 +138,17 @@ def test_effects_that_a_tiny_near_shows_beyond_the_reach_are_drawn() -> None:
     assert_same_bits(hidden, tiny)
 
 
+def test_color_alone_is_drawn_by_the_cameras_that_a_tiny_near_calls_for() -> None:
+    """Within the reach C* sees nothing, for the small ball lies beside its frusta; it shows the ball beyond."""
+    asked = scene(ball((900.0, 0.0, 50.0), 1.0), ball((0.0, 0.0, 2000.0), 600.0))
+    assert Effect.C_STAR not in needed(asked)
+    tiny = DoubleFrustum(near=1e-7)
+    with Rasterizer(asked) as rasterizer:
+        whole = rasterizer.render(asked.plate.middle, tiny)
+        assert (whole.object == 2).any()
+        np.testing.assert_array_equal(rasterizer.render_color(asked.plate.middle, tiny), whole.color)
+
+
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     center=st.tuples(st.integers(-300, 300), st.integers(-300, 300), st.integers(-250, 200)),
