@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,13 @@ from numpy.typing import NDArray
 from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
 from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
-from xfrustum.compare.metrics.error_maps import ErrorMaps, judged_pixels
-from xfrustum.compare.metrics.surface import JudgedImage, surface_errors, wrong_surface
+from xfrustum.compare.metrics.error_maps import ErrorMaps, JudgedImage, judged_pixels
+from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 RIGHT = -1
@@ -164,61 +165,76 @@ class ChainStart:
         return judged_pixels(self.truth)
 
     @cached_property
-    def numbers(self) -> Numbers:
-        """(images, H, W) triangle numbers."""
-        return np.stack([image.triangle for image in self.images])
-
-    def wrong(self, pixels: Mask) -> Mask:
-        """Return which of some judged pixels (H, W) show the wrong surface in each image, (images, N).
-
-        Traced images are judged at the pixels that are asked about alone; images that are one, once.
-        """
-        truth = self.truth.at(pixels)
-        found = {id(self.truth): np.zeros(truth.triangle.size, dtype=np.bool_)}
-        for image in self.images[:-1]:
-            if id(image) not in found:
-                found[id(image)] = wrong_surface(truth, image.at(pixels), self.reference)[0]
-        found[id(self.images[-1])] = self.exact.errors.wrong[pixels]
-        return np.stack([found[id(image)] for image in self.images])
+    def charge(self) -> NDArray[np.int8]:
+        """(H, W) the last link that changes the triangle of each pixel up to R0, `RIGHT` where none does."""
+        charge = np.full(self.truth.triangle.shape, RIGHT, dtype=np.int8)
+        for link, (before, after) in enumerate(pairwise(self.images)):
+            if after is not before:
+                charge[before.triangle != after.triangle] = link
+        return charge
 
     @cached_property
     def exact(self) -> JudgedImage:
-        """The frame with exact depth, R0, and its wrong surfaces."""
-        image = self.images[-1]
-        errors = surface_errors(self.truth, image, self.reference)
-        return JudgedImage(image=image, errors=errors, moved=displacement(image, self.truth.camera))
+        """The frame with exact depth, R0, compared with the truth."""
+        return JudgedImage.of(self.truth, self.images[-1], self.reference)
 
     @cached_property
-    def moved(self) -> Floats:
-        """(images, H, W, 2) displacement in pixels, NaN where an image shows no surface off the plate."""
-        found = {id(self.images[-1]): self.exact.moved}
+    def surface_charge(self) -> NDArray[np.int8]:
+        """(H, W) the link from which on each pixel of R0 shows a wrong surface, `RIGHT` where it does not.
+
+        Traced images are judged at these pixels alone; images that are one, once.
+        """
+        wrong = self.exact.maps.surface
+        assert wrong is not None, "the reference has the scene at hand"
+        pixels = np.flatnonzero(wrong)
+        truth = self.truth.at(pixels)
+        right = np.ones(pixels.size, dtype=np.bool_)
+        # The truth is right everywhere: until a later image is, the first link is charged.
+        found = np.zeros(pixels.size, dtype=np.int8)
+        for link, (before, image) in enumerate(pairwise(self.images[:-1]), start=1):
+            if image is not before:
+                right = ~wrong_surface(truth, image.at(pixels), self.reference)[0]
+            found[right] = link
+        charge = np.full(wrong.shape, RIGHT, dtype=np.int8)
+        charge.flat[pixels] = found
+        return charge
+
+    @cached_property
+    def moved(self) -> tuple[Floats, ...]:
+        """Displacement of each image in pixels, (H, W, 2), NaN where it shows no surface off the plate."""
+        found = {id(self.images[-1]): self.exact.maps.displacement}
         if self.truth_moved is not None:
             found[id(self.truth)] = self.truth_moved
         for image in self.images:
             if id(image) not in found:
                 found[id(image)] = displacement(image, self.truth.camera)
-        return np.stack([found[id(image)] for image in self.images])
+        return tuple(found[id(image)] for image in self.images)
 
     @cached_property
-    def steps(self) -> Floats:
-        """(links, H, W) lengths of what each link but the last adds to displacement, pixels."""
-        return lengths(np.diff(self.moved, axis=0))
+    def steps(self) -> tuple[Floats | None, ...]:
+        """Lengths (H, W) of what each link but the last adds to displacement, pixels.
+
+        None stands for the zeros of a link that changes no image.
+        """
+        return tuple(
+            None if after is before else lengths(after - before) for before, after in pairwise(self.moved)
+        )
 
     @cached_property
     def everywhere(self) -> Mask:
         """(H, W) pixels at which all of these images show a surface off the plate."""
-        return np.asarray(np.isfinite(self.steps).all(axis=0))
+        known = [np.isfinite(step) for step in self.steps if step is not None]
+        return np.asarray(np.logical_and.reduce(known))
 
     def spreads(self, pixels: Mask) -> tuple[Spread | None, ...]:
-        """Return how far each link but the last displaces some pixels; found once for the same pixels."""
-        key = np.packbits(pixels).tobytes()
-        if key not in self._spreads:
-            self._spreads[key] = tuple(Spread.of(step[pixels]) for step in self.steps)
-        return self._spreads[key]
+        """Return how far each link but the last displaces some pixels of `everywhere`."""
+        nothing = Spread.of(np.zeros(int(pixels.any())))
+        return tuple(nothing if step is None else Spread.of(step[pixels]) for step in self.steps)
 
     @cached_property
-    def _spreads(self) -> dict[bytes, tuple[Spread | None, ...]]:
-        return {}
+    def spreads_everywhere(self) -> tuple[Spread | None, ...]:
+        """How far each link but the last displaces the pixels of `everywhere`."""
+        return self.spreads(self.everywhere)
 
     @cached_property
     def rounding(self) -> Causes:
@@ -276,13 +292,12 @@ class Budget:
     @property
     def cancelled(self) -> int:
         """Number of judged pixels that are right in the end although some link changed them."""
-        changed = (self.start.numbers != self.start.numbers[0]).any(axis=0)
-        return int((self.start.judged & (self.charge == RIGHT) & changed).sum())
+        return int((self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)).sum())
 
     @cached_property
     def displacement(self) -> VectorBudget:
         """Budget of displacement: columns and rows, pixels."""
-        return VectorBudget.of(np.concatenate((self.start.moved, self.moved[None])))
+        return VectorBudget.of(np.stack((*self.start.moved, self.moved)))
 
     @cached_property
     def height(self) -> VectorBudget:
@@ -301,10 +316,18 @@ class Budget:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
-        last = lengths(self.moved - self.start.moved[-1])
-        everywhere = self.start.everywhere & np.isfinite(last)
-        spreads = (*self.start.spreads(everywhere), Spread.of(last[everywhere]))
-        return tuple(self._cause(link, spread) for link, spread in enumerate(spreads))
+        start = self.start
+        changed = start.exact.differing(self.drawn)
+        after, before = (one.reshape(-1, 2)[changed] for one in (self.moved, start.exact.maps.displacement))
+        # What depth does not change it does not move: not a number is what is none in R0, too.
+        last = np.zeros(start.everywhere.shape)
+        last.flat[changed] = lengths(after - before)
+        everywhere = start.everywhere & np.isfinite(last)
+        same = np.array_equal(everywhere, start.everywhere)
+        spreads = start.spreads_everywhere if same else start.spreads(everywhere)
+        return tuple(
+            self._cause(link, spread) for link, spread in enumerate((*spreads, Spread.of(last[everywhere])))
+        )
 
     def _cause(self, link: int, spread: Spread | None) -> Cause:
         return Cause(
@@ -372,33 +395,24 @@ def charged(
     maps
         Error maps of the last image with its wrong surfaces, where it was compared with the truth already.
     """
-    differs = start.judged & (drawn.triangle != start.truth.triangle)
-    numbers = np.concatenate((start.numbers[:, differs], drawn.triangle[differs][None]))
-    charge = _scattered(differs, _last(numbers[1:] != numbers[:-1]))
+    charge = start.charge.copy()
+    charge[drawn.triangle != start.images[-1].triangle] = start.depth
+    charge[~start.judged | (drawn.triangle == start.truth.triangle)] = RIGHT
     if maps is None or maps.surface is None:
         wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
     else:
         wrong = maps.surface
+    # What R0 shows rightly goes wrong by depth, whatever the images before show.
+    surface_charge = np.where(start.surface_charge == RIGHT, np.int8(start.depth), start.surface_charge)
+    surface_charge[~wrong] = RIGHT
     by_rasterizing = start.rounding.within(charge == start.rasterization)
     by_depth = start.causes_of(start.depth, drawn, charge == start.depth)
     return Budget(
         start=start,
         drawn=drawn,
         charge=charge,
-        surface_charge=_scattered(wrong, _last(~start.wrong(wrong))),
+        surface_charge=surface_charge,
         moved=displacement(drawn, start.truth.camera) if maps is None else maps.displacement,
         explanation=by_rasterizing.joined(by_depth),
         predicted=predicted,
     )
-
-
-def _last(changed: Mask) -> Indices:
-    """Return the last link that changed each of some pixels (links, N); any where none did."""
-    return np.asarray(len(changed) - 1 - np.argmax(changed[::-1], axis=0))
-
-
-def _scattered(pixels: Mask, links: Indices) -> NDArray[np.int8]:
-    """Return links (N,) of the pixels of a mask as a map (H, W), `RIGHT` at all others."""
-    charge = np.full(pixels.shape, RIGHT, dtype=np.int8)
-    charge[pixels] = links
-    return charge

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from xfrustum.compare.extent.layers import areas, share_between, triangles_in_chunks
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.region import Region
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -86,9 +86,7 @@ class _Counted:
         """Count those of some triangles (F, 3, 3) that reach into the bin, inside the region."""
         near, far = self.heights
         low_z, high_z = (-far, -near) if self.behind else (near, far)
-        z = triangles[..., 2]
-        there = np.flatnonzero((z.max(axis=1) >= low_z) & (z.min(axis=1) <= high_z))
-        inside = triangles[there]
+        inside = triangles[self._reach_into(triangles)]
         if not len(inside):
             return
         low, high = inside.min(axis=1), inside.max(axis=1)
@@ -102,6 +100,18 @@ class _Counted:
         self.triangles += int(held.sum())
         kept = inside[held]
         self.area += float((areas(kept) * share_between(kept, low_z, high_z)).sum())
+
+    def _reach_into(self, triangles: Floats) -> Mask:
+        """Return which triangles (F, 3, 3) have more than a border in the bin.
+
+        One that lies between two bins belongs to the inner one; one in the plate, to both sides.
+        """
+        near, far = self.heights
+        distances = triangles[..., 2] * (-1 if self.behind else 1)
+        least, most = distances.min(axis=1), distances.max(axis=1)
+        outer_end = np.where(least == most, least <= far, least < far)
+        inner_end = (most > near) | ((least == most) & (most == 0) & (near == 0))
+        return np.asarray(outer_end & inner_end)
 
     def bin(self, whole: float) -> DepthBin:
         """Return the bin, where all bins have some area in all."""

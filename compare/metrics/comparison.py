@@ -9,9 +9,8 @@ import numpy as np
 
 from xfrustum.compare.metrics.culled import culled_pixels
 from xfrustum.compare.metrics.displacement import Spread
-from xfrustum.compare.metrics.error_maps import ErrorMaps, error_maps
+from xfrustum.compare.metrics.error_maps import ErrorMaps, JudgedImage, error_maps, error_maps_beside
 from xfrustum.compare.metrics.radiance import RadianceNumbers, compare_radiance
-from xfrustum.compare.metrics.surface import JudgedImage
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
@@ -187,7 +186,11 @@ def compare_images(
     _check_numbers(raster, reference)
     numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
-    maps, lengths = error_maps(truth, raster, reference, numbered=numbered, judged=judged)
+    if judged is None:
+        maps, moved = error_maps(truth, raster, reference, numbered=numbered)
+        spread = Spread.of(moved)
+    else:
+        maps, spread = error_maps_beside(truth, raster, reference, judged)
     if colors:
         maps = replace(maps, radiance=colors.error)
     return Comparison(
@@ -197,7 +200,7 @@ def compare_images(
         at_plate=int((raster.covered & (raster.height == 0)).sum()),
         surface=SurfaceShare.of_maps(maps, culled_pixels(truth, raster)),
         triangle=Share.of(maps.triangle, maps.judged) if numbered else None,
-        displacement_px=Spread.of(lengths),
+        displacement_px=spread,
         height=_height_error(maps.height[np.isfinite(maps.height)]),
         radiance=colors.numbers if colors else None,
         certainty=_certainty_counts(truth),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xfrustum.compare.metrics.film import pixel_centers, true_pixel
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
 
@@ -55,32 +55,15 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
     where it lies in the plate.
     """
+    return displacement_from(raster, camera, pixel_centers(camera, rows))
+
+
+def displacement_from(raster: HogelImage, camera: HogelCamera, drawn_at: Floats) -> Floats:
+    """Return the displacement, as `displacement` does, of pixels whose places (H, W, 2) are given."""
     shift = true_pixel(raster.position, camera)
-    shift -= pixel_centers(camera, rows)
+    shift -= drawn_at
     # Each vector is one complex number: numpy is several times slower along rows of two numbers.
     shift.view(np.complex128)[..., 0][~raster.off_plate] = complex(np.nan, np.nan)
-    return shift
-
-
-def displacement_beside(
-    raster: HogelImage, camera: HogelCamera, rows: slice, known: Floats, same: Mask
-) -> Floats:
-    """Return the displacement as `displacement` does, where that of some pixels is known.
-
-    Parameters
-    ----------
-    raster, camera, rows
-        As for `displacement`.
-    known
-        (H, W, 2) displacement of an image that shows the same points at some pixels.
-    same
-        (H, W) these pixels.
-    """
-    shift = known.copy()
-    other = ~same
-    moved = true_pixel(raster.position[other], camera) - pixel_centers(camera, rows)[other]
-    moved[~raster.off_plate[other]] = np.nan
-    shift[other] = moved
     return shift
 
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.displacement import displacement, displacement_beside, lengths
-from xfrustum.compare.metrics.pixel_bands import in_bands
-from xfrustum.compare.metrics.surface import JudgedImage, SurfaceErrors, surface_errors
+from xfrustum.compare.metrics.displacement import Spread, displacement_from, lengths
+from xfrustum.compare.metrics.film import pixel_centers, pixel_centers_of
+from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, each_part, in_bands
+from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 
 
@@ -48,12 +51,7 @@ class ErrorMaps:
 
 
 def error_maps(
-    truth: HogelImage,
-    raster: HogelImage,
-    reference: Reference | None,
-    *,
-    numbered: bool,
-    judged: JudgedImage | None = None,
+    truth: HogelImage, raster: HogelImage, reference: Reference | None, *, numbered: bool
 ) -> tuple[ErrorMaps, Floats]:
     """Return the error maps without that of radiance, and the lengths of all displacements, (N,) px.
 
@@ -65,35 +63,100 @@ def error_maps(
         Tracer of this scene; without it there is no `surface`.
     numbered
         Whether the raster image names triangles.
-    judged
-        Image judged before that may show the same at most pixels; see `surface_errors`.
     """
 
-    def errors_of(true: HogelImage, shown: HogelImage, rows: slice) -> SurfaceErrors:
-        assert reference is not None
-        return surface_errors(true, shown, reference, judged.rows(rows) if judged else None)
+    def judge(true: HogelImage, shown: HogelImage, rows: slice) -> tuple[ErrorMaps, Floats]:
+        maps = _judge(true, shown, reference, numbered, pixel_centers(truth.camera, rows))
+        return maps, lengths(maps.displacement)[shown.off_plate]
 
-    def moved_of(shown: HogelImage, rows: slice) -> Floats:
-        if judged is None:
-            return displacement(shown, truth.camera, rows)
-        before = judged.rows(rows)
-        return displacement_beside(shown, truth.camera, rows, before.moved, before.shows_the_same(shown))
+    bands = in_bands(truth, raster, judge)
+    maps = _assembled(np.concatenate, [found for found, _ in bands])
+    return maps, np.concatenate([some for _, some in bands])
 
-    surfaces = errors_of if reference else None
-    bands = in_bands(truth, raster, partial(_judge, moved_of, surfaces, numbered))
-    maps = [band.maps for band in bands]
-    surface = [part.surface for part in maps if part.surface is not None]
-    outside = [part.outside for part in maps if part.outside is not None]
-    joined = ErrorMaps(
-        judged=np.concatenate([part.judged for part in maps]),
-        surface=np.concatenate(surface) if surface else None,
-        outside=np.concatenate(outside) if outside else None,
-        triangle=np.concatenate([part.triangle for part in maps]),
-        displacement=np.concatenate([part.displacement for part in maps]),
-        height=np.concatenate([part.height for part in maps]),
-        radiance=None,
-    )
-    return joined, np.concatenate([band.lengths for band in bands])
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedImage:
+    """An image that was compared with the truth, beside which images with other depth buffers are judged.
+
+    Most of their pixels show the same point of the same triangle. What is found for a pixel depends on no
+    other pixel, so that such pixels need not be judged again.
+
+    Attributes
+    ----------
+    image
+        The image, which names triangles.
+    maps
+        Its error maps, without that of radiance.
+    spread
+        Spread of its displacement; None where it shows no surface off the plate.
+    """
+
+    image: HogelImage
+    maps: ErrorMaps
+    spread: Spread | None
+
+    @classmethod
+    def of(cls, truth: HogelImage, image: HogelImage, reference: Reference | None) -> JudgedImage:
+        """Compare an image that names triangles with the truth."""
+        maps, moved = error_maps(truth, image, reference, numbered=True)
+        return cls(image=image, maps=maps, spread=Spread.of(moved))
+
+    def differing(self, other: HogelImage) -> Indices:
+        """Return the flat numbers of the pixels at which another image shows anything else."""
+        differs = (self.image.triangle != other.triangle) | (self.image.object != other.object)
+        # Bits are compared, because a position that is not a number equals no other.
+        positions = self.image.position, other.position
+        exactly = np.result_type(*positions)
+        bits = np.dtype(f"u{exactly.itemsize}")
+        mine, its = (np.ascontiguousarray(one, dtype=exactly).view(bits).ravel() for one in positions)
+        moved = np.flatnonzero(mine != its)
+        differs.flat[moved // 3] = True
+        return np.flatnonzero(differs)
+
+
+def error_maps_beside(
+    truth: HogelImage, raster: HogelImage, reference: Reference | None, judged: JudgedImage
+) -> tuple[ErrorMaps, Spread | None]:
+    """Return the error maps of an image without that of radiance, and the spread of its displacement.
+
+    Parameters
+    ----------
+    truth, raster, reference
+        Images and tracer as for `error_maps`; the raster names triangles.
+    judged
+        Image of the same cameras that was compared with this truth, and may show the same at most pixels.
+    """
+    pixels = judged.differing(raster)
+    if not pixels.size:
+        return judged.maps, judged.spread
+
+    def judge(some: Indices) -> ErrorMaps:
+        centers = pixel_centers_of(truth.camera, some)
+        return _judge(truth.at(some), raster.at(some), reference, True, centers)
+
+    parts = np.array_split(pixels, math.ceil(pixels.size / BAND_PIXELS))
+    found = each_part(judge, parts, pixels.size)
+
+    def patched(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        whole, *rows = arrays
+        changed = whole.copy()
+        changed.reshape(-1, *whole.shape[2:])[pixels] = np.concatenate([row[0] for row in rows])
+        return changed
+
+    maps = _assembled(patched, [judged.maps, *found])
+    return maps, Spread.of(lengths(maps.displacement)[raster.off_plate])
+
+
+def _assembled(
+    join: Callable[[Sequence[NDArray[Any]]], NDArray[Any]], parts: Sequence[ErrorMaps]
+) -> ErrorMaps:
+    """Return error maps whose arrays are joined from those of several; what any part lacks is None."""
+
+    def joined(name: str) -> Any:
+        arrays = [getattr(part, name) for part in parts]
+        return None if any(array is None for array in arrays) else join(arrays)
+
+    return ErrorMaps(**{item.name: joined(item.name) for item in fields(ErrorMaps)})
 
 
 def judged_pixels(truth: HogelImage) -> Mask:
@@ -103,35 +166,21 @@ def judged_pixels(truth: HogelImage) -> Mask:
     return np.not_equal(truth.certainty, Certainty.TIE)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Band:
-    """Some rows of the error maps, and the lengths of their displacements."""
-
-    maps: ErrorMaps
-    lengths: Floats
-
-
 def _judge(
-    moved_of: Callable[[HogelImage, slice], Floats],
-    surfaces: Callable[[HogelImage, HogelImage, slice], SurfaceErrors] | None,
-    numbered: bool,
-    truth: HogelImage,
-    raster: HogelImage,
-    rows: slice,
-) -> _Band:
+    truth: HogelImage, raster: HogelImage, reference: Reference | None, numbered: bool, centers: Floats
+) -> ErrorMaps:
+    """Judge some pixels (H, W), given the places (H, W, 2) at which they were drawn."""
     judged = judged_pixels(truth)
-    shift = moved_of(raster, rows)
-    errors = surfaces(truth, raster, rows) if surfaces else None
-    maps = ErrorMaps(
+    errors = surface_errors(truth, raster, reference) if reference else None
+    return ErrorMaps(
         judged=judged,
         surface=errors.wrong & judged if errors else None,
         outside=errors.outside & judged if errors else None,
         triangle=(truth.triangle != raster.triangle) & judged & numbered,
-        displacement=shift,
+        displacement=displacement_from(raster, truth.camera, centers),
         height=_height_map(truth, raster, judged),
         radiance=None,
     )
-    return _Band(maps=maps, lengths=lengths(shift)[raster.off_plate])
 
 
 def _height_map(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:

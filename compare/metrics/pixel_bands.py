@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 Judged = TypeVar("Judged")
+Part = TypeVar("Part")
 
 BAND_PIXELS = 1 << 16
 """Largest number of pixels of a band: one number for each takes 512 kB in double precision, and the caches of
@@ -40,7 +41,12 @@ def in_bands(
     def judged(rows: slice) -> Judged:
         return judge(truth.rows(rows), raster.rows(rows), rows)
 
-    if height * width <= MAX_SERIAL_PIXELS:
-        return [judged(rows) for rows in bands]
+    return each_part(judged, bands, height * width)
+
+
+def each_part(judge: Callable[[Part], Judged], parts: Sequence[Part], pixels: int) -> list[Judged]:
+    """Judge the parts of an image, side by side where they have many pixels together."""
+    if pixels <= MAX_SERIAL_PIXELS:
+        return [judge(part) for part in parts]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(judged, bands))
+        return list(pool.map(judge, parts))

@@ -21,7 +21,7 @@ from xfrustum.compare.metrics.film import true_lines
 from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil, pixel_places
-from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.arrays import Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
@@ -105,44 +105,7 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     return surface_errors(truth, raster, reference).wrong
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedImage:
-    """An image whose wrong surfaces are known, beside which images with other depth buffers are judged.
-
-    Most of their pixels show the same point of the same triangle. What is found for a pixel depends on no
-    other pixel, so that such pixels need not be judged again.
-
-    Attributes
-    ----------
-    image, errors
-        The image, and its wrong surfaces.
-    moved
-        (H, W, 2) its displacement, see `displacement`.
-    """
-
-    image: HogelImage
-    errors: SurfaceErrors
-    moved: Floats
-
-    def rows(self, some: slice) -> JudgedImage:
-        """Return a band of rows."""
-        errors = SurfaceErrors(wrong=self.errors.wrong[some], outside=self.errors.outside[some])
-        return JudgedImage(image=self.image.rows(some), errors=errors, moved=self.moved[some])
-
-    def shows_the_same(self, other: HogelImage) -> Mask:
-        """Return the pixels (H, W) at which another image shows the same point of the same triangle."""
-        same: Mask = (self.image.triangle == other.triangle) & (self.image.triangle != NOTHING)
-        for axis in range(3):
-            same &= self.image.position[..., axis] == other.position[..., axis]
-        return same
-
-
-def surface_errors(
-    truth: HogelImage,
-    raster: HogelImage,
-    reference: Reference,
-    judged: JudgedImage | None = None,
-) -> SurfaceErrors:
+def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
     A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
@@ -159,25 +122,18 @@ def surface_errors(
         The true image, and the image that is judged by it.
     reference
         Tracer of the scene.
-    judged
-        Image judged by the same truth, which may show the same at most pixels.
     """
     scene = reference.scene
-    known = (
-        np.zeros(raster.covered.shape, dtype=np.bool_) if judged is None else judged.shows_the_same(raster)
-    )
     wrong = other_surfaces(truth, raster, scene)
     at_plate = raster.covered & (raster.height == 0)
     wrong |= at_plate & ~(truth.covered & (truth.height == 0))
-    unproven = raster.off_plate & ~known
+    unproven = raster.off_plate.copy()
     unproven.flat[_surely_seen(truth, raster, unproven & ~wrong, scene)] = False
     outside = outside_film(unproven, raster, scene, true_lines(truth.camera))
     wrong |= outside
     wrong |= hidden_pixels(
         unproven & ~wrong, raster, scene, lambda points: reference.hidden(truth.camera.aperture, points)
     )
-    if judged is not None:
-        wrong[known], outside[known] = judged.errors.wrong[known], judged.errors.outside[known]
     return SurfaceErrors(wrong=wrong, outside=outside)
 
 

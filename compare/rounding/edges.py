@@ -52,8 +52,9 @@ class PixelTriangles:
         return values.take(self.which)
 
     def linear_at(self, functions: Floats, points: Floats) -> Floats:
-        """Return linear functions (T, 3) of (u, v, 1), one for each triangle, at each pixel's point (N, 3)."""
+        """Return the triangles' linear functions (T, 3) of (u, v, 1) at the pixels' points (N, 3), (N,)."""
         return np.asarray(np.einsum("ij,ij->i", functions.take(self.which, axis=0), points))
+
 
 CLIPPED_VERTEX_ROUNDINGS = 16
 """Bound of the error of a float32 clip coordinate, in roundings of 2^-24 of the sum of its absolute terms.

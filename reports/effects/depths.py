@@ -38,8 +38,7 @@ class DepthRow:
     separation
         Smallest separation of two surfaces that the depth buffer orders at the farthest content, scene units.
     blur_px
-        Smallest and largest blur by the hogel's area, pixels; the largest is None where content touches the
-        plate.
+        Smallest and largest blur by the hogel's area, pixels; None of what lies in the plate.
     sub_apertures
         Points of that area that keep the error of band limiting under a level of 8 bits; None where more than
         65,536 would be needed.
@@ -54,7 +53,7 @@ class DepthRow:
     near_px: float
     shear_px: float
     separation: float
-    blur_px: tuple[float, float | None]
+    blur_px: tuple[float | None, float | None]
     sub_apertures: int | None
 
 
@@ -115,7 +114,7 @@ def _row(
     frustum, n = scene.frustum, settings.near
     reach = frustum.reach[1 if content.behind else 0]
     band = band_limit(scene, content, contrast)
-    largest, least = band.blur_px
+    largest, least = (blur if math.isfinite(blur) else None for blur in band.blur_px)
     moved = n / (content.nearest + n)
     separation = smallest_separation(
         np.array([content.farthest + n]), n, n + reach, settings.depth, settings.mapping
@@ -130,7 +129,7 @@ def _row(
         near_px=math.hypot(*frustum.resolution) / 2 * moved,
         shear_px=_shear_px(scene, aperture) * moved,
         separation=float(separation[0]),
-        blur_px=(least, largest if math.isfinite(largest) else None),
+        blur_px=(least, largest),
         sub_apertures=band.sub_apertures,
     )
 

@@ -225,6 +225,12 @@ def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     yield _band_limiting(found)
 
 
+def _blur(least: float | None, largest: float | None) -> str:
+    if least is None:
+        return "without end"
+    return f"{digits(least)} px or more" if largest is None else f"{digits(least)} to {digits(largest)} px"
+
+
 def _depth_cells(row: DepthRow, units: str) -> tuple[str, ...]:
     least, largest = row.blur_px
     return (
@@ -233,7 +239,7 @@ def _depth_cells(row: DepthRow, units: str) -> tuple[str, ...]:
         f"{digits(row.near_px)} px",
         f"{digits(row.shear_px)} px",
         f"{digits(row.separation)} {units}",
-        f"{digits(least)} px or more" if largest is None else f"{digits(least)} to {digits(largest)} px",
+        _blur(least, largest),
         "over 65,536" if row.sub_apertures is None else f"{row.sub_apertures:,}",
     )
 

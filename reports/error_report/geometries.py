@@ -17,10 +17,9 @@ from xfrustum.reports.measurements.measurement import Measurement, Sweep
 from xfrustum.scenes.plate.double_frustum import Offset, Pivot
 from xfrustum.scenes.plate.plate import Aperture
 
-
 ROUNDED_SHEAR_PX = 1e-6
-"""Displacement up to which a shear is taken for rounding, of an aperture's place or of pixels. Places on films of
-thousands of pixels are known to some 1e-12 px in double precision: larger shears have six digits or more."""
+"""Displacement up to which a shear is taken for rounding, of an aperture's place or of pixels. In double
+precision places on large films are known to some 1e-12 px: larger shears have six digits or more."""
 
 EQUAL_FRACTION = 1e-6
 """Relative difference of two shears, each larger than `ROUNDED_SHEAR_PX`, that is rounding alone."""

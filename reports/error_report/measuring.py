@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from xfrustum.compare import Comparison, ErrorMaps, compare_images
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
-from xfrustum.compare.metrics.surface import JudgedImage
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
@@ -201,7 +201,7 @@ class SettingMeasurer:
                         models.clear()
                     start = self._chain_start(traced, drawn, models)
                 # These are found before they are needed, side by side.
-                shared_parts = ("exact", "rounding", "steps")
+                shared_parts = ("exact", "rounding", "steps", "surface_charge")
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:
                     # The common part of an aperture's predictions is found once, while images are compared.

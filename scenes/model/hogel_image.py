@@ -138,9 +138,22 @@ class HogelImage:
         """Return a band of rows, without `companions` and `overruled`."""
         return self._mapped(lambda array: array[some])
 
-    def at(self, pixels: Mask) -> HogelImage:
-        """Return the pixels of a mask (H, W) side by side in one row, likewise."""
-        return self._mapped(lambda array: array[pixels][None])
+    def at(self, pixels: Indices) -> HogelImage:
+        """Return some pixels, given by their flat numbers, side by side in one row: surfaces without colors.
+
+        The row has neither normals nor `companions` and `overruled`.
+        """
+
+        def taken(array: NDArray[Any]) -> NDArray[Any]:
+            return array.reshape(-1, *array.shape[2:]).take(pixels, axis=0)[None]
+
+        return HogelImage(
+            camera=self.camera,
+            triangle=taken(self.triangle),
+            object=taken(self.object),
+            position=taken(self.position),
+            certainty=None if self.certainty is None else taken(self.certainty),
+        )
 
     def _mapped(self, part: Callable[[NDArray[Any]], NDArray[Any]]) -> HogelImage:
         mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}

@@ -139,7 +139,7 @@ def test_effects_that_a_tiny_near_shows_beyond_the_reach_are_drawn() -> None:
 
 
 def test_color_alone_is_drawn_by_the_cameras_that_a_tiny_near_calls_for() -> None:
-    """Within the reach C* sees nothing, for the small ball lies beside its frusta; it shows the ball beyond."""
+    """Within the reach C* sees nothing: the small ball lies beside its frusta. It shows the ball beyond."""
     asked = scene(ball((900.0, 0.0, 50.0), 1.0), ball((0.0, 0.0, 2000.0), 600.0))
     assert Effect.C_STAR not in needed(asked)
     tiny = DoubleFrustum(near=1e-7)

@@ -301,19 +301,19 @@ def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
     """A sheet 5 behind the plate, through an aperture of pitch 1 and a film of 16 pixels over 1 radian."""
     plan = explain(scene(), settings=DoubleFrustum(near=0.1))
     told = summary(plan)["depths"]
-    assert [(row["side"], row["heights"]) for row in told["rows"]] == [
-        ("behind", [5.0, 10.0]),
-        ("behind", [2.5, 5.0]),
-    ]
     blur = 1 / 5 * 16 / (2 * np.tan(0.5))
-    for row in told["rows"]:
-        assert (row["nearest"], row["farthest"], row["shear_px"]) == (5.0, 5.0, 0.0)
-        assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1)
-        np.testing.assert_allclose(row["blur_px"], blur)
+    # The sheet lies between two bins, and belongs to the inner one.
+    [row] = told["rows"]
+    assert (row["side"], row["heights"], row["share"]) == ("behind", [2.5, 5.0], 1.0)
+    assert (row["nearest"], row["farthest"], row["shear_px"]) == (5.0, 5.0, 0.0)
+    assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1)
+    np.testing.assert_allclose(row["blur_px"], blur)
     moved = 8 * 2**0.5 * told["largest_near"] / (5 + told["largest_near"])
     assert moved == pytest.approx(told["tolerance_px"])
     assert told["contrast"] == pytest.approx(0.7) and told["sub_apertures"] == 8192
     assert "band limiting: needed; 8,192 sub-apertures" in table(plan)
+    inside = [row["side"] for row in summary(explain(scene(sheet(z=0.0))))["depths"]["rows"]]
+    assert inside == ["behind", "before"] and "without end" in table(explain(scene(sheet(z=0.0))))
     [sheet_record] = summary(plan)["objects"]
     assert sheet_record["in_sight"] and sheet_record["effects"] == ["ambient", "diffuse"]
     beyond = summary(explain(scene(sheet(), sheet(z=-500.0))))["objects"][1]
