@@ -66,7 +66,9 @@ class AutoApertures:
         reasons: dict[Aperture, list[str]] = {}
         if not seeing or any(look.aperture == middle for look in seeing):
             reasons[middle] = ["the middle of the plate"]
-        for aperture, reason in _worst(free or seeing, scout.scene.units):
+        # Of equally bad ones the first is taken: the middle, so that no other is measured for the same.
+        ordered = sorted(free or seeing, key=lambda look: look.aperture != middle)
+        for aperture, reason in _worst(ordered, scout.scene.units):
             reasons.setdefault(aperture, []).append(reason)
         nearest = {
             look.aperture: f"nearest visible |z| {look.nearest:.2g} {scout.scene.units}" for look in seeing
@@ -84,7 +86,10 @@ class AutoApertures:
 
 
 def _worst(looks: Sequence[Look], units: str) -> list[tuple[Aperture, str]]:
-    """Return the worst aperture in each respect, with the respect in words; none where there are no looks."""
+    """Return the worst aperture in each respect, with the respect in words; none where there are no looks.
+
+    Of several that are equally bad the first is the worst.
+    """
     if not looks:
         return []
     displaced = max(looks, key=lambda look: look.pixels_per_near)

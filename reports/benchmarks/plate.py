@@ -22,6 +22,7 @@ from xfrustum.reports.common import provenance
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.common.timing import Timing, race
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -127,7 +128,7 @@ def benchmark_plate(
     Parameters
     ----------
     scene
-        Scene to be drawn; its own resolution does not matter.
+        Scene to be drawn; its own resolution and sampling do not matter, for plain loops take one sample.
     resolution
         W = H in pixels.
     repeat
@@ -144,7 +145,8 @@ def benchmark_plate(
         raise InputError(f"scene {scene.name}: has no triangles to draw; choose one that has")
     if min(resolution, repeat) < 1:
         raise InputError("bench: resolution and repetitions must be positive; give such as 128")
-    sized = replace(scene, frustum=replace(scene.frustum, resolution=(resolution, resolution)))
+    film = replace(scene.frustum, resolution=(resolution, resolution))
+    sized = replace(scene, frustum=film, sampling=Sampling())
     settings = DoubleFrustum(near=RELATIVE_NEAR * scene.frustum.longest_reach)
     columns, row = scene.plate.hogels[0], scene.plate.middle.row
     apertures = [sized.plate.aperture(column, row) for column in range(columns)]

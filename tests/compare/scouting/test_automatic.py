@@ -66,3 +66,12 @@ def test_an_aperture_that_a_surface_passes_through_is_taken_only_where_there_is_
     auto = only(scouted, blocked, *others)
     assert auto.blocked == 1 and blocked.aperture not in auto.apertures
     assert only(scouted, blocked).apertures == (blocked.aperture,)
+
+
+def test_where_all_apertures_see_alike_the_middle_is_enough(scouted: Scout) -> None:
+    seen = scouted.looks[0]
+    alike = [
+        replace(look, height=seen.height, pierced=seen.pierced, outline_widths=seen.outline_widths)
+        for look in scouted.looks
+    ]
+    assert only(scouted, *alike).apertures == (scouted.scene.plate.middle,)

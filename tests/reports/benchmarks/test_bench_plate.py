@@ -19,6 +19,7 @@ from xfrustum.reports.benchmarks.table1 import PAPER, Database, benchmark_table1
 from xfrustum.reports.benchmarks.table1 import table as table_1
 from xfrustum.reports.common.timing import Timing, race
 from xfrustum.scenes import InputError, SceneObject
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.library.car_tessellated import mirrored, tessellated_car
 from xfrustum.scenes.model.effects import Effect, needed
@@ -59,6 +60,13 @@ def test_the_plates_table_names_every_contestant_and_stage() -> None:
     lines = table(benchmark_plate(view("crossing"), 8, 1)).splitlines()
     assert {line.split()[0] for line in lines if line} >= {*MEANINGS, "upload", "C", "C*", "read-back"}
     assert "crossing" in lines[0] and any(line.startswith(f"stages of {BATCHED}") for line in lines)
+
+
+def test_all_contestants_draw_one_picture_of_each_hogel() -> None:
+    """Also of a scene that asks for sub-apertures, over which plates are averaged and plain loops are not."""
+    scene = view("grating")
+    assert scene.sampling.aperture > 1
+    assert benchmark_plate(scene, 8, 1).scene.sampling == Sampling()
 
 
 def test_a_scene_without_triangles_is_refused() -> None:
