@@ -306,7 +306,7 @@ class SettingMeasurer:
         frames = [each.image for each in drawn if _settings(each.image) == exact]
         if not frames:
             frames = [self._rasterizer.render(traced.aperture, exact, normals=False, color=False)]
-        models = traced_models(self._reference, traced.aperture, exact, known)
+        models = traced_models(self._reference, traced.aperture, exact, known, shaded=False)
         bits = int(self._rasterizer.device["subpixel_bits"])
         images = (traced.truth, *models, frames[0])
         return ChainStart(
