@@ -8,6 +8,7 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.layers import Layer, overlaid
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -51,6 +52,8 @@ class Pictures:
         rows: range,
         decided: list[tuple[Pencil, FirstSurfaces]],
         settings: DoubleFrustum | None = None,
+        *,
+        shaded: bool = True,
     ) -> HogelImage:
         """Return what decided layers of some rows show, the last on top, with normals, objects and light.
 
@@ -64,6 +67,8 @@ class Pictures:
             Lines of each camera, and what is first along them.
         settings
             Settings of the offset cameras; None for the true frustum.
+        shaded
+            Whether the image has normals and color.
         """
         pencil = crossed_frustum(self._scene.frustum, aperture)
         directions = pencil.directions(slice(rows.start, rows.stop))
@@ -73,7 +78,22 @@ class Pictures:
             own = None if lines.half_extent != pencil.half_extent else directions
             layers.append(Layer.of(lines, found, rows, own))
         shown = overlaid(layers)
-        normals, color = np.full(directions.shape, np.nan), np.zeros(directions.shape, dtype=np.float32)
+        normal, color = self._shaded(shown) if shaded else (None, None)
+        return HogelImage(
+            camera=self.camera(aperture, settings),
+            triangle=shown.triangle,
+            object=self._object_of_number[shown.triangle],
+            position=shown.position,
+            normal=normal,
+            color=color,
+            certainty=shown.certainty,
+            companions=shown.companions,
+        )
+
+    def _shaded(self, shown: Layer) -> tuple[Floats, Singles]:
+        """Return the normals and the color (H, W, 3) of what a layer shows."""
+        normals = np.full(shown.position.shape, np.nan)
+        color = np.zeros(shown.position.shape, dtype=np.float32)
         covered = np.flatnonzero(shown.triangle != NOTHING)
         number = shown.triangle.ravel()[covered]
         normal = self._scene.normals[number]
@@ -81,13 +101,4 @@ class Pictures:
         position, direction = (v.reshape(-1, 3)[covered] for v in (shown.position, shown.directions))
         hits = Hits(triangle=number, normal=normal, position=position, direction=direction)
         color.reshape(-1, 3)[covered] = self._shader.radiance(hits)
-        return HogelImage(
-            camera=self.camera(aperture, settings),
-            triangle=shown.triangle,
-            object=self._object_of_number[shown.triangle],
-            position=shown.position,
-            normal=normals,
-            color=color,
-            certainty=shown.certainty,
-            companions=shown.companions,
-        )
+        return normals, color

@@ -56,7 +56,7 @@ class PlainReference(Reference):
         camera = replace(image.camera, renderer=f"{self.tracer_name} alone, nothing certified")
         return replace(image, camera=camera, rendering=self.rendering(sampling))
 
-    def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
+    def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
         """Return what the tracer shows along the lines of the cameras of these settings.
 
         Raises
@@ -74,7 +74,7 @@ class PlainReference(Reference):
         layers = [
             (camera.pencil, uncertified(self.tracer, self.scene, camera.pencil, rows)) for camera in cameras
         ]
-        return self._pictures.image(aperture, rows, layers, settings)
+        return self._pictures.image(aperture, rows, layers, settings, shaded=shaded)
 
 
 @dataclass(frozen=True, kw_only=True)

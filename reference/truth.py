@@ -207,8 +207,16 @@ class Reference:
         decide = Certifier(self.scene.triangles, pencil).decide
         yield from in_parallel(decide, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)
 
-    def trace_model(self, aperture: Aperture, settings: DoubleFrustum) -> HogelImage:
-        """Return the image that the cameras of these settings would draw without any rounding."""
+    def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
+        """Return the image that the cameras of these settings would draw without any rounding.
+
+        Parameters
+        ----------
+        aperture, settings
+            Aperture of the image, and the cameras.
+        shaded
+            Whether the image has normals and color; without them it is made faster.
+        """
         settings.check_against(self.scene.frustum)
         pencil = crossed_frustum(self.scene.frustum, aperture)
         cameras = model_cameras(self.scene.frustum, aperture, settings)
@@ -222,7 +230,7 @@ class Reference:
             layers = [
                 (certifier.pencil, certifier.decide(rows).renumbered(some)) for certifier, some in certifiers
             ]
-            return self._pictures.image(aperture, rows, layers, settings)
+            return self._pictures.image(aperture, rows, layers, settings, shaded=shaded)
 
         return stacked(list(in_parallel(band, pencil.resolution)))
 

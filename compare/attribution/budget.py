@@ -196,19 +196,17 @@ class ChainStart:
                 right = ~wrong_surface(truth, image.at(pixels), self.reference)[0]
             found[right] = link
         charge = np.full(wrong.shape, RIGHT, dtype=np.int8)
-        charge.flat[pixels] = found
+        charge.reshape(-1)[pixels] = found
         return charge
 
     @cached_property
     def moved(self) -> tuple[Floats, ...]:
         """Displacement of each image in pixels, (H, W, 2), NaN where it shows no surface off the plate."""
-        found = {id(self.images[-1]): self.exact.maps.displacement}
-        if self.truth_moved is not None:
-            found[id(self.truth)] = self.truth_moved
-        for image in self.images:
+        found = {} if self.truth_moved is None else {id(self.truth): self.truth_moved}
+        for image in self.images[:-1]:
             if id(image) not in found:
                 found[id(image)] = displacement(image, self.truth.camera)
-        return tuple(found[id(image)] for image in self.images)
+        return (*(found[id(image)] for image in self.images[:-1]), self.exact.maps.displacement)
 
     @cached_property
     def steps(self) -> tuple[Floats | None, ...]:
@@ -319,10 +317,11 @@ class Budget:
         start = self.start
         changed = start.exact.differing(self.drawn)
         after, before = (one.reshape(-1, 2)[changed] for one in (self.moved, start.exact.maps.displacement))
-        # What depth does not change it does not move: not a number is what is none in R0, too.
-        last = np.zeros(start.everywhere.shape)
-        last.flat[changed] = lengths(after - before)
-        everywhere = start.everywhere & np.isfinite(last)
+        # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
+        step = lengths(after - before)
+        last, everywhere = np.zeros(start.everywhere.shape), start.everywhere.copy()
+        last.reshape(-1)[changed] = step
+        everywhere.reshape(-1)[changed] &= np.isfinite(step)
         same = np.array_equal(everywhere, start.everywhere)
         spreads = start.spreads_everywhere if same else start.spreads(everywhere)
         return tuple(

@@ -30,9 +30,14 @@ class Spread:
         if largest == 0 and float(values.min()) == 0:
             return cls(rms=0.0, p50=0.0, p95=0.0, p99=0.0, max=0.0)
         p50, p95, p99 = np.percentile(values, [50, 95, 99])
-        # Values are scaled first: near the plate the squares of displacements may overflow.
-        rms = largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0 else 0.0
-        return cls(rms=rms, p50=float(p50), p95=float(p95), p99=float(p99), max=largest)
+        return cls(rms=root_mean_square(values), p50=float(p50), p95=float(p95), p99=float(p99), max=largest)
+
+
+def root_mean_square(values: Floats) -> float:
+    """Return the root mean square of values of any shape, of which there is one and none is negative."""
+    # Values are scaled first: near the plate the squares of displacements may overflow.
+    largest = float(values.max())
+    return largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0 else 0.0
 
 
 def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(None)) -> Floats:

@@ -110,7 +110,7 @@ class JudgedImage:
         bits = np.dtype(f"u{exactly.itemsize}")
         mine, its = (np.ascontiguousarray(one, dtype=exactly).view(bits).ravel() for one in positions)
         moved = np.flatnonzero(mine != its)
-        differs.flat[moved // 3] = True
+        differs.reshape(-1)[moved // 3] = True
         return np.flatnonzero(differs)
 
 

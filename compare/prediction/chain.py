@@ -50,9 +50,10 @@ class Chain:
 
 def traced_settings(settings: DoubleFrustum, frustum: Frustum) -> tuple[DoubleFrustum, ...]:
     """Return the settings of T1 to T4, and of T5 where it is traced: all taken back, one thing at a time."""
-    fit = settings.fitted_height(frustum)
+    # A fit by default is the same as the one that it stands for, so that links that change nothing are equal.
+    settings = replace(settings, fit=settings.fitted_height(frustum) or Fit.ANGLE)
     drawn = replace(settings, cull=Cull.NONE)
-    whole = replace(drawn, slabs=(), fit=Fit.ANGLE if fit is None else fit)
+    whole = replace(drawn, slabs=())
     sheared = replace(whole, fit=Fit.ANGLE)
     unculled = replace(sheared, pivot=Pivot.APERTURE), sheared, whole, drawn
     return unculled if settings.cull is Cull.NONE else (*unculled, settings)
@@ -75,6 +76,8 @@ def traced_models(
     aperture: Aperture,
     settings: DoubleFrustum,
     traced: dict[DoubleFrustum, HogelImage] | None = None,
+    *,
+    shaded: bool = True,
 ) -> tuple[HogelImage, ...]:
     """Return T1 to T4 of an aperture, and T5 where faces are culled.
 
@@ -84,17 +87,14 @@ def traced_models(
     ----------
     traced
         Models of this aperture that are traced already, by their settings; new ones are added.
+    shaded
+        Whether the models have normals and color.
     """
     traced = {} if traced is None else traced
-    frustum = reference.scene.frustum
-    links = [
-        # A fit by default is the same as the one that it stands for.
-        replace(with_exact_depth(link), fit=link.fitted_height(frustum) or Fit.ANGLE)
-        for link in traced_settings(settings, frustum)
-    ]
+    links = [with_exact_depth(link) for link in traced_settings(settings, reference.scene.frustum)]
     for link in links:
         if link not in traced:
-            traced[link] = reference.trace_model(aperture, link)
+            traced[link] = reference.trace_model(aperture, link, shaded=shaded)
     return tuple(traced[link] for link in links)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from threading import Lock
@@ -10,7 +11,7 @@ from threading import Lock
 import numpy as np
 
 from xfrustum.compare.metrics.culled import turned_away
-from xfrustum.compare.metrics.displacement import Spread, lengths
+from xfrustum.compare.metrics.displacement import Spread, lengths, root_mean_square
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.chain import traced_settings, with_exact_depth
 from xfrustum.compare.prediction.depth import smallest_separation
@@ -164,10 +165,7 @@ class Predictor:
     def _undrawn_links(self, cameras: DoubleFrustum) -> tuple[LinkPrediction, ...]:
         """Return the errors to be expected of all links but depth."""
         traced = traced_settings(cameras, self._frustum)
-        fields = [displacements(self._points, self._frustum, link) for link in traced]
-        steps = [fields[0], *(after - before for before, after in pairwise(fields))]
-        spreads = [_spread(lengths(step)) for step in steps]
-        moved = [spread.rms if spread else None for spread in spreads]
+        moved = self._moved_by(traced)
         from_outside = [share * self._stacks.judged for share in self._border.charged_fractions(traced)]
         wrong = [
             sum(both) for both in zip(self._silhouettes.charged_pixels(traced), from_outside, strict=True)
@@ -182,6 +180,18 @@ class Predictor:
             LinkPrediction(displacement_rms_px=rms, surface_pixels=pixels)
             for rms, pixels in zip([*moved, None], [*wrong, snapped], strict=True)
         )
+
+    def _moved_by(self, chain: Sequence[DoubleFrustum]) -> list[float | None]:
+        """Return the root mean square of the displacement that each link of a chain adds."""
+        # Links that change no setting are one entry here.
+        fields = {link: displacements(self._points, self._frustum, link) for link in dict.fromkeys(chain)}
+        steps = [fields[chain[0]], *(fields[after] - fields[before] for before, after in pairwise(chain))]
+        found: list[float | None] = []
+        for step in steps:
+            known = lengths(step)
+            known = known[np.isfinite(known)]
+            found.append(root_mean_square(known) if known.size else None)
+        return found
 
     def separations(self, settings: DoubleFrustum) -> Separations:
         """Return the smallest separation that is ordered at the farthest visible surface of each side."""

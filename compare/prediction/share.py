@@ -174,23 +174,22 @@ def _chance(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum, 
     # Step 1: distances from the camera, and what the buffer knows of depth there.
     w = distance + slab.step
     known = _Table.of(slab, settings)
-    row = known.rows(w)
     # Step 2, lost: the buffer of C is cleared to its far value, that of C* to its near value. The surface is
     # lost where its depth, with the error of one surface, comes within half a step of the clear value.
     clear = slab.far if slab.camera is Camera.C else slab.near
     apart = _difference(w, np.abs(clear - w), clear, slab, settings.mapping)
     wrong = np.zeros_like(w)
-    at = np.flatnonzero(apart < known.doubtful[row])
-    wrong[at] = ndtr((known.step[row[at]] / 2 - apart[at]) / (known.error[row[at]] * np.sqrt(0.5)))
+    at, row = known.in_doubt(w, apart)
+    wrong[at] = ndtr((known.step[row] / 2 - apart[at]) / (known.error[row] * np.sqrt(0.5)))
     # Step 3, order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
     # surface, and the next one lies closer to the camera. Pairs in different slabs are not compared.
     other = w + (gap if slab.camera is Camera.C else -gap)
     paired = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
     apart = _difference(w[paired], gap[paired], other[paired], slab, settings.mapping)
-    close = apart < known.doubtful[row[paired]]
+    close, row = known.in_doubt(w[paired], apart)
     at = paired[close]
     # Step 4: only a surface that is not lost can be misordered; the two chances are taken as independent.
-    misordered = order * _misordered(apart[close], known.step[row[at]], known.error[row[at]])
+    misordered = order * _misordered(apart[close], known.step[row], known.error[row])
     wrong[at] += (1 - wrong[at]) * np.minimum(misordered, 1.0)
     return wrong
 
@@ -254,6 +253,20 @@ class _Table:
         error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, settings.mapping))
         step = np.maximum(STEP[settings.depth] or float32_spacing(stored), MIN_STEP_PER_ERROR * error)
         return cls(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
+
+    def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
+        """Return the places at which two depths may be ordered wrongly, and their rows of the table, (K,).
+
+        Parameters
+        ----------
+        w, apart
+            (N,) distances from the camera, and differences of depth there in stored units.
+        """
+        # Most differences are larger than all that are in doubt anywhere.
+        near = np.flatnonzero(apart < np.fmax.reduce(self.doubtful))
+        row = self.rows(w[near])
+        doubted = apart[near] < self.doubtful[row]
+        return near[doubted], row[doubted]
 
     def rows(self, w: Floats) -> Indices:
         """Return the row of the table for each w."""

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -108,15 +109,19 @@ class Silhouettes:
             for pixels in (steps.front, steps.back)
         ]
         # Step 2: the wrong span of every step, for each link.
-        spans = [
-            _Spans.of(steps, *(displacements(side, self._frustum, settings) for side in sides))
-            for settings in chain
-        ]
+        spans = {
+            settings: _Spans.of(steps, *(displacements(side, self._frustum, settings) for side in sides))
+            for settings in dict.fromkeys(chain)
+        }
         # Step 3: from the last link backward, the part of each span that stays wrong to the end.
-        wrong_to_the_end, common = [], spans[-1]
-        for span in reversed(spans):
-            common = common.within(span)
-            wrong_to_the_end.append(expected_wrong(_swept(steps, common), missing, self._judged))
+        common = spans[chain[-1]]
+        wrong_to_the_end = [expected_wrong(_swept(steps, common), missing, self._judged)]
+        for after, before in pairwise(reversed(chain)):
+            if before != after:
+                common = common.within(spans[before])
+                wrong_to_the_end.append(expected_wrong(_swept(steps, common), missing, self._judged))
+            else:
+                wrong_to_the_end.append(wrong_to_the_end[-1])
         # Step 4: a link is charged with what is wrong to the end from it on, and was not from the one before.
         return tuple(np.diff(wrong_to_the_end[::-1], prepend=0.0).tolist())
 

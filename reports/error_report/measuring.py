@@ -139,7 +139,7 @@ class SettingMeasurer:
         self._shaded = is_shaded(scene)
         self._reference = reference
         self._rasterizer = rasterizer
-        self._tracers = TracersAlone(scene)
+        self._scene = scene
         self._reduction = reduction
         images_at_once = MAX_CONCURRENT_PIXELS // math.prod(scene.frustum.resolution)
         self.batch_size = max(1, min(2 * PROCESSORS, images_at_once))
@@ -170,6 +170,10 @@ class SettingMeasurer:
             alone=alone,
         )
 
+    @cached_property
+    def _tracers(self) -> TracersAlone:
+        return TracersAlone(self._scene)
+
     def _alone(self, truth: HogelImage) -> TracersAlonePictured | None:
         if self._reference.decided_by != CERTIFIED:
             return None
@@ -192,7 +196,7 @@ class SettingMeasurer:
         for settings in batches:
             drawn = [self._draw(traced.aperture, setting) for setting in settings]
             shared = SharedStopwatch()
-            shared_parts: tuple[str, ...] = ()
+            shared_parts: tuple[tuple[str, ...], ...] = ()
             if start is None or not _same_cameras(start, settings[0]):
                 # Traced once for all depth buffers of these cameras.
                 with watch.stage("causes"):
@@ -201,13 +205,13 @@ class SettingMeasurer:
                         models.clear()
                     start = self._chain_start(traced, drawn, models)
                 # These are found before they are needed, side by side.
-                shared_parts = ("exact", "rounding", "steps", "surface_charge")
+                shared_parts = (("exact", "steps", "surface_charge"), ("rounding",))
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:
                     # The common part of an aperture's predictions is found once, while images are compared.
                     predictor = pool.submit(self._predictor, traced, settings[0], watch, shared)
-                for part in shared_parts:
-                    pool.submit(_prepare, start, part, watch, shared)
+                for parts in shared_parts:
+                    pool.submit(_prepare, start, parts, watch, shared)
                 tasks = [pool.submit(self._judged, traced, start, predictor, each, shared) for each in drawn]
                 judged = [each.result() for each in tasks]
                 # Timed separately: encoding pictures is not measurement.
@@ -277,12 +281,12 @@ class SettingMeasurer:
         shared: SharedStopwatch,
     ) -> _Judged:
         """Compare a frame with the truth, predict its errors, and charge what is wrong to causes."""
+        prediction = _predict(predictor, drawn, shared)
+        with shared.stage(drawn.lap, "causes"):
+            links = predictor.result().links(_settings(drawn.image))
         exact = start.exact
         comparison = self._compare(traced.truth, drawn, exact, shared)
-        prediction = _predict(predictor, drawn, shared)
-        ready = predictor.result()
         with shared.stage(drawn.lap, "causes"):
-            links = ready.links(_settings(drawn.image))
             budget = charged(start, drawn.image, links, comparison.maps)
             budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage
         row = _row(traced, drawn, comparison, prediction, budget)
@@ -306,7 +310,7 @@ class SettingMeasurer:
         frames = [each.image for each in drawn if _settings(each.image) == exact]
         if not frames:
             frames = [self._rasterizer.render(traced.aperture, exact, normals=False, color=False)]
-        models = traced_models(self._reference, traced.aperture, exact, known)
+        models = traced_models(self._reference, traced.aperture, exact, known, shaded=False)
         bits = int(self._rasterizer.device["subpixel_bits"])
         images = (traced.truth, *models, frames[0])
         return ChainStart(
@@ -318,10 +322,11 @@ class SettingMeasurer:
         return images.setting_pictures(drawn.image, judged.maps, judged.charge, scale, self._reduction)
 
 
-def _prepare(start: ChainStart, part: str, watch: Stopwatch, shared: SharedStopwatch) -> None:
-    """Find one of the properties of a chain's start, which keeps it."""
+def _prepare(start: ChainStart, parts: Sequence[str], watch: Stopwatch, shared: SharedStopwatch) -> None:
+    """Find some of the properties of a chain's start, one after the other, which keeps them."""
     with shared.stage(watch, "causes"):
-        getattr(start, part)
+        for part in parts:
+            getattr(start, part)
 
 
 def _predict(predictor: Future[Predictor], drawn: _Drawn, shared: SharedStopwatch) -> Prediction:
