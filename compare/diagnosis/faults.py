@@ -197,7 +197,7 @@ def _numbers(scene: Scene, nominal: DrawnModel, found: DrawnModel, fit: Geometry
             low=least if math.isfinite(least) else None,
             high=most if math.isfinite(most) else None,
             unit=unit,
-            words=f"{words}; or {', '.join(others)}: {_witnesses(fit)} cannot tell" if others else words,
+            words=words + _others_words(others, scene, nominal, fit),
             alternatives=others,
         )
 
@@ -234,6 +234,16 @@ def _alternatives(
         along = [fault for fault in alike if _axis(fault) in ("", _axis(name)) or not _axis(name)]
         found |= dict.fromkeys(along or alike)
     return tuple(found)
+
+
+def _others_words(others: tuple[str, ...], scene: Scene, nominal: DrawnModel, fit: GeometryFit) -> str:
+    """Return words for the alternatives of a fault; a near offset with another pivot is named with both."""
+    if not others:
+        return ""
+    pivots = {model.pivot for model in fit.alternatives if NEAR in _odd(scene, nominal, model)}
+    also = f" with the shear centered in the {', or '.join(pivots)}" if nominal.pivot not in pivots else ""
+    said = [other + (also if other == NEAR else "") for other in others]
+    return f"; or {', '.join(said)}: {_witnesses(fit)} cannot tell"
 
 
 def _odd(scene: Scene, nominal: DrawnModel, model: DrawnModel) -> list[str]:
