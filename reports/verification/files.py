@@ -103,7 +103,8 @@ def sentence(found: Verification) -> str:
         return f"Right: all {len(found.hogels)} hogels keep to the limits: at most {kept}."
     exceeded = ", ".join(check.words for check in found.checks if not check.held)
     parts = [f"{bad} of {len(found.hogels)} hogels exceed a limit: up to {exceeded}"] if bad else []
-    parts += [f"{missing} of {len(found.hogels)} could not be had (--apertures names those to be judged)"] if missing else []
+    if missing:
+        parts.append(f"{missing} of {len(found.hogels)} could not be had (--apertures names those to be judged)")
     return f"Not right: {'; and '.join(parts)}."
 
 
