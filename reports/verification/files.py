@@ -104,7 +104,7 @@ def sentence(found: Verification) -> str:
     exceeded = ", ".join(check.words for check in found.checks if not check.held)
     parts = [f"{bad} of {len(found.hogels)} hogels exceed a limit: up to {exceeded}"] if bad else []
     if missing:
-        parts.append(f"{missing} of {len(found.hogels)} could not be had (--apertures names those to be judged)")
+        parts.append(f"{missing} of {len(found.hogels)} could not be had (--apertures names which to judge)")
     return f"Not right: {'; and '.join(parts)}."
 
 
