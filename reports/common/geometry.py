@@ -115,15 +115,16 @@ def geometry_grid(
     Parameters
     ----------
     frustum
-        Frustum whose kind decides the pivots where none are given: both of a recentered frustum, and
-        `aperture` alone of a centered one, which has no shear.
+        Frustum whose kind decides the pivots where none are given: both of a recentered frustum, but
+        `aperture` alone of cameras without an offset, whose own centers are the aperture; and `aperture`
+        alone of a centered frustum, which has no shear.
     pivots, fits, offsets, slabs
         Values as `DoubleFrustum` takes them; the usual one where None.
     """
-    if pivots is None:
-        pivots = tuple(Pivot) if frustum.recentered else (Pivot.APERTURE,)
+    both = frustum.recentered and pivots is None
+    usual = tuple(Pivot) if both else (Pivot.APERTURE,)
     product = itertools.product(
-        pivots,
+        usual if pivots is None else pivots,
         (None,) if fits is None else fits,
         (Offset.PLATE,) if offsets is None else offsets,
         ((),) if slabs is None else slabs,
@@ -132,4 +133,5 @@ def geometry_grid(
     return geometries_of(
         DoubleFrustum(near=1.0, pivot=pivot, fit=fit, offset=offset, slabs=tuple(cuts))
         for pivot, fit, offset, cuts in product
+        if not (both and pivot is Pivot.CAMERA and offset == Offset.NONE)
     )

@@ -59,7 +59,7 @@ class SubApertures(click.ParamType[int | str]):
 
 
 AUTO = "auto"
-"""Word that stands for the count that a scene needs."""
+"""Word for what the program is to choose: as many sub-apertures as a scene needs, or the worst apertures."""
 
 _UNITS = {"": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40}
 """Bytes of each unit of size, by its letter."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from xfrustum.cli.numbers import Positive
+from xfrustum.cli.numbers import AUTO, Positive
 from xfrustum.cli.streams import say
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -176,10 +176,6 @@ class Indices(click.ParamType[tuple[tuple[int, int], ...]]):
             return tuple((column, row) for column, row in pairs)
         except ValueError:
             self.fail(f"{value!r} is not a list of column,row such as 40,30;0,0", param, ctx)
-
-
-AUTO = "auto"
-"""Word for the apertures that a scout of the plate chooses."""
 
 
 class IndicesOrAuto(click.ParamType["tuple[tuple[int, int], ...] | str"]):

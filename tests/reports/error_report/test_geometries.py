@@ -20,6 +20,7 @@ from PIL import Image
 
 from tests.reports.error_report.test_reports import page_data
 from xfrustum.cli.main import cli, main
+from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid, geometry_names
 from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.reports.error_report.report import ReportFiles, make_report
@@ -70,6 +71,29 @@ def test_a_centered_frustum_has_no_shear_and_is_measured_with_one_pivot() -> Non
     assert geometry_grid(centered) == (CameraGeometry(),)
     asked = geometry_grid(centered, pivots=[Pivot.CAMERA])
     assert asked == (CameraGeometry(pivot=Pivot.CAMERA),)
+
+
+def test_cameras_in_the_aperture_are_measured_with_one_pivot_unless_both_are_asked_for() -> None:
+    """Their own centers are the aperture, so that both pivots draw the same."""
+    scene = open_scene("car-recentered")
+    scene = replace(scene, frustum=replace(scene.frustum, resolution=(32, 32)))
+    found = geometry_grid(scene.frustum, offsets=[Offset.PLATE, Offset.NONE])
+    assert [(one.pivot, one.offset) for one in found] == [
+        (Pivot.APERTURE, Offset.PLATE),
+        (Pivot.APERTURE, Offset.NONE),
+        (Pivot.CAMERA, Offset.PLATE),
+    ]
+    assert len(geometry_grid(scene.frustum, list(Pivot), offsets=list(Offset))) == 4
+    with Rasterizer(scene) as rasterizer:
+        one, other = (
+            rasterizer.render(
+                scene.plate.aperture(0, 0),
+                CameraGeometry(pivot=pivot, offset=Offset.NONE).with_depth(1.5, *D32F[0]),
+            )
+            for pivot in Pivot
+        )
+    np.testing.assert_array_equal(one.triangle, other.triangle)
+    np.testing.assert_array_equal(one.position, other.position)
 
 
 def test_the_shear_moves_each_point_as_its_closed_form_says(files: ReportFiles) -> None:
