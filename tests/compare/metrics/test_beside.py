@@ -20,7 +20,7 @@ from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.arrays import Mask
 
 NEARS_PER_REACH = (1e-4, 1e-6, 1e-8)
-"""A near at which D16 swaps few surfaces, one at which it loses many, and one at which it loses all of them."""
+"""Nears at which D16 swaps few surfaces, at which it loses many, and at which it loses all of them."""
 
 
 class Drawn:
