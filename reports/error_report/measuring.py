@@ -204,7 +204,7 @@ class SettingMeasurer:
                         # Camera geometries share the models of a near; those of others are not needed again.
                         models.clear()
                     start = self._chain_start(traced, drawn, models)
-                # These are found before they are needed, side by side.
+                # These are found side by side, and while the errors of the first frames are predicted.
                 shared_parts = (("exact", "steps", "surface_charge"), ("rounding",))
             with ThreadPoolExecutor(PROCESSORS) as pool:
                 if predictor is None:

@@ -1,0 +1,127 @@
+"""What is found for a pixel depends on no other: images judged beside one another, and pixels one by one."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from tests.support.views import view
+from xfrustum.compare import compare_images
+from xfrustum.compare.attribution.budget import ChainStart, charged, make_budget
+from xfrustum.compare.attribution.explain import explain
+from xfrustum.compare.metrics.error_maps import ErrorMaps, JudgedImage
+from xfrustum.compare.metrics.surface import wrong_surface
+from xfrustum.compare.prediction.chain import make_chain, with_exact_depth
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes.arrays import Mask
+
+NEARS_PER_REACH = (1e-4, 1e-6, 1e-8)
+"""Nears at which D16 swaps few surfaces, at which it loses many, and at which it loses all of them."""
+
+
+class Drawn:
+    """The truth of an aperture, a picture with a starved depth buffer, and the same cameras' exact one."""
+
+    def __init__(self, near_per_reach: float) -> None:
+        self.scene = view("car", (96, 96))
+        near = near_per_reach * self.scene.frustum.longest_reach
+        self.settings = DoubleFrustum(near=near, depth=DepthFormat.D16, mapping=DepthMapping.STANDARD)
+        self.aperture = self.scene.plate.middle
+        self.reference = Reference(self.scene)
+        self.truth = self.reference.trace(self.aperture)
+        with Rasterizer(self.scene) as rasterizer:
+            self.chain = make_chain(self.reference, rasterizer, self.aperture, self.settings)
+            self.again = rasterizer.render(self.aperture, with_exact_depth(self.settings))
+        self.exact, self.starved = self.chain.images[-2:]
+
+    def judged(self) -> JudgedImage:
+        """Return the exact picture with its errors."""
+        return JudgedImage.of(self.truth, self.exact, self.reference)
+
+
+@pytest.fixture(scope="module", params=NEARS_PER_REACH)
+def drawn(request: pytest.FixtureRequest) -> Drawn:
+    """Return the pictures at one near."""
+    return Drawn(request.param)
+
+
+def assert_equal(found: ErrorMaps, expected: ErrorMaps) -> None:
+    """Compare every error map, bit by bit."""
+    for item in fields(ErrorMaps):
+        np.testing.assert_array_equal(getattr(found, item.name), getattr(expected, item.name))
+
+
+def test_a_picture_judged_beside_another_is_judged_as_alone(drawn: Drawn) -> None:
+    alone = compare_images(drawn.truth, drawn.starved, drawn.reference, radiance=False)
+    beside = compare_images(
+        drawn.truth, drawn.starved, drawn.reference, radiance=False, judged=drawn.judged()
+    )
+    assert (drawn.starved.triangle != drawn.exact.triangle).any()
+    assert beside.numbers == alone.numbers
+    assert_equal(beside.maps, alone.maps)
+
+
+def test_a_picture_that_differs_nowhere_has_the_same_errors(drawn: Drawn) -> None:
+    judged = drawn.judged()
+    assert judged.differing(drawn.again).size == 0
+    found = compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False, judged=judged)
+    assert found.numbers == compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False).numbers
+
+
+def test_what_depth_buffers_share_is_charged_as_without_them(drawn: Drawn) -> None:
+    alone = make_budget(drawn.reference, drawn.chain)
+    maps = compare_images(drawn.truth, drawn.starved, drawn.reference, judged=drawn.judged()).maps
+    start = ChainStart(
+        reference=drawn.reference, images=drawn.chain.images[:-1], subpixel_bits=drawn.chain.subpixel_bits
+    )
+    shared = charged(start, drawn.starved, alone.predicted, maps)
+    np.testing.assert_array_equal(shared.charge, alone.charge)
+    np.testing.assert_array_equal(shared.surface_charge, alone.surface_charge)
+    assert shared.numbers == alone.numbers
+
+
+def test_a_pixel_is_charged_to_the_last_link_that_changed_it(drawn: Drawn) -> None:
+    budget = make_budget(drawn.reference, drawn.chain)
+    images = drawn.chain.images
+    wrong = np.argwhere(budget.charge >= 0)
+    assert len(wrong)
+    for row, column in wrong[:: max(1, len(wrong) // 200)]:
+        numbers = [image.triangle[row, column] for image in images]
+        last = max(link for link in range(len(numbers) - 1) if numbers[link] != numbers[link + 1])
+        assert budget.charge[row, column] == last
+
+
+def test_a_wrong_surface_is_charged_to_the_link_from_which_on_it_is_wrong(drawn: Drawn) -> None:
+    budget = make_budget(drawn.reference, drawn.chain)
+    images = drawn.chain.images
+    right = np.stack([~wrong_surface(drawn.truth, image, drawn.reference) for image in images])
+    last_right = len(images) - 1 - np.argmax(right[::-1], axis=0)
+    wrong = ~right[-1] & budget.start.judged
+    assert wrong.any()
+    np.testing.assert_array_equal(budget.surface_charge, np.where(wrong, last_right, -1))
+
+
+def test_causes_of_a_pixel_do_not_depend_on_which_others_are_asked_about(drawn: Drawn) -> None:
+    def causes(pixels: Mask | None = None) -> dict[str, Mask]:
+        bits = drawn.chain.subpixel_bits
+        return vars(explain(drawn.scene, drawn.exact, drawn.starved, bits, pixels))
+
+    whole = causes()
+    checkers = np.indices(drawn.truth.triangle.shape).sum(axis=0) % 2 == 0
+    for pixels in (checkers, ~checkers):
+        for name, found in causes(pixels).items():
+            np.testing.assert_array_equal(found, whole[name] & pixels)
+
+
+def test_a_model_without_light_shows_the_same_surfaces(drawn: Drawn) -> None:
+    lit, unlit = (
+        drawn.reference.trace_model(drawn.aperture, drawn.settings, shaded=shaded) for shaded in (True, False)
+    )
+    assert unlit.normal is None and unlit.color is None and lit.color is not None
+
+    for name in ("triangle", "object", "position", "certainty"):
+        np.testing.assert_array_equal(getattr(unlit, name), getattr(lit, name))
