@@ -19,7 +19,7 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import causes, figures, geometries, images, shading_page
 from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S
 from xfrustum.reports.error_report.shading import ShadingReport, milliseconds
-from xfrustum.reports.error_report.tables import recommended_command
+from xfrustum.reports.error_report.tables import headline, recommended_command
 from xfrustum.reports.measurements import best
 from xfrustum.reports.measurements.measurement import (
     Measurement,
@@ -145,7 +145,8 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "fit": scene_fit(sweep.scene),
         "frustum": _frustum_words(sweep),
         "reach": reach,
-        "sentence": best.sentence(sweep.rows, sweep.scene.units, reach),
+        "sentence": headline(sweep),
+        "coverage": sweep.coverage_sentence,
         "can_be_judged": best.can_be_judged(sweep.rows),
         "best": best.best_setting(sweep.rows),
         "command": recommended_command(sweep),
@@ -197,8 +198,12 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
         for row, own in zip(sweep.rows, sweep.pictures, strict=True)
     )
     names = geometry_names(sweep.geometries)
-    chosen = best.best_setting(sweep.rows).settings
-    start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
+    chosen = best.best_setting(sweep.rows)
+    start = next(
+        number
+        for number, row in enumerate(sweep.rows)
+        if row.settings == chosen.settings and row.aperture == chosen.aperture
+    )
     return PageData(
         rows=rows,
         cause_colors=causes.CAUSE_COLORS,

@@ -32,6 +32,9 @@ from xfrustum.scenes import (
 )
 
 NEARS = (1.5, 0.015, 1.5e-4)
+SETTING = ("near", "depth", "mapping", "pivot")
+"""Keys that tell the settings of these reports apart."""
+
 DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
 HEIGHTS = (1e-6, 1e-2)
 FILES = ["index.html", "measurements.parquet", "report.json"]
@@ -168,10 +171,32 @@ def test_the_page_has_one_recommendation_with_the_command_to_copy(files: ReportF
     for words in (f"--near {best['near']:g}", f"--depth {best['depth']}", f"--mapping {best['mapping']}"):
         assert words in files.command
     assert best["window"]["low"] <= best["near"] <= best["window"]["high"]
-    assert html.count("Best of ") == 1
+    assert html.count("Best of ") + html.count("The least bad of ") == 1
     # Where time is told about, no other setting is named.
     costs = html[html.index("What accuracy costs") : html.index('id="plot-cost"')]
     assert "least error" not in costs
+
+
+def test_the_command_and_the_page_show_the_aperture_whose_numbers_are_told(files: ReportFiles) -> None:
+    best, data = files.content["best"], page_data(files.html)
+    own = [row for row in files.content["rows"] if all(row["settings"][key] == best[key] for key in SETTING)]
+    worst = max(own, key=lambda row: row["comparison"]["surface"]["fraction"])
+    assert len(own) == 3 and best["aperture"] == worst["aperture"] != [20, 15]
+    column, row = best["aperture"]
+    assert f"--aperture {column},{row}" in files.command
+    assert f"at the worst of 3 apertures ({column},{row})" in files.sentence
+    assert data["rows"][data["start"]]["aperture"] == best["aperture"]
+    assert data["rows"][data["start"]]["near"] == best["near"]
+
+
+def test_a_report_says_that_it_has_not_seen_the_plate(files: ReportFiles) -> None:
+    columns, rows = files.content["scene"]["plate"]["hogels"]
+    (note,) = (one for one in files.notes if "Measured at" in one)
+    assert note == (
+        f"Measured at 3 of {columns * rows:,} apertures; others may be far worse: --apertures auto looks for "
+        "them, and xfrustum plan holds for the plate."
+    )
+    assert note in files.html.read_text()
 
 
 def test_settings_that_may_be_the_fastest_are_timed_as_often_as_ranks_need_or_not_ranked(

@@ -55,7 +55,8 @@ def test_commands_take_the_same_apertures_and_say_why(
     assert chosen(report["scout"]["chosen"]) == expected
     assert report["scout"]["scouted"] == len(report["scout"]["looks"]) == 48
     assert [(a["column"], a["row"]) for a in report["apertures"]] == expected
-    assert 'id="plot-scout"' in (tmp_path / "report" / "index.html").read_text()
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert 'id="plot-scout"' in page and "others may be far worse" not in page
     assert chosen(budget["apertures"]) == expected and "links" in budget["apertures"][0]
     assert chosen(found["plan"]["apertures"]) == expected
     assert len(list((tmp_path / "budget").glob("aperture-*/index.html"))) == len(expected)
@@ -67,7 +68,7 @@ def test_a_report_of_given_apertures_has_no_map_of_the_plate(
     assert main(["report", scene, "--near", "0.1", "--depth", "d24", "--quiet", "--out", str(tmp_path)]) == 0
     assert 'id="plot-scout"' not in (tmp_path / "index.html").read_text()
     assert json.loads((tmp_path / "report.json").read_text())["scout"] is None
-    capsys.readouterr()
+    assert "Measured at 1 of 48 apertures; others may be far worse" in capsys.readouterr().out
 
 
 def test_errors_of_a_cost_are_those_of_the_worst_aperture(
