@@ -226,11 +226,16 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
 
 
 def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
-    """Return which causes dominate, under a heading for each aperture and geometry."""
+    """Return which causes dominate, under a heading for each aperture and geometry.
+
+    Those of the best setting, at the aperture at which it is worst, come first.
+    """
     names = geometry_names(sweep.geometries)
+    chosen = best.best_setting(sweep.rows)
+    first = CameraGeometry.of(chosen.settings)
     found = []
-    for aperture in sweep.apertures:
-        for geometry in sweep.geometries:
+    for aperture in sorted(sweep.apertures, key=lambda one: one != chosen.aperture):
+        for geometry in sorted(sweep.geometries, key=lambda one: one != first):
             name = names[geometry] if len(sweep.geometries) > 1 else ""
             heading = f"Aperture {aperture.column},{aperture.row}" + (f", {name}" if name else "")
             rows = [row for _, row in sweep.numbered(aperture, geometry)]

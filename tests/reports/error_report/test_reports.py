@@ -199,6 +199,16 @@ def test_a_report_says_that_it_has_not_seen_the_plate(files: ReportFiles) -> Non
     assert note in files.html.read_text()
 
 
+def test_the_causes_at_the_aperture_of_the_headline_are_shown_and_others_are_folded(
+    files: ReportFiles,
+) -> None:
+    html, (column, row) = files.html.read_text(), files.content["best"]["aperture"]
+    causes = html[html.index("What makes surfaces wrong") : html.index("<h2>Pictures</h2>")]
+    shown, _, folded = causes.partition("<summary>The other apertures and cameras</summary>")
+    assert f"<h3>Aperture {column},{row}, pivot {files.content['best']['pivot']}</h3>" in shown
+    assert (shown.count("<h3>"), folded.count("<h3>")) == (1, 5)
+
+
 def test_settings_that_may_be_the_fastest_are_timed_as_often_as_ranks_need_or_not_ranked(
     files: ReportFiles,
 ) -> None:
