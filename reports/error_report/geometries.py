@@ -121,9 +121,9 @@ def comparison_figures(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]
         ("geometry_surface", wrong, "share of pixels with the wrong surface"),
         ("geometry_displacement", moved, "99th percentile of displacement, px"),
     )
-    return {
-        name: figures.grouped_figure(groups, reach, number, title) for name, number, title in numbers
-    } | _shear_figure(sweep, aperture)
+    drawn = {name: figures.grouped_figure(groups, reach, number, title) for name, number, title in numbers}
+    figures.write_percent(drawn["geometry_surface"])
+    return drawn | _shear_figure(sweep, aperture)
 
 
 def _shear_figure(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:

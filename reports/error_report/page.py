@@ -30,7 +30,7 @@ from xfrustum.reports.measurements.measurement import (
     Sweep,
 )
 from xfrustum.reports.scene_check.page_section import scene_fit
-from xfrustum.reports.scouting.map import map_figure
+from xfrustum.reports.scouting.map import map_figures
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
@@ -116,7 +116,7 @@ class PageData:
     times, cost
         Figures of the stages' times, and of error against time.
     scout
-        The map of the plate, where apertures were chosen by a scout.
+        The maps of the plate, where apertures were chosen by a scout.
     """
 
     rows: tuple[PageRow, ...]
@@ -132,7 +132,7 @@ class PageData:
     eye: go.Figure | None
     times: go.Figure
     cost: go.Figure
-    scout: go.Figure | None
+    scout: tuple[go.Figure, ...]
 
 
 def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
@@ -221,7 +221,7 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
         eye=shading_page.eye_figure(shading),
         times=figures.stage_times(sweep),
         cost=trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX),
-        scout=map_figure(sweep.auto) if sweep.auto else None,
+        scout=map_figures(sweep.auto) if sweep.auto else (),
     )
 
 

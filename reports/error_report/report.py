@@ -135,7 +135,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         decision = Decision(by=decided_by, tracer=tracer)
         measured = sweep(scene, chosen, settings, decision=decision, effects=effects, progress=progress)
         measured, shading = _with_light(measured, settings, effects, progress)
-        record = _write(staging.folder, replace(measured, auto=_auto(apertures)), shading)
+        measured = replace(measured, auto=_auto(apertures))
+        record = _write(staging.folder, measured, shading)
         staging.commit()
     return _report_files(staging.out, measured, shading, record)
 

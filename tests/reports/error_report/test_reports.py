@@ -32,6 +32,9 @@ from xfrustum.scenes import (
 )
 
 NEARS = (1.5, 0.015, 1.5e-4)
+SHARES = ("surface", "triangle", "geometry_surface")
+"""Curves of the page that show a share of the pixels."""
+
 SETTING = ("near", "depth", "mapping", "pivot")
 """Keys that tell the settings of these reports apart."""
 
@@ -274,6 +277,14 @@ def test_the_curves_of_surfaces_have_a_closed_form_for_every_depth_buffer(files:
             "closed form",
         ]
     assert "Predicted and measured" in html
+
+
+def test_shares_of_pixels_have_axes_in_percent_and_displacements_have_none(files: ReportFiles) -> None:
+    for of_aperture in page_data(files.html)["curves"]:
+        for curves in of_aperture:
+            formats = {name: curves[name]["layout"]["yaxis"].get("tickformat", "") for name in SHARES}
+            assert set(formats.values()) == {"~%"}
+            assert "%" not in curves["displacement_p99"]["layout"]["yaxis"].get("tickformat", "")
 
 
 def test_the_page_is_one_file_that_asks_for_nothing(files: ReportFiles) -> None:
