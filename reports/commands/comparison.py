@@ -9,13 +9,14 @@ from xfrustum.compare import Comparison, HeightError, Spread, compare_images
 from xfrustum.compare.metrics.comparison import Share, SurfaceShare
 from xfrustum.compare.metrics.radiance import RadianceNumbers, RadianceSpread
 from xfrustum.reference import Reference
+from xfrustum.reports.common.formatting import unexamined_truth
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.error_report import images
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.images import image_size, read_image
-from xfrustum.scenes.model.hogel_image import HogelCamera
+from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 _NAMES = ("displacement", "triangle", "height", "radiance", "surface")
@@ -42,12 +43,15 @@ class FileComparison:
         Both ends of the scale of height errors; see `images.height_range`.
     note
         Reason why the scene is not at hand; empty where it is.
+    unexamined
+        Words for a truth that a tracer alone made; empty where the truth was examined.
     """
 
     comparison: Comparison
     reach: float
     heights: tuple[float, float]
     note: str
+    unexamined: str = ""
 
 
 def compare_files(truth: Path, raster: Path) -> FileComparison:
@@ -76,7 +80,15 @@ def compare_files(truth: Path, raster: Path) -> FileComparison:
         reach=reach,
         heights=images.height_range(scene, reach),
         note=note,
+        unexamined=_unexamined(true_image),
     )
+
+
+def _unexamined(truth: HogelImage) -> str:
+    """Say that a truth has pixels that nothing examined, by the name that its file gives to the tracer."""
+    if truth.certainty is None or not (truth.certainty == Certainty.UNEXAMINED).any():
+        return ""
+    return unexamined_truth(truth.camera.renderer.partition(" ")[0] or "a tracer")
 
 
 def _scene_again(camera: HogelCamera, folder: Path) -> tuple[Scene | None, str]:

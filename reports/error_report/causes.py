@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from xfrustum.compare.prediction.chain import CULLING, LINKS
+from xfrustum.compare.prediction.chain import CULLING
 from xfrustum.reports.common.figure_style import log_axis, style
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.measurements.best import SURFACE_TIE_FRACTION
+from xfrustum.reports.measurements.cause_words import words_of
 from xfrustum.reports.measurements.measurement import Measurement
-from xfrustum.scenes.plate.double_frustum import Offset
 
 CAUSE_COLORS = {
     "near offset": "rgb(0,114,178)",
@@ -29,17 +29,6 @@ CAUSE_COLORS = {
 
 UNEXPLAINED_COLOR = "rgb(255,0,255)"
 """Color of pixels that are charged to rounding and bear none of its marks."""
-
-CAUSE_WORDS = {
-    "near offset": "the near offset",
-    "pivot": "the shear about the wrong point",
-    "fit": "the fit",
-    "slabs": "the cuts into slabs",
-    CULLING: "culling",
-    "rasterization": "rasterization",
-    "depth": "the depth buffer",
-}
-"""What each cause is called in a sentence."""
 
 PANEL_PIXELS = 170
 """Height of the panel of one depth buffer on the page."""
@@ -89,20 +78,13 @@ def sentences(rows: Sequence[Measurement], units: str) -> list[str]:
         Length unit of the scene.
     """
     return [
-        f"{label}: {_told(reigns(group), _words(group[0]), units)}."
+        f"{label}: {_told(reigns(group), words_of(group[0]), units)}."
         for label, group in _by_depth_buffer(rows).items()
         if group
     ]
 
 
-def _words(row: Measurement) -> dict[str, str]:
-    """Return what the causes of a row are called; without an offset the first link is the gap."""
-    if row.settings.offset is Offset.NONE:
-        return {**CAUSE_WORDS, LINKS[0]: "the gap at the plate"}
-    return CAUSE_WORDS
-
-
-def _told(found: Sequence[Reign], words: dict[str, str], units: str) -> str:
+def _told(found: Sequence[Reign], words: Mapping[str, str], units: str) -> str:
     parts = []
     for reign in found:
         if reign.low == reign.high:

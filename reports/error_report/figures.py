@@ -133,9 +133,10 @@ def _fraction_figure(
     for line, group in zip(figure.data, _by_depth(rows).values(), strict=True):
         symbol = line.marker.symbol
         line.marker.symbol = [symbol + ("" if known(row).wrong else "-open") for _, row in group]
-        line.text = [f"{known(row).wrong} of {row.comparison.judged}" for _, row in group]
+        line.text = [f"{known(row).wrong:,} of {row.comparison.judged:,}" for _, row in group]
         line.hovertemplate = "near %{x:.3g} of the reach<br>%{text} pixels wrong"
     _log_axes(figure, title)
+    write_percent(figure)
     return figure
 
 
@@ -158,7 +159,7 @@ def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go
             mode="lines",
             showlegend=False,
             line={"color": look(place)[0], "dash": "dash", "width": 1.5},
-            hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.3g}",
+            hovertemplate="near %{x:.3g} of the reach<br>predicted %{y:.2~p}",
         )
     # The legend has one entry for all closed forms.
     figure.add_scatter(
@@ -234,6 +235,11 @@ def _log_axes(figure: go.Figure, title: str) -> None:
         title_text="near plane / reach", tickangle=0, **log_axis(_nears(figure), ratio=30, labels=3)
     )
     figure.update_yaxes(**log_axis(_heights(figure)))
+
+
+def write_percent(figure: go.Figure) -> None:
+    """Label an axis of shares in percent, as sentences do: 0.0001 as `0.01%`."""
+    figure.update_yaxes(tickformat="~%", exponentformat="none")
 
 
 def is_blank(figure: go.Figure) -> bool:

@@ -25,6 +25,10 @@ EQUAL_FRACTION = 1e-6
 """Relative difference of two shears, each larger than `ROUNDED_SHEAR_PX`, that is rounding alone."""
 
 
+MAX_TOLD_GEOMETRIES = 2
+"""Largest number of geometries that are compared in sentences: of more, only a table can be read."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShownGeometry:
     """One camera geometry on the page: its name, and its best setting."""
@@ -117,9 +121,9 @@ def comparison_figures(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]
         ("geometry_surface", wrong, "share of pixels with the wrong surface"),
         ("geometry_displacement", moved, "99th percentile of displacement, px"),
     )
-    return {
-        name: figures.grouped_figure(groups, reach, number, title) for name, number, title in numbers
-    } | _shear_figure(sweep, aperture)
+    drawn = {name: figures.grouped_figure(groups, reach, number, title) for name, number, title in numbers}
+    figures.write_percent(drawn["geometry_surface"])
+    return drawn | _shear_figure(sweep, aperture)
 
 
 def _shear_figure(sweep: Sweep, aperture: Aperture) -> dict[str, go.Figure]:
@@ -150,8 +154,8 @@ def _shear_rows(sweep: Sweep) -> tuple[ShearRow, ...]:
 
 
 def _compared(shown: Sequence[ShownGeometry], units: str) -> list[str]:
-    """Say for each geometry how good its best setting is, where there are several."""
-    if len(shown) < 2:
+    """Say for each geometry how good its best setting is, where there are two; the table tells of more."""
+    if not 1 < len(shown) <= MAX_TOLD_GEOMETRIES:
         return []
     return [
         f"With {one.name} the best setting is near {digits(one.best.settings.near)} {units} and "

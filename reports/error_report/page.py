@@ -19,7 +19,7 @@ from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.error_report import causes, figures, geometries, images, shading_page
 from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S
 from xfrustum.reports.error_report.shading import ShadingReport, milliseconds
-from xfrustum.reports.error_report.tables import recommended_command
+from xfrustum.reports.error_report.tables import headline, recommended_command
 from xfrustum.reports.measurements import best
 from xfrustum.reports.measurements.measurement import (
     Measurement,
@@ -30,7 +30,7 @@ from xfrustum.reports.measurements.measurement import (
     Sweep,
 )
 from xfrustum.reports.scene_check.page_section import scene_fit
-from xfrustum.reports.scouting.map import map_figure
+from xfrustum.reports.scouting.map import map_figures
 from xfrustum.reports.trade_off import trade_off
 from xfrustum.reports.trade_off.trade_off_figure import trade_off_figure
 from xfrustum.scenes.model.hogel_image import Certainty
@@ -116,7 +116,7 @@ class PageData:
     times, cost
         Figures of the stages' times, and of error against time.
     scout
-        The map of the plate, where apertures were chosen by a scout.
+        The maps of the plate, where apertures were chosen by a scout.
     """
 
     rows: tuple[PageRow, ...]
@@ -132,7 +132,7 @@ class PageData:
     eye: go.Figure | None
     times: go.Figure
     cost: go.Figure
-    scout: go.Figure | None
+    scout: tuple[go.Figure, ...]
 
 
 def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
@@ -145,7 +145,8 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "fit": scene_fit(sweep.scene),
         "frustum": _frustum_words(sweep),
         "reach": reach,
-        "sentence": best.sentence(sweep.rows, sweep.scene.units, reach),
+        "sentence": headline(sweep),
+        "coverage": sweep.coverage_sentence,
         "can_be_judged": best.can_be_judged(sweep.rows),
         "best": best.best_setting(sweep.rows),
         "command": recommended_command(sweep),
@@ -197,8 +198,12 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
         for row, own in zip(sweep.rows, sweep.pictures, strict=True)
     )
     names = geometry_names(sweep.geometries)
-    chosen = best.best_setting(sweep.rows).settings
-    start = next(i for i, row in enumerate(sweep.rows) if row.settings == chosen)
+    chosen = best.best_setting(sweep.rows)
+    start = next(
+        number
+        for number, row in enumerate(sweep.rows)
+        if row.settings == chosen.settings and row.aperture == chosen.aperture
+    )
     return PageData(
         rows=rows,
         cause_colors=causes.CAUSE_COLORS,
@@ -216,16 +221,21 @@ def _page_data(sweep: Sweep, shading: ShadingReport | None) -> PageData:
         eye=shading_page.eye_figure(shading),
         times=figures.stage_times(sweep),
         cost=trade_off_figure(trade_off.options_of(sweep), TOLERANCE_PX),
-        scout=map_figure(sweep.auto) if sweep.auto else None,
+        scout=map_figures(sweep.auto) if sweep.auto else (),
     )
 
 
 def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
-    """Return which causes dominate, under a heading for each aperture and geometry."""
+    """Return which causes dominate, under a heading for each aperture and geometry.
+
+    Those of the best setting, at the aperture at which it is worst, come first.
+    """
     names = geometry_names(sweep.geometries)
+    chosen = best.best_setting(sweep.rows)
+    first = CameraGeometry.of(chosen.settings)
     found = []
-    for aperture in sweep.apertures:
-        for geometry in sweep.geometries:
+    for aperture in sorted(sweep.apertures, key=lambda one: one != chosen.aperture):
+        for geometry in sorted(sweep.geometries, key=lambda one: one != first):
             name = names[geometry] if len(sweep.geometries) > 1 else ""
             heading = f"Aperture {aperture.column},{aperture.row}" + (f", {name}" if name else "")
             rows = [row for _, row in sweep.numbered(aperture, geometry)]

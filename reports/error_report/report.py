@@ -26,8 +26,8 @@ from xfrustum.reports.error_report.sweep import (
     settings_grid,
     sweep,
 )
-from xfrustum.reports.error_report.tables import recommended_command, report_record, write_parquet
-from xfrustum.reports.measurements.best import Recommendation, best_setting, sentence
+from xfrustum.reports.error_report.tables import headline, recommended_command, report_record, write_parquet
+from xfrustum.reports.measurements.best import Recommendation, best_setting
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -50,7 +50,8 @@ class ReportFiles:
     content
         The object in report.json.
     notes
-        Further sentences about a shaded scene: the time that effects take, and what is left out.
+        Further sentences: how much of the plate was measured, and of a shaded scene the time that effects
+        take, and what is left out.
     cost
         Time that the sweep took, in words.
     command
@@ -134,7 +135,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         decision = Decision(by=decided_by, tracer=tracer)
         measured = sweep(scene, chosen, settings, decision=decision, effects=effects, progress=progress)
         measured, shading = _with_light(measured, settings, effects, progress)
-        record = _write(staging.folder, replace(measured, auto=_auto(apertures)), shading)
+        measured = replace(measured, auto=_auto(apertures))
+        record = _write(staging.folder, measured, shading)
         staging.commit()
     return _report_files(staging.out, measured, shading, record)
 
@@ -142,15 +144,14 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
 def _report_files(
     folder: Path, measured: Sweep, shading: ShadingReport | None, record: ReportRecord
 ) -> ReportFiles:
-    scene = measured.scene
     return ReportFiles(
         html=folder / FILES[0],
         json=folder / FILES[1],
         parquet=folder / FILES[2],
         best=best_setting(measured.rows),
-        sentence=sentence(measured.rows, scene.units, scene.frustum.longest_reach),
+        sentence=headline(measured),
         content=json_object(record),
-        notes=tuple(shading.sentences()) if shading else (),
+        notes=(*filter(None, [measured.coverage_sentence]), *(shading.sentences() if shading else ())),
         cost=measured.cost_sentence,
         command=recommended_command(measured),
     )

@@ -39,7 +39,13 @@ class SceneRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class BestRecord:
-    """The best setting of a depth buffer; see `best.Recommendation`."""
+    """The best setting of a depth buffer; see `best.Recommendation`.
+
+    Attributes
+    ----------
+    aperture
+        Column and row of the aperture with most wrong surfaces.
+    """
 
     settings: DoubleFrustum = field(metadata=INLINED)
     near_per_reach: float
@@ -47,6 +53,7 @@ class BestRecord:
     displacement_p99_px: float
     radiance_fraction: float | None
     window: Window
+    aperture: tuple[int, int]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from xfrustum.reports.common.geometry import CameraGeometry
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
 from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S, MeasuredSetting, SettingMeasurer
+from xfrustum.reports.measurements.best import keeping_tolerance
 from xfrustum.reports.measurements.measurement import (
     Measurement,
     RasterParts,
@@ -30,7 +31,6 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
-from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 DepthBuffer = tuple[DepthFormat, DepthMapping]
 
@@ -157,18 +157,9 @@ def _repeated(
     measurer: SettingMeasurer, rows: Sequence[Measurement], measured_s: float
 ) -> dict[DoubleFrustum, Timing]:
     """Time what keeps the tolerance again, at the first aperture, for no longer than it was measured."""
-    kept = _within_tolerance(rows)
+    kept = keeping_tolerance(rows)
     first = [row for row in rows if row.aperture == rows[0].aperture and row.settings in kept]
     return measurer.repeat(first, min(REPEAT_BUDGET_S, measured_s))
-
-
-def _within_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
-    """Return the settings that keep the usual tolerance at every aperture."""
-    keeps = {row.settings: True for row in rows}
-    for row in rows:
-        moved, wrong = row.displacement_p99_px, row.surface_fraction
-        keeps[row.settings] &= moved <= TOLERANCE_PX and wrong <= MAX_WRONG
-    return {settings for settings, kept in keeps.items() if kept}
 
 
 def _run(

@@ -8,6 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xfrustum.compare.metrics.paired import CONFIDENCE
+from xfrustum.reference.plain import CERTIFIED
+from xfrustum.reports.common.formatting import unexamined_truth
 from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.report_records import (
@@ -44,7 +46,7 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
         scene=_scene_record(sweep.scene),
         apertures=sweep.apertures,
         best=RecommendationRecord(
-            sentence=sentence(sweep.rows, sweep.scene.units, reach),
+            sentence=headline(sweep),
             best=_best_record(best_setting(sweep.rows), reach),
             command=recommended_command(sweep),
             confidence=CONFIDENCE,
@@ -99,8 +101,18 @@ def write_parquet(sweep: Sweep, path: Path) -> None:
 
 
 def recommended_command(sweep: Sweep) -> str:
-    """Return the command that draws as a sweep recommends."""
-    return raster_command(sweep.scene, sweep.scene.plate.middle, best_setting(sweep.rows).settings)
+    """Return the command that draws as a sweep recommends, at the aperture at which that is worst."""
+    best = best_setting(sweep.rows)
+    return raster_command(sweep.scene, best.aperture, best.settings)
+
+
+def headline(sweep: Sweep) -> str:
+    """Return the recommendation of a sweep in words; it says so where a tracer alone made the truths."""
+    frustum = sweep.scene.frustum
+    said = sentence(sweep.rows, sweep.scene.units, frustum.longest_reach, recentered=frustum.recentered)
+    if sweep.decided_by == CERTIFIED:
+        return said
+    return f"{said.removesuffix('.')} ({unexamined_truth(sweep.decided_by)})."
 
 
 def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
@@ -128,7 +140,15 @@ def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
 
 
 def _best_record(best: Recommendation, reach: float) -> BestRecord:
-    return BestRecord(**vars(best), near_per_reach=best.settings.near / reach)
+    return BestRecord(
+        settings=best.settings,
+        near_per_reach=best.settings.near / reach,
+        surface_fraction=best.surface_fraction,
+        displacement_p99_px=best.displacement_p99_px,
+        radiance_fraction=best.radiance_fraction,
+        window=best.window,
+        aperture=best.aperture.index,
+    )
 
 
 def _scene_record(scene: Scene) -> SceneRecord:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 from xfrustum.compare.metrics.paired import is_worse
 from xfrustum.reports.common.formatting import _plain, digits, percent
-from xfrustum.reports.common.geometry import CameraGeometry, geometries_of, geometry_names
+from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
+from xfrustum.reports.measurements.cause_words import main_cause
 from xfrustum.reports.measurements.measurement import Measurement
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum, Offset
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 SURFACE_TIE_FRACTION = 1e-4
 """Surface fractions closer than this are equal. A rasterizer snaps vertices to 2^-8 px, which leaves
@@ -67,6 +69,10 @@ class Recommendation:
         is not shaded.
     window
         The near planes of the same depth buffer that are as good.
+    aperture
+        The aperture with the largest share of wrong surfaces, and of those the most displaced one.
+    displaced_aperture
+        The aperture with the largest displacement: the same one, unless another is displaced more.
     """
 
     settings: DoubleFrustum
@@ -74,6 +80,8 @@ class Recommendation:
     displacement_p99_px: float
     radiance_fraction: float | None
     window: Window
+    aperture: Aperture
+    displaced_aperture: Aperture
 
 
 _Line = tuple[DepthFormat, DepthMapping, CameraGeometry]
@@ -106,13 +114,18 @@ class _Candidate:
 
     def recommendation(self, window: Window) -> Recommendation:
         """Return the setting with its numbers."""
-        shaded = all(row.wrong_pixels("radiance") is not None for row in self._rows.values())
+        rows = self._rows.values()
+        shaded = all(row.wrong_pixels("radiance") is not None for row in rows)
+        worst = max(rows, key=lambda row: (row.surface_fraction, row.displacement_p99_px))
+        moved = max(rows, key=lambda row: (row.displacement_p99_px, row is worst))
         return Recommendation(
             settings=self.settings,
             surface_fraction=self.worst("surface")[0],
             displacement_p99_px=self.displacement_p99_px,
             radiance_fraction=self.worst("radiance")[0] if shaded else None,
             window=window,
+            aperture=worst.aperture,
+            displaced_aperture=moved.aperture,
         )
 
 
@@ -224,7 +237,15 @@ def best_per_geometry(rows: Sequence[Measurement]) -> list[Recommendation]:
     return [best_setting(group) for group in grouped.values()]
 
 
-def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
+def keeping_tolerance(rows: Sequence[Measurement]) -> set[DoubleFrustum]:
+    """Return the settings that keep `TOLERANCE_PX` and `MAX_WRONG` at every aperture."""
+    keeps = {row.settings: True for row in rows}
+    for row in rows:
+        keeps[row.settings] &= row.displacement_p99_px <= TOLERANCE_PX and row.surface_fraction <= MAX_WRONG
+    return {settings for settings, kept in keeps.items() if kept}
+
+
+def sentence(rows: Sequence[Measurement], units: str, reach: float, *, recentered: bool = True) -> str:
     """Say which near planes and which depth buffer are best, and how good they are.
 
     Parameters
@@ -233,26 +254,68 @@ def sentence(rows: Sequence[Measurement], units: str, reach: float) -> str:
         All rows of a sweep.
     units, reach
         The scene's length unit, and its larger reach in it.
+    recentered
+        Whether the frustum is sheared; the pivot of one that is not changes nothing and is not named.
     """
     if not any(row.comparison.judged for row in rows):
         return "Nothing can be judged: every pixel of the truth is a tie."
     if not can_be_judged(rows):
         return "There is nothing to judge: neither the truth nor any raster image shows a surface."
     best = best_setting(rows)
-    settings = len({row.settings for row in rows})
-    apertures = len({row.aperture for row in rows})
-    where = f" at the worst of {apertures} apertures" if apertures > 1 else ""
-    chosen = "The one setting measured" if settings == 1 else f"Best of {settings} settings"
-    name = geometry_names(geometries_of(row.settings for row in rows))[CameraGeometry.of(best.settings)]
-    cameras = f" and {name}" if name else ""
-    wrong = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
+    cameras = _cameras(best, rows, recentered)
     return (
-        f"{chosen}: near {near_range(best.window)} {units} "
+        f"{_praise(best, rows)} near {near_range(best.window)} {units} "
         f"({near_range(best.window, reach)} of the reach) with {best.settings.depth_label} depth{cameras}"
-        f"{_equally(best, units)}{wrong}, {_colors(best)}"
-        f"and 99 % of the picture lies within {pixels(best.displacement_p99_px)} of where it belongs."
-        f"{gap(best, units)}"
+        f"{_equally(best, units)}{_wrong(best, rows)}, {_colors(best)}"
+        f"and 99 % of the picture lies within {pixels(best.displacement_p99_px)} of where it belongs"
+        f"{_elsewhere(best)}.{gap(best, units)}"
     )
+
+
+def _praise(best: Recommendation, rows: Sequence[Measurement]) -> str:
+    """Begin the sentence: no setting that misses the tolerances is called good, nor are others denied."""
+    count = len({row.settings for row in rows})
+    limits = f"{TOLERANCE_PX:g} px and {percent(MAX_WRONG)} wrong surfaces"
+    kept = keeping_tolerance(rows)
+    if best.settings in kept:
+        return "The one setting measured:" if count == 1 else f"Best of {count} settings:"
+    if count == 1:
+        return f"The one setting measured does not keep to {limits}:"
+    if not kept:
+        return f"No setting measured keeps to {limits}. The least bad of {count}:"
+    return f"Best of {count} settings by wrong surfaces, though only others keep to {limits}:"
+
+
+def _cameras(best: Recommendation, rows: Sequence[Measurement], recentered: bool) -> str:
+    """Name the cameras where there are others or they are not the usual ones."""
+
+    def shown(settings: DoubleFrustum) -> CameraGeometry:
+        geometry = CameraGeometry.of(settings)
+        return geometry if recentered else replace(geometry, pivot=CameraGeometry().pivot)
+
+    names = geometry_names(tuple(dict.fromkeys(shown(row.settings) for row in rows)))
+    name = names[shown(best.settings)]
+    return f" and {name}" if name else ""
+
+
+def _wrong(best: Recommendation, rows: Sequence[Measurement]) -> str:
+    """Say how many pixels show the wrong surface, at which aperture, and by what if one cause prevails."""
+    apertures = len({row.aperture for row in rows})
+    place = f"{best.aperture.column},{best.aperture.row}"
+    where = f" at the worst of {apertures} apertures ({place})" if apertures > 1 else ""
+    said = f"{percent(best.surface_fraction)} of the judged pixels show the wrong surface{where}"
+    if best.surface_fraction <= SURFACE_TIE_FRACTION:
+        return said
+    worst = next(row for row in rows if row.settings == best.settings and row.aperture == best.aperture)
+    cause = main_cause(worst)
+    return f"{said}, most of them by {cause}" if cause else said
+
+
+def _elsewhere(best: Recommendation) -> str:
+    """Name the most displaced aperture where it is not the one with the most wrong surfaces."""
+    place = best.displaced_aperture
+    same = place == best.aperture or best.displacement_p99_px <= DISPLACEMENT_TIE_PX
+    return "" if same else f" (the worst at {place.column},{place.row})"
 
 
 def gap(best: Recommendation, units: str) -> str:
@@ -288,5 +351,6 @@ def near_range(window: Window, unit: float = 1.0) -> str:
 
 
 def pixels(value: float) -> str:
-    """Write a displacement; below `DISPLACEMENT_TIE_PX` the digits mean nothing."""
-    return _plain(f"{max(value, DISPLACEMENT_TIE_PX):.2g} px")
+    """Write a displacement with two digits; below `DISPLACEMENT_TIE_PX` they mean nothing."""
+    rounded = float(f"{max(value, DISPLACEMENT_TIE_PX):.2g}")
+    return f"{rounded:,.0f} px" if rounded >= 100 else _plain(f"{rounded:.2g} px")

@@ -282,6 +282,18 @@ class Sweep:
         ]
 
     @property
+    def coverage_sentence(self) -> str:
+        """What the apertures leave out of the plate; empty where a scout chose them, or they are all."""
+        columns, rows = self.scene.plate.hogels
+        measured = len(self.apertures)
+        if self.auto is not None or measured >= columns * rows:
+            return ""
+        return (
+            f"Measured at {measured:,} of {columns * rows:,} apertures; others may be far worse: "
+            "--apertures auto looks for them, and xfrustum plan holds for the plate."
+        )
+
+    @property
     def cost(self) -> SweepCost:
         """The price of measuring, beside that of its frames and truths."""
         needed = self.times_s["raster"] + self.times_s["trace"]

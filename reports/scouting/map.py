@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 from scipy.spatial import cKDTree
 
 from xfrustum.compare.scouting.automatic import AutoApertures
@@ -62,42 +61,43 @@ def _cells(hogels: int) -> Floats:
     return (np.arange(count) + 0.5) * hogels / count - 0.5
 
 
-def map_figure(auto: AutoApertures) -> go.Figure:
-    """Draw the plate twice: the nearest visible |z| on a logarithmic color scale, and the outlines."""
-    cells = MapCells.of(auto)
-    scene = auto.scout.scene
-    figure = make_subplots(
-        rows=1,
-        cols=2,
-        horizontal_spacing=0.16,
-        subplot_titles=(f"nearest visible |z|, {scene.units}", "length of outlines, widths of the picture"),
-    )
+def map_figures(auto: AutoApertures) -> tuple[go.Figure, go.Figure]:
+    """Draw the plate twice: the nearest visible |z| on a logarithmic color scale, and the outlines.
+
+    These are two figures, so that a page can set them side by side or one above the other.
+    """
     nearest = np.array([look.nearest for look in auto.scout.looks])
     outlines = np.array([look.outline_widths for look in auto.scout.looks])
-    text = _hover(auto)
     known, powers = _logarithms(nearest)
     seen = np.where(np.isfinite(nearest), outlines, np.nan)
+    units = auto.scout.scene.units
     # Both scales are bright where the error is large: a near surface, long outlines.
-    panels = ((known, "Viridis_r", 0.43), (seen, "Viridis", 1.01))
-    for column, (values, colors, right) in enumerate(panels, start=1):
-        figure.add_heatmap(
-            x=cells.columns,
-            y=cells.rows,
-            z=_with_blanks(values[cells.look]),
-            text=np.array(text)[cells.look],
-            hovertemplate="%{text}<extra></extra>",
-            colorscale=colors,
-            colorbar={"thickness": 12, "outlinewidth": 0, "x": right},
-            row=1,
-            col=column,
-        )
-        _mark(figure, auto, column)
-    bar = {
-        "tickvals": [math.log10(value) for value in powers],
-        "ticktext": [digits(value) for value in powers],
-    }
-    figure.update_traces(colorbar=bar, selector={"type": "heatmap"}, row=1, col=1)
-    _finish(figure, scene.plate.hogels)
+    heights = _map(auto, known, f"nearest visible |z|, {units}", "Viridis_r")
+    heights.update_traces(
+        colorbar={
+            "tickvals": [math.log10(value) for value in powers],
+            "ticktext": [digits(value) for value in powers],
+        },
+        selector={"type": "heatmap"},
+    )
+    return heights, _map(auto, seen, "length of outlines, widths of the picture", "Viridis")
+
+
+def _map(auto: AutoApertures, values: Floats, title: str, colors: str) -> go.Figure:
+    """Draw a number of each look over the plate, with its title and its scale of colors."""
+    cells = MapCells.of(auto)
+    figure = go.Figure()
+    figure.add_heatmap(
+        x=cells.columns,
+        y=cells.rows,
+        z=_with_blanks(values[cells.look]),
+        text=np.array(_hover(auto))[cells.look],
+        hovertemplate="%{text}<extra></extra>",
+        colorscale=colors,
+        colorbar={"thickness": 12, "outlinewidth": 0},
+    )
+    _mark(figure, auto)
+    _finish(figure, auto.scout.scene.plate.hogels, title)
     return figure
 
 
@@ -144,8 +144,8 @@ def _hover(auto: AutoApertures) -> list[str]:
     return found
 
 
-def _mark(figure: go.Figure, auto: AutoApertures, panel: int) -> None:
-    """Mark the chosen apertures in one panel, each with its column and row."""
+def _mark(figure: go.Figure, auto: AutoApertures) -> None:
+    """Mark the chosen apertures, each with its column and row."""
     columns = [one.aperture.column for one in auto.chosen]
     rows = [one.aperture.row for one in auto.chosen]
     figure.add_scatter(
@@ -157,8 +157,6 @@ def _mark(figure: go.Figure, auto: AutoApertures, panel: int) -> None:
         hovertemplate="%{text}<extra></extra>",
         showlegend=False,
         cliponaxis=False,
-        row=1,
-        col=panel,
     )
     for column, row in zip(columns, rows, strict=True):
         # Labels go toward the middle of the plate, so that they stay on it.
@@ -172,15 +170,14 @@ def _mark(figure: go.Figure, auto: AutoApertures, panel: int) -> None:
             xshift=13 * side,
             bgcolor="rgba(255, 255, 255, 0.85)",
             font={"color": LABEL, "size": 12},
-            row=1,
-            col=panel,
         )
 
 
-def _finish(figure: go.Figure, hogels: tuple[int, int]) -> None:
-    """Give the panels the proportions of rows and columns, row 0 at the top."""
+def _finish(figure: go.Figure, hogels: tuple[int, int], title: str) -> None:
+    """Give a map its title, and the proportions of rows and columns, row 0 at the top."""
     style(figure)
     columns, rows = hogels
+    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
     figure.update_layout(height=120 + round(MAP_PIXELS * min(max(rows / columns, 0.3), 1.5)))
     figure.update_xaxes(title_text="column", range=[-0.5, columns - 0.5], showgrid=False)
     figure.update_yaxes(title_text="row", range=[rows - 0.5, -0.5], showgrid=False)

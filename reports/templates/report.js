@@ -207,6 +207,6 @@ get("panels").addEventListener("dblclick", () => { Object.assign(pane, { scale: 
 
 for (const name of Object.keys(data.curves[0][0])) Plotly.newPlot(get("plot-" + name), [], {}, config);
 Plotly.newPlot(get("plot-cost"), data.cost.data, data.cost.layout, config);
-if (data.scout) Plotly.newPlot(get("plot-scout"), data.scout.data, data.scout.layout, { ...config, displayModeBar: false });
+data.scout.forEach((map, place) => Plotly.newPlot(get("plot-scout").children[place], map.data, map.layout, { ...config, displayModeBar: false }));
 Plotly.newPlot(get("plot-times"), data.times.data, data.times.layout, { ...config, displayModeBar: false });
 choose(data.rows[data.start]);

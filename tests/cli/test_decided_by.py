@@ -57,6 +57,18 @@ def test_what_tracers_alone_would_have_got_wrong_is_counted(
     assert told["alone"]["embree"] > 100
 
 
+def test_compare_says_that_a_truth_was_not_examined(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for decided, said in (("embree", ["note: truth: Embree alone, not examined"]), ("certified", [])):
+        out = str(tmp_path / f"{decided}.exr")
+        assert main(["trace", HARD, "--decided-by", decided, "--quiet", "--out", out]) == 0
+        capsys.readouterr()
+        assert main(["compare", out, out]) == 0
+        err = capsys.readouterr().err
+        assert [line.removeprefix("xfrustum: ") for line in err.splitlines()] == said
+
+
 def test_an_uncertified_picture_says_so_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "a.exr"
     assert main(["trace", "sheets", "--decided-by", "embree", "--json", "--out", str(out)]) == 0
@@ -156,7 +168,9 @@ def test_a_report_against_a_plain_tracer_says_so_at_the_top(
         assert sum(cause[kind] for cause in row["causes"]) == row["comparison"][kind]["wrong"]
     (flat,) = pq.read_table(tmp_path / "report" / "measurements.parquet").to_pylist()
     assert flat["decided_by"] == "embree"
-    assert "Embree alone, not examined".lower() in page.lower()
+    assert content["best"]["sentence"].endswith(" (truth: Embree alone, not examined).")
+    assert content["best"]["sentence"] in page.replace("\N{NO-BREAK SPACE}", " ")
+    assert "not examined" not in certified[0]["best"]["sentence"]
 
 
 def test_offset_cameras_of_a_plain_tracer_are_those_of_the_certified_ones() -> None:

@@ -300,8 +300,8 @@ def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
     if out is not None:
         check_writable_folder(out, FILES)
     compared = compare_files(truth, raster)
-    if compared.note:
-        say(f"note: {compared.note}")
+    for note in filter(None, (compared.note, compared.unexamined)):
+        say(f"note: {note}")
     if out is not None:
         write_comparison(compared, out)
     options.tell(as_json, compared.comparison.summary, lambda: table(compared.comparison))

@@ -132,6 +132,7 @@ def test_causes_add_up_and_rounding_is_explained_with_either_pivot(files: Report
 def test_the_page_compares_the_pivots(files: ReportFiles) -> None:
     html, data = files.html.read_text(), page_data(files.html)
     assert data["geometries"] == ["pivot aperture", "pivot camera"]
+    assert html.count("the best setting is near") == 2
     assert "Cameras compared" in html and "a shear about the cameras" in html.replace("&#39;", "'")
     (of_corner,) = data["curves"]
     for curves in of_corner:
@@ -201,6 +202,11 @@ def test_every_combination_of_the_lists_is_measured(tmp_path: Path) -> None:
     ]
     assert asked == list(product(("angle", 15.0), ("plate", "none"), ([15.0, 40.0], []), (1.0, 0.1)))
     html = made.html.read_text()
+    # Eight kinds of cameras are compared in a table, and the causes of seven of them are folded away.
+    assert "the best setting is near" not in html
+    causes = html[html.index("What makes surfaces wrong") : html.index("<h2>Pictures</h2>")]
+    shown, _, folded = causes.partition("<summary>The other cameras</summary>")
+    assert (shown.count("<h3>"), folded.count("<h3>")) == (1, 7) and folded.count("</details>") == 1
     assert "a gap of near on each side" in html and "fit 15, no offset, cuts at 15 and 40" in html
 
 

@@ -32,6 +32,12 @@ from xfrustum.scenes import (
 )
 
 NEARS = (1.5, 0.015, 1.5e-4)
+SHARES = ("surface", "triangle", "geometry_surface")
+"""Curves of the page that show a share of the pixels."""
+
+SETTING = ("near", "depth", "mapping", "pivot")
+"""Keys that tell the settings of these reports apart."""
+
 DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
 HEIGHTS = (1e-6, 1e-2)
 FILES = ["index.html", "measurements.parquet", "report.json"]
@@ -168,10 +174,42 @@ def test_the_page_has_one_recommendation_with_the_command_to_copy(files: ReportF
     for words in (f"--near {best['near']:g}", f"--depth {best['depth']}", f"--mapping {best['mapping']}"):
         assert words in files.command
     assert best["window"]["low"] <= best["near"] <= best["window"]["high"]
-    assert html.count("Best of ") == 1
+    assert html.count("Best of ") + html.count("The least bad of ") == 1
     # Where time is told about, no other setting is named.
     costs = html[html.index("What accuracy costs") : html.index('id="plot-cost"')]
     assert "least error" not in costs
+
+
+def test_the_command_and_the_page_show_the_aperture_whose_numbers_are_told(files: ReportFiles) -> None:
+    best, data = files.content["best"], page_data(files.html)
+    own = [row for row in files.content["rows"] if all(row["settings"][key] == best[key] for key in SETTING)]
+    worst = max(own, key=lambda row: row["comparison"]["surface"]["fraction"])
+    assert len(own) == 3 and best["aperture"] == worst["aperture"] != [20, 15]
+    column, row = best["aperture"]
+    assert f"--aperture {column},{row}" in files.command
+    assert f"at the worst of 3 apertures ({column},{row})" in files.sentence
+    assert data["rows"][data["start"]]["aperture"] == best["aperture"]
+    assert data["rows"][data["start"]]["near"] == best["near"]
+
+
+def test_a_report_says_that_it_has_not_seen_the_plate(files: ReportFiles) -> None:
+    columns, rows = files.content["scene"]["plate"]["hogels"]
+    (note,) = (one for one in files.notes if "Measured at" in one)
+    assert note == (
+        f"Measured at 3 of {columns * rows:,} apertures; others may be far worse: --apertures auto looks for "
+        "them, and xfrustum plan holds for the plate."
+    )
+    assert note in files.html.read_text()
+
+
+def test_the_causes_at_the_aperture_of_the_headline_are_shown_and_others_are_folded(
+    files: ReportFiles,
+) -> None:
+    html, (column, row) = files.html.read_text(), files.content["best"]["aperture"]
+    causes = html[html.index("What makes surfaces wrong") : html.index("<h2>Pictures</h2>")]
+    shown, _, folded = causes.partition("<summary>The other apertures and cameras</summary>")
+    assert f"<h3>Aperture {column},{row}, pivot {files.content['best']['pivot']}</h3>" in shown
+    assert (shown.count("<h3>"), folded.count("<h3>")) == (1, 5)
 
 
 def test_settings_that_may_be_the_fastest_are_timed_as_often_as_ranks_need_or_not_ranked(
@@ -239,6 +277,14 @@ def test_the_curves_of_surfaces_have_a_closed_form_for_every_depth_buffer(files:
             "closed form",
         ]
     assert "Predicted and measured" in html
+
+
+def test_shares_of_pixels_have_axes_in_percent_and_displacements_have_none(files: ReportFiles) -> None:
+    for of_aperture in page_data(files.html)["curves"]:
+        for curves in of_aperture:
+            formats = {name: curves[name]["layout"]["yaxis"].get("tickformat", "") for name in SHARES}
+            assert set(formats.values()) == {"~%"}
+            assert "%" not in curves["displacement_p99"]["layout"]["yaxis"].get("tickformat", "")
 
 
 def test_the_page_is_one_file_that_asks_for_nothing(files: ReportFiles) -> None:

@@ -14,10 +14,12 @@ from xfrustum.reports.measurements.best import (
     SURFACE_TIE_FRACTION,
     best_per_depth,
     best_setting,
+    pixels,
     sentence,
 )
 from xfrustum.reports.measurements.measurement import Measurement, Ratios
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Pivot
 
 CORNER = Aperture(column=0, row=0, x=-1.0, y=1.0)
 
@@ -88,7 +90,8 @@ def test_the_worst_aperture_counts() -> None:
     ]
     best = best_setting(rows)
     assert (best.settings.near, best.surface_fraction, best.displacement_p99_px) == (0.1, 0.02, 0.3)
-    assert "at the worst of 2 apertures" in sentence(rows, "mm", 150.0)
+    assert best.aperture == best.displaced_aperture == CORNER
+    assert "at the worst of 2 apertures (0,0)" in sentence(rows, "mm", 150.0)
 
 
 def test_nothing_displaced_is_no_displacement() -> None:
@@ -108,3 +111,55 @@ def test_the_sentence_names_near_format_surface_and_displacement() -> None:
     said = sentence([measured(0.015, 0.00012, 0.25)], "mm", 150.0)
     for words in ("near 0.015 mm", "0.0001 of the reach", "D24 standard", "0.012 %", "0.25 px"):
         assert words in said
+
+
+def test_the_most_displaced_aperture_is_named_where_another_has_most_wrong_surfaces() -> None:
+    rows = [measured(1.0, 0.005, 0.2), measured(1.0, 0.002, 0.4, aperture=CORNER)]
+    best = best_setting(rows)
+    assert (best.aperture, best.displaced_aperture) == (MIDDLE, CORNER)
+    said = sentence(rows, "mm", 150.0)
+    assert "at the worst of 2 apertures (1,1)" in said and "(the worst at 0,0)." in said
+
+
+@pytest.mark.parametrize(("surface", "p99"), [(0.78, 12345.0), (0.0, 0.51), (0.0101, 0.1)])
+def test_what_misses_a_tolerance_is_the_least_bad(surface: float, p99: float) -> None:
+    rows = [measured(1.0, surface, p99), measured(2.0, surface + 0.2, p99)]
+    said = sentence(rows, "mm", 150.0)
+    assert said.startswith(
+        "No setting measured keeps to 0.5 px and 1 % wrong surfaces. The least bad of 2: near 1 mm"
+    )
+    assert sentence(rows[:1], "mm", 150.0).startswith("The one setting measured does not keep to 0.5 px")
+
+
+def test_a_best_that_keeps_the_tolerances_is_called_best() -> None:
+    rows = [measured(1.0, 0.01, 0.5), measured(2.0, 0.5, 9.0)]
+    assert sentence(rows, "mm", 150.0).startswith("Best of 2 settings: near 1 mm")
+
+
+def test_nothing_is_denied_of_settings_that_keep_the_tolerances() -> None:
+    """The one with the fewest wrong surfaces displaces too much; the other one does not."""
+    rows = [measured(1.0, 0.0, 0.7), measured(0.1, 0.009, 0.1)]
+    said = sentence(rows, "mm", 150.0)
+    assert said.startswith("Best of 2 settings by wrong surfaces, though only others keep to 0.5 px and 1 %")
+
+
+def test_the_cause_of_most_wrong_surfaces_is_named_and_no_other() -> None:
+    row = measured(1.0, 0.5, 5.0)
+    for most, said in ((0.6, True), (0.5, False)):
+        counts = {"near offset": round(most * 1000), "depth": 1000 - round(most * 1000)}
+        causes = tuple(replace(one, surface=counts.get(one.name, 0)) for one in row.causes)
+        text = sentence([replace(row, causes=causes)], "mm", 150.0)
+        assert ("wrong surface, most of them by the near offset, and" in text) is said
+    assert "most of them" not in sentence([measured(1.0, 0.9 * SURFACE_TIE_FRACTION, 0.1)], "mm", 150.0)
+
+
+def test_large_displacements_have_no_exponent() -> None:
+    written = [pixels(value) for value in (0.0, 0.0123, 9.96, 53.4, 99.6, 123.0, 1e4)]
+    assert written == ["0.001 px", "0.012 px", "10 px", "53 px", "100 px", "120 px", "10,000 px"]
+
+
+def test_the_pivot_of_a_centered_frustum_is_not_named() -> None:
+    rows = [measured(1.0, 0.0, 0.1)]
+    rows.append(replace(rows[0], settings=replace(rows[0].settings, pivot=Pivot.CAMERA)))
+    assert "and pivot" in sentence(rows, "mm", 150.0)
+    assert "pivot" not in sentence(rows, "mm", 150.0, recentered=False)

@@ -12,7 +12,7 @@ import pytest
 from tests.support.scene_file import film, part
 from xfrustum.cli.main import main
 from xfrustum.reports.scouting.automatic import auto_apertures
-from xfrustum.reports.scouting.map import MAX_MAP_CELLS, MapCells, map_figure
+from xfrustum.reports.scouting.map import MAX_MAP_CELLS, MapCells, map_figures
 from xfrustum.scenes import open_scene
 
 HOGELS = (8, 6)
@@ -67,7 +67,17 @@ def test_a_report_of_given_apertures_has_no_map_of_the_plate(
     assert main(["report", scene, "--near", "0.1", "--depth", "d24", "--quiet", "--out", str(tmp_path)]) == 0
     assert 'id="plot-scout"' not in (tmp_path / "index.html").read_text()
     assert json.loads((tmp_path / "report.json").read_text())["scout"] is None
-    capsys.readouterr()
+    assert "Measured at 1 of 48 apertures; others may be far worse" in capsys.readouterr().out
+
+
+def test_a_report_of_scouted_apertures_does_not_ask_for_a_scout(
+    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--near", "0.1", "--depth", "d24", "--apertures", "auto", "--quiet", "--out", str(tmp_path)]
+    assert main(["report", scene, *words]) == 0
+    assert "others may be far worse" not in capsys.readouterr().out
+    page = (tmp_path / "index.html").read_text()
+    assert 'id="plot-scout"' in page and "others may be far worse" not in page
 
 
 def test_errors_of_a_cost_are_those_of_the_worst_aperture(
@@ -92,8 +102,11 @@ def test_the_map_shows_each_look_at_its_place_and_marks_what_was_chosen(scene: s
     for number, look in enumerate(auto.scout.looks):
         column, row = look.aperture.index
         assert cells.look[row, column] == number
-    figure = map_figure(auto)
-    marks = [trace for trace in figure.data if trace.type == "scatter"]
+    figures = map_figures(auto)
+    for figure in figures:
+        (heat,) = (trace for trace in figure.data if trace.type == "heatmap")
+        assert heat.colorbar.thickness == 12 and figure.layout.title.text
+    marks = [trace for figure in figures for trace in figure.data if trace.type == "scatter"]
     assert [list(zip(one.x, one.y, strict=True)) for one in marks] == 2 * [
         [one.index for one in auto.apertures]
     ]
