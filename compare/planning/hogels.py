@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,6 +13,12 @@ from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+
+MAX_LISTED_APERTURES = 100
+"""Largest number of apertures that a result lists of each kind: some rows of a scout, and still readable."""
+
+MAX_NAMED_APERTURES = 5
+"""Largest number of apertures that a sentence names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +64,8 @@ class PlateResult:
         Scouted hogels at which no near at all would keep to the tolerance.
     set_aside
         Further scouted hogels that the plan was not made for, since there is none for them and all others.
+    hopeless_apertures, set_aside_apertures
+        Column and row of these, `MAX_LISTED_APERTURES` of each kind at most.
     share_beyond_at_most
         Bound on the share of all hogels that are beyond what is required.
     confidence
@@ -73,6 +82,8 @@ class PlateResult:
     set_aside: int
     share_beyond_at_most: float
     confidence: float
+    hopeless_apertures: tuple[tuple[int, int], ...] = ()
+    set_aside_apertures: tuple[tuple[int, int], ...] = ()
 
     @property
     def share_within_at_least(self) -> float:
@@ -84,6 +95,34 @@ class PlateResult:
         """Whether the plan was made for every scouted hogel."""
         return not self.hopeless and not self.set_aside
 
+    @property
+    def exceptions(self) -> str:
+        """Beginning of a reason: the apertures that the plan was not made for; empty where there are none.
+
+        They are counted and named, and the share of the plate that is left is said.
+        """
+        if self.covers_the_plate:
+            return ""
+        looked = f"of the {self.scouted:,} apertures that were looked through"
+        parts = []
+        if self.hopeless:
+            named = _named(self.hopeless_apertures, self.hopeless)
+            parts.append(
+                f"through {self.hopeless:,} {looked} ({named}) a surface passes, and no near draws that"
+            )
+        if self.set_aside:
+            counted = f"{self.set_aside:,} others" if self.hopeless else f"{self.set_aside:,} {looked}"
+            verb = "is" if self.set_aside == 1 else "are"
+            named = _named(self.set_aside_apertures, self.set_aside)
+            parts.append(f"{counted} ({named}) {verb} set aside, since none hold for these and all the rest")
+        # Rounded down, for it is a lower bound.
+        share = f"{math.floor(100 * self.share_within_at_least)} %"
+        certain = "" if self.confidence == 1 else f" ({self.confidence:.0%})".replace("%", " %")
+        return (
+            f"No settings hold for the whole plate: {'; and '.join(parts)}. "
+            f"For the others, at least {share} of the plate{certain}:"
+        )
+
     def summary(self) -> dict[str, Any]:
         """Return what `plan --json` prints under `plate`."""
         numbers = asdict(self)
@@ -93,6 +132,13 @@ class PlateResult:
             aperture = worst.pop("aperture")
             worst = {"aperture": [aperture["column"], aperture["row"]], **worst}
         return {**numbers, "worst": worst}
+
+
+def _named(apertures: tuple[tuple[int, int], ...], count: int) -> str:
+    """Return the first of so many apertures, as options name them, and an ellipsis where there are more."""
+    named = apertures[:MAX_NAMED_APERTURES]
+    words = [f"{column},{row}" for column, row in named]
+    return "; ".join([*words, ".."] if count > len(named) else words)
 
 
 def hogel_result(

@@ -11,13 +11,18 @@ are set aside, and the plan says for which share of the plate it holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.displacement import displacement_bound
-from xfrustum.compare.planning.hogels import HogelResult, PlateResult, hogel_result
+from xfrustum.compare.planning.hogels import (
+    MAX_LISTED_APERTURES,
+    HogelResult,
+    PlateResult,
+    hogel_result,
+)
 from xfrustum.compare.planning.measure import measured, meets
 from xfrustum.compare.planning.partial import largest_share
 from xfrustum.compare.planning.plan import Plan, predicted_plan
@@ -114,13 +119,11 @@ class PlatePlanner:
             )
         kept, (views, made) = found
         assert made.settings is not None
-        aside = len(looks) - len(kept)
-        reason = (
-            f"Over the whole plate: {whole.reason} Without the hardest {aside} of {len(self.scouted.looks)} "
-            f"apertures that were looked through: {made.reason}"
-        )
+        left = {look.aperture.index for look in kept}
+        aside = [look.aperture.index for look in looks if look.aperture.index not in left]
+        reason = f"{made.reason} For all of them together: {whole.reason}" if aside else made.reason
         sample = self._sampled(views, made.settings, wanted)
-        return self._measured(replace(made, reason=reason), views, sample, set_aside=aside)
+        return self._measured(replace(made, reason=reason), views, sample, aside)
 
     def _without_plan(self, reason: str) -> Plan:
         """Return the plan that there is none, for no share of the plate."""
@@ -144,6 +147,10 @@ class PlatePlanner:
                 worst=None,
                 hopeless=len(self._hopeless),
                 set_aside=len(self._seeing) - len(self._hopeless),
+                hopeless_apertures=_listed(self._hopeless),
+                set_aside_apertures=_listed(
+                    look.aperture.index for look in self._seeing if look.aperture.index not in self._hopeless
+                ),
                 share_beyond_at_most=1.0,
                 confidence=1.0,
             ),
@@ -223,7 +230,13 @@ class PlatePlanner:
                 self.done(1)
         return results
 
-    def _measured(self, made: Plan, views: Views, sample: Sequence[HogelResult], set_aside: int = 0) -> Plan:
+    def _measured(
+        self,
+        made: Plan,
+        views: Views,
+        sample: Sequence[HogelResult],
+        set_aside: Sequence[tuple[int, int]] = (),
+    ) -> Plan:
         """Return the plan with what was measured at its own apertures and at the sample."""
         assert made.settings is not None
         chosen = self._drawn([view.aperture for view in views.views], made.settings)
@@ -231,7 +244,8 @@ class PlatePlanner:
         plate = self._plate_result(chosen, sample, set_aside)
         assert plate.worst is not None
         holds = meets(quality, self.requirement)
-        reason = made.reason if holds else f"{made.reason} {disproved(quality, self.requirement)}"
+        reason = f"{plate.exceptions} {made.reason}".lstrip()
+        reason = reason if holds else f"{reason} {disproved(quality, self.requirement)}"
         return replace(
             made,
             measured=quality,
@@ -241,7 +255,10 @@ class PlatePlanner:
         )
 
     def _plate_result(
-        self, chosen: Sequence[HogelResult], sample: Sequence[HogelResult], set_aside: int
+        self,
+        chosen: Sequence[HogelResult],
+        sample: Sequence[HogelResult],
+        set_aside: Sequence[tuple[int, int]],
     ) -> PlateResult:
         columns, rows = self.reference.scene.plate.hogels
         drawn = [*chosen, *sample]
@@ -263,10 +280,17 @@ class PlatePlanner:
             beyond=beyond,
             worst=max(drawn, key=lambda one: one.excess(self.requirement)),
             hopeless=hopeless,
-            set_aside=set_aside,
+            set_aside=len(set_aside),
+            hopeless_apertures=_listed(self._hopeless),
+            set_aside_apertures=_listed(set_aside),
             share_beyond_at_most=share,
             confidence=1.0 if everything else CONFIDENCE,
         )
+
+
+def _listed(indices: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    """Return columns and rows in order, as many as a result lists."""
+    return tuple(sorted(indices)[:MAX_LISTED_APERTURES])
 
 
 def _joined(views: Views, others: Views) -> Views:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -66,24 +67,25 @@ def why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) -
         for one in found.holding
         if (one.settings.depth, one.settings.mapping) == (best.settings.depth, best.settings.mapping)
     )
-    return " ".join(
-        [
-            _of_slabs(found, views, requirement),
-            _of_near(largest.settings, views, requirement),
-            _of_margin(largest, best, views.scene.units),
-            _of_depth(found, best.settings),
-        ]
-    ).replace("  ", " ")
+    parts = [
+        _of_slabs(found, views, requirement),
+        _of_near(largest.settings, views, requirement),
+        _of_margin(largest, best, views.scene.units),
+        _of_depth(found, best.settings),
+    ]
+    return " ".join(part for part in parts if part)
 
 
 def _of_margin(largest: Attempt, best: Attempt, units: str) -> str:
     """Say which near is planned instead of the largest one, and what that leaves."""
     if best.settings.near == largest.settings.near:
         return ""
-    margin = min(1 / best.excess if best.excess else ENOUGH_MARGIN, ENOUGH_MARGIN)
+    margin = 1 / best.excess if best.excess else math.inf
+    times = f"{margin:.2g}" if margin < ENOUGH_MARGIN else f"at least {ENOUGH_MARGIN:g}"
+    # The errors of depth grow as near falls, so that the margin is not the ratio of both nears.
     return (
-        f"Up to {largest.settings.near:g} {units} would do; {best.settings.near:g} {units} leaves a margin "
-        f"of {margin:.2g} for what was not looked at."
+        f"Near is {best.settings.near:g} {units}, a margin for what was not looked at: displacement and "
+        f"errors of depth are predicted to be {times} times smaller than what is allowed."
     )
 
 
@@ -124,12 +126,14 @@ def disproved(measured: Quality, requirement: Requirement) -> str:
 
 def _at_plate(views: Views) -> str:
     """Say what is so close to the plate that no near is small enough."""
-    shares = (float(np.mean(pierced(view.truth)[view.truth.covered])) for view in views.views)
-    share = max(shares, default=0.0)
-    if share > 1 - PERCENTILE / 100:
+    shares = [float(np.mean(pierced(view.truth)[view.truth.covered])) for view in views.views]
+    worst = int(np.argmax(shares))
+    if shares[worst] > 1 - PERCENTILE / 100:
+        column, row = views.views[worst].aperture.index
         return (
-            f"In up to {share:.0%} of the picture a surface passes through the aperture itself, "
-            "and there whatever lies closer than near is drawn."
+            f"At {column},{row} a surface passes through the aperture itself and makes up "
+            f"{shares[worst]:.0%} of what is seen. The cameras draw only the part of that surface that lies "
+            "closer to the plate than near, wherever it belongs: no near is small enough."
         )
     smallest = SMALLEST_PER_REACH * views.scene.frustum.longest_reach
     return f"What is seen lies closer to the plate than the smallest cut, {smallest:.2g} {views.scene.units}."
@@ -148,16 +152,20 @@ def _of_slabs(found: Outcome, views: Views, requirement: Requirement) -> str:
 
 
 def _of_near(settings: DoubleFrustum, views: Views, requirement: Requirement) -> str:
+    """Say how large near may be, and why no larger."""
+    up_to = f"Near may be up to {settings.near:g} {views.scene.units}"
     if settings.slabs and settings.near == settings.slabs[0]:
         lowest, highest = views.scene.height_ranges
         if np.any((highest >= -settings.near) & (lowest <= settings.near)):
-            return "near is as large as the first cut, which is the most that makes sense."
-        return "The first slab is empty and is not drawn: near, as large as it, displaces nothing."
+            return f"{up_to}, the height of the first cut, which is the most that makes sense."
+        return (
+            f"{up_to}, the height of the first cut: the first slab is empty, and no near displaces anything."
+        )
     larger = round_number(index_below(settings.near) + 1)
     if larger >= views.scene.frustum.longest_reach:
-        return "near is as large as the reach allows."
+        return f"{up_to}, which is as large as the reach allows."
     return (
-        f"With a larger near more than one pixel in a hundred might be displaced by over "
+        f"{up_to}: with a larger one more than one pixel in a hundred might be displaced by over "
         f"{requirement.tolerance_px:g} px."
     )
 
@@ -184,7 +192,8 @@ def _shortfall(attempt: Attempt, requirement: Requirement, separation: float, un
     if predicted.separation * SEPARATION_MARGIN > separation:
         parts.append(
             f"order sheets {predicted.separation:.2g} {units} apart, "
-            f"but not {separation / SEPARATION_MARGIN:.2g} {units} (half of what is asked for, to be sure)"
+            f"but not {separation / SEPARATION_MARGIN:.2g} {units} (asked for are {separation:.3g} {units}, "
+            f"and predictions may be off by a factor of {SEPARATION_MARGIN:g})"
         )
     return " and ".join(parts)
 

@@ -128,13 +128,24 @@ def sub_apertures_for(blur: tuple[float, float], contrast: float) -> int | None:
 def band_limit(scene: Scene, content: DepthBin, contrast: float) -> BandLimit:
     """Return what band limiting does to the content of a bin."""
     sign = -1.0 if content.behind else 1.0
-    ends = [blur_px(scene, sign * content.nearest), blur_px(scene, sign * content.farthest)]
-    widest = (max(one[0] for one in ends), max(one[1] for one in ends))
+    ends = _blurs_at_ends(scene, content)
+    widest = widest_blur(scene, content)
     least = min(max(one) for one in ends)
     screen = scene.frustum.screen
     if screen is not None and content.nearest <= sign * screen.height <= content.farthest:
         least = 0.0
     return BandLimit(blur_px=(max(widest), least), sub_apertures=sub_apertures_for(widest, contrast))
+
+
+def widest_blur(scene: Scene, content: DepthBin) -> tuple[float, float]:
+    """Return the largest blur of the content of a bin, columns and rows; infinite in the plate."""
+    ends = _blurs_at_ends(scene, content)
+    return max(one[0] for one in ends), max(one[1] for one in ends)
+
+
+def _blurs_at_ends(scene: Scene, content: DepthBin) -> tuple[tuple[float, float], tuple[float, float]]:
+    sign = -1.0 if content.behind else 1.0
+    return blur_px(scene, sign * content.nearest), blur_px(scene, sign * content.farthest)
 
 
 def contrast_of(scene: Scene, apertures: Iterable[Aperture] | None = None) -> float:

@@ -11,6 +11,7 @@ import scipy
 
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.planning.hogels import PlateResult
+from xfrustum.compare.planning.measure import meets
 from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps
 from xfrustum.compare.planning.plate import PlatePlanner
 from xfrustum.compare.planning.search import DepthBuffer
@@ -22,7 +23,7 @@ from xfrustum.compare.scouting.scout import scout
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.common.raster_command import raster_command
+from xfrustum.reports.common.raster_command import plate_command, raster_command
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -134,18 +135,21 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     for title, unit, limit, key in rows:
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
         lines.append(f"{title:<{width}}  {limit:>9.3g}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
-    return "\n".join([*lines, _answer(made, scene, apertures), "", command(made, scene, apertures)])
+    return "\n".join([*lines, _answer(made, apertures, requirement), "", command(made, scene, apertures)])
 
 
-def _answer(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
+def _answer(made: Plan, apertures: Sequence[Aperture], requirement: Requirement) -> str:
     """Say whether a plan holds, and where that is known."""
-    answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, measured at "
     known = made.plate
+    answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, measured at "
     if known is None:
         count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
         return f"{answer}{count}."
     worst, share = known.worst, known.share_beyond_at_most
-    assert worst is not None
+    assert worst is not None and made.measured is not None
+    if not made.within and meets(made.measured, requirement) and worst.excess(requirement) <= 1:
+        # What the reason began with is all that is amiss.
+        answer = "Without these apertures the plan holds, measured at "
     sentences = [
         f"{answer}{known.measured} of {known.hogels:,} hogels, {known.scouted} looked through; worst: "
         f"{worst.aperture.column},{worst.aperture.row}, displaced by {worst.displacement_p99_px:.3g} px, "
@@ -157,21 +161,6 @@ def _answer(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
         sentences.append(
             f"{known.beyond} of {known.sampled} drawn at random are beyond what is required: at most "
             f"{percent(share)} of all ({known.confidence:.0%})."
-        )
-    if known.hopeless:
-        sentences.append(
-            f"At {known.hopeless} of the {known.scouted} that were looked through no near would do: "
-            "a surface passes through these apertures."
-        )
-    if known.set_aside:
-        sentences.append(
-            f"{known.set_aside} of the {known.scouted} were set aside, since no near does for all."
-        )
-    if not known.covers_the_plate:
-        certain = "" if known.confidence == 1 else f" ({known.confidence:.0%})"
-        sentences.append(
-            f"So no near holds over the whole plate; this one holds for at least "
-            f"{percent(known.share_within_at_least)} of its apertures{certain}."
         )
     return textwrap.fill(" ".join(sentences), LINE_CHARACTERS)
 
@@ -187,7 +176,9 @@ def _no_share(known: PlateResult) -> str:
 
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:
-    """Return the command that draws the first of some apertures as planned."""
+    """Return the command that draws as planned: the plate, or the first of some apertures."""
     assert made.near is not None and made.depth is not None and made.mapping is not None
     settings = DoubleFrustum(near=made.near, depth=made.depth, mapping=made.mapping, slabs=made.slabs)
+    if made.plate is not None:
+        return plate_command(scene, settings)
     return raster_command(scene, apertures[0], settings)

@@ -10,7 +10,7 @@ outputs                Outputs that are whole or absent: probed before the work,
                        at the end
 progress               One look for every progress bar
 provenance             Versions, machine and scene: what a measurement must carry to be repeated
-raster_command         The command that draws with some settings, to be copied
+raster_command         The commands that draw an aperture or the plate with some settings, to be copied
 records                Records as tables: columns and their types follow from the fields of a dataclass,
                        not from the data
 summaries              What results print with `--json`: each result has a record, and its summary is the

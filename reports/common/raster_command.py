@@ -1,8 +1,9 @@
-"""The command that draws with some settings, to be copied."""
+"""The commands that draw an aperture or the plate with some settings, to be copied."""
 
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum, Fit, Offset, Pivot
@@ -14,7 +15,19 @@ def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) ->
     words = ["xfrustum", "raster", scene.source or scene.name]
     if aperture != scene.plate.middle:
         words += ["--aperture", f"{aperture.column},{aperture.row}"]
-    words += ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]
+    return shlex.join([*words, *_options(settings), "--out", "raster.exr"])
+
+
+def plate_command(scene: Scene, settings: DoubleFrustum) -> str:
+    """Return the command that draws the whole plate with these settings, quoted for a shell."""
+    source = scene.source or scene.name
+    words = ["xfrustum", "plate", source, *_options(settings), "--out", f"{Path(source).stem}.zarr"]
+    return shlex.join(words)
+
+
+def _options(settings: DoubleFrustum) -> list[str]:
+    """Return the options that stand for these settings, the same for an aperture and the plate."""
+    words = ["--near", f"{settings.near:g}", "--depth", str(settings.depth)]
     words += ["--mapping", str(settings.mapping)]
     # Options that are left out have their usual values.
     if settings.pivot is not Pivot.APERTURE:
@@ -27,4 +40,4 @@ def raster_command(scene: Scene, aperture: Aperture, settings: DoubleFrustum) ->
         words += ["--slabs", ",".join(f"{height:g}" for height in settings.slabs)]
     if settings.cull is not Cull.NONE:
         words += ["--cull", str(settings.cull)]
-    return shlex.join([*words, "--out", "raster.exr"])
+    return words

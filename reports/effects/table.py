@@ -10,7 +10,7 @@ from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.provenance import SceneName
 from xfrustum.reports.effects.cost_record import PROCEDURE, RENDERERS, Cost
-from xfrustum.reports.effects.depths import DepthRow, Depths
+from xfrustum.reports.effects.depths import EXAMPLE_SUB_APERTURES, DepthRow, Depths
 from xfrustum.reports.effects.plan import EffectsPlan, Row
 from xfrustum.scenes.appearance.sampling import Transport
 from xfrustum.scenes.model.effects import Effect
@@ -176,12 +176,18 @@ def table(plan: EffectsPlan) -> str:
             row.name,
             "used" if row.used else "left out",
             *(_time(row.costs.get(r)) for r in measured),
-            row.reason,
+            _because(row),
         )
         for row in plan.rows
     ]
     parts = (_columns(lines), [""], _by_object(plan), [""], _by_depth(plan), [""], _sentences(plan))
     return "\n".join(line for part in parts for line in part)
+
+
+def _because(row: Row) -> str:
+    """Return the reason of a row, and where the text says what an effect that is left out would change."""
+    left_out = row.name == "band-limiting" and not row.used
+    return f"{row.reason}; what it would change is said below" if left_out else row.reason
 
 
 def _columns(lines: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -204,25 +210,36 @@ def _by_object(plan: EffectsPlan) -> Iterator[str]:
 def _by_depth(plan: EffectsPlan) -> Iterator[str]:
     """Yield the content of the frustum by depth, and what bounds its errors."""
     found, units = plan.depths, plan.scene.units
+    aperture = f"{plan.aperture.column},{plan.aperture.row}"
+    listed = ", ".join(map(digits, found.cuts))
+    cuts = f"cut at {listed} {units}" if found.cuts else "without cuts"
     yield (
-        f"depth of what lies in the frustum of aperture {plan.aperture.column},{plan.aperture.row}, "
-        f"hidden surfaces included; near {digits(found.near)} {units}, {plan.settings.depth_label}:"
+        f"depth of what lies in the frustum of aperture {aperture}, "
+        f"hidden surfaces included; near {digits(found.near)} {units}, {cuts}, {plan.settings.depth_label}:"
     )
     lines: list[tuple[str, ...]] = [
         (f"|z| ({units})", "surface", "near offset", "shear", "separation", "blur", "sub-apertures")
     ]
     lines += [_depth_cells(row, units) for row in found.rows]
     yield from _columns(lines)
-    yield "near offset: displacement of the nearest content in the film's corner; shear: more by pivot camera"
+    beyond = "; neither moves what lies beyond the first cut" if found.cuts else ""
+    yield (
+        "near offset: displacement of the nearest content in the film's corner; shear: more by pivot "
+        f"camera{beyond}"
+    )
     yield "separation: what the depth buffer orders at the farthest content; blur: by the area of the hogel"
     if found.largest_near is None:
-        yield f"no near keeps content that touches the plate within {digits(found.tolerance_px)} px"
+        answer = f"no near keeps content that touches the plate within {digits(found.tolerance_px)} px"
     else:
-        yield (
+        answer = (
             f"a near of {digits(found.largest_near)} {units} keeps everything within "
             f"{digits(found.tolerance_px)} px"
         )
-    yield _band_limiting(found)
+    yield (
+        f"for aperture {aperture} alone, hidden surfaces included: {answer}; "
+        "for the plate ask `xfrustum plan`"
+    )
+    yield _band_limiting(found, plan.scene.sampling.aperture)
 
 
 def _blur(least: float | None, largest: float | None) -> str:
@@ -244,15 +261,32 @@ def _depth_cells(row: DepthRow, units: str) -> tuple[str, ...]:
     )
 
 
-def _band_limiting(found: Depths) -> str:
-    """Say whether band limiting is needed, and with how many sub-apertures."""
+def _band_limiting(found: Depths, used: int) -> str:
+    """Say how far off edges may be without band limiting, and with how many sub-apertures how much less.
+
+    Parameters
+    ----------
+    found
+        Content by depth, with the bounds.
+    used
+        Number of sub-apertures that are asked for.
+    """
     if found.sub_apertures == 1:
         return "band limiting: not needed; the area of the hogel changes no pixel by a level of 8 bits"
-    count = found.sub_apertures
-    most = "more than 65,536 sub-apertures" if count is None else f"{count:,} sub-apertures"
+    without, *others = found.band_errors
+    now = "not used" if used == 1 else f"{used:,} sub-apertures are used"
+    most = max(EXAMPLE_SUB_APERTURES) + 1 if found.sub_apertures is None else found.sub_apertures
+    parts = [
+        f"{one.sub_apertures:,} sub-apertures: up to {digits(one.levels)} levels"
+        for one in others
+        if one.sub_apertures < most
+    ]
+    enough = "more than 65,536" if found.sub_apertures is None else f"{found.sub_apertures:,}"
     return (
-        f"band limiting: needed; {most} keep its error at an edge of contrast {digits(found.contrast)} "
-        "under a level of 8 bits (--aperture-samples auto)"
+        f"band limiting: {now}; without it edges may be off by up to {digits(without.levels)} levels of "
+        f"8 bits (at the worst pixel of an edge of contrast {digits(found.contrast)}); "
+        f"{''.join(f'{part}; ' for part in parts)}"
+        f"{enough} keep it under one level (--aperture-samples auto)"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -173,8 +174,43 @@ def test_apertures_that_a_surface_passes_through_are_hopeless_and_their_share_is
     made = json.loads(capsys.readouterr().out)
     plate = made["plate"]
     assert made["near"] is not None and not made["within"]
+    # In the order of columns: those over the square, which reaches from -20.5 to -0.5.
+    assert plate["hopeless_apertures"] == [[0, 0], [1, 0], [2, 0], [3, 0]]
+    assert plate["set_aside_apertures"] == []
+    assert made["reason"].startswith(
+        "No settings hold for the whole plate: through 4 of the 8 apertures that were looked through "
+        "(0,0; 1,0; 2,0; 3,0) a surface passes, and no near draws that. For the others, at least 50 % of the "
+        "plate: One pair of frusta is enough."
+    )
     assert plate["hopeless"] == 4 and plate["measured"] == 4 and plate["confidence"] == 1.0
     assert plate["share_within_at_least"] == 0.5 == plate["share_beyond_at_most"]
+
+
+def test_the_text_begins_with_what_no_settings_draw_and_ends_in_a_command_for_the_plate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(["plan", crossed(tmp_path, rotate_deg=[30.0, 0.0, 0.0]), "--sample", "8", "--quiet"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("No settings hold for the whole plate")
+    assert "Without these apertures the plan holds" in text and "DOES NOT" not in text
+    command = shlex.split(text.splitlines()[-1])
+    assert command[:2] == ["xfrustum", "plate"] and command[-2:] == ["--out", "crossed.zarr"]
+    monkeypatch.chdir(tmp_path)
+    assert main([*command[1:], "--quiet"]) == 0
+    assert (tmp_path / "crossed.zarr").is_dir()
+
+
+def test_a_sentence_names_no_more_than_five_apertures(scouted: Scout, near_ball: Scene) -> None:
+    """The list in JSON has more of them, and the counts are those of all."""
+    none = planner(near_ball, scouted)._without_plan("")
+    assert none.plate is not None
+    seven = tuple((column, 2) for column in range(7))
+    aside = replace(
+        none.plate, set_aside=7, set_aside_apertures=seven, hopeless=1, hopeless_apertures=(OVER,)
+    )
+    assert "7 others (0,2; 1,2; 2,2; 3,2; 4,2; ..) are set aside" in aside.exceptions
+    assert "(7,1) a surface passes" in aside.exceptions
+    assert aside.summary()["set_aside_apertures"] == seven
 
 
 def test_a_surface_that_lies_in_the_plate_is_drawn_where_it_is(
@@ -211,7 +247,9 @@ def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
     assert made.settings is not None and made.plate is not None and not made.within
     assert 1 <= made.plate.set_aside <= 3
     assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
-    assert made.reason.startswith("Over the whole plate: No plan")
+    assert made.reason.startswith("No settings hold for the whole plate: ")
+    assert f"{OVER[0]},{OVER[1]}" in made.reason and "For all of them together: No plan" in made.reason
+    assert OVER in made.plate.set_aside_apertures
     assert 0 < made.plate.share_beyond_at_most <= 3 / 63
 
 

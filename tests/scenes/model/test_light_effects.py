@@ -311,10 +311,40 @@ def test_explain_says_what_bounds_the_errors_at_each_depth() -> None:
     moved = 8 * 2**0.5 * told["largest_near"] / (5 + told["largest_near"])
     assert moved == pytest.approx(told["tolerance_px"])
     assert told["contrast"] == pytest.approx(0.7) and told["sub_apertures"] == 8192
-    assert "band limiting: needed; 8,192 sub-apertures" in table(plan)
+    levels = {one["sub_apertures"]: one["levels"] for one in told["band_errors"]}
+    # A blur of more than a pixel: without band limiting half the contrast, else the points' discrepancy.
+    assert levels[1] == pytest.approx(0.7 * 255 / 2) and levels[256] == pytest.approx(0.7 * 255 * 0.0329)
+    text = table(plan)
+    assert "band limiting: not used; without it edges may be off by up to 89.2 levels" in text
+    assert "8,192 keep it under one level" in text and "4,096 sub-apertures: up to 1.28 levels" in text
+    assert "alone, hidden surfaces included: a near of" in text and "without cuts" in text
     inside = [row["side"] for row in summary(explain(scene(sheet(z=0.0))))["depths"]["rows"]]
     assert inside == ["behind", "before"] and "without end" in table(explain(scene(sheet(z=0.0))))
     [sheet_record] = summary(plan)["objects"]
     assert sheet_record["in_sight"] and sheet_record["effects"] == ["ambient", "diffuse"]
     beyond = summary(explain(scene(sheet(), sheet(z=-500.0))))["objects"][1]
     assert not beyond["in_sight"] and beyond["effects"] == []
+
+
+def test_explain_displaces_nothing_beyond_the_first_cut() -> None:
+    """A sheet 5 behind the plate: cut below it, no near moves it; above it, the fit leaves a part."""
+    below, above = (
+        explain(scene(), settings=DoubleFrustum(near=0.1, slabs=cut)) for cut in ((4.0,), (10.0,))
+    )
+    [row] = summary(below)["depths"]["rows"]
+    assert row["near_px"] == 0 and summary(below)["depths"]["largest_near"] == 4.0
+    assert "cut at 4 units" in table(below) and "beyond the first cut" in table(below)
+    [row] = summary(above)["depths"]["rows"]
+    assert row["near_px"] == pytest.approx(8 * 2**0.5 * 0.1 / 5.1 * (1 - 5 / 10))
+    largest = summary(above)["depths"]["largest_near"]
+    assert 8 * 2**0.5 * largest / (5 + largest) * (1 - 5 / 10) == pytest.approx(0.5)
+
+
+def test_explain_tells_the_separation_in_the_slab_that_draws_a_depth() -> None:
+    """Standard depth of a camera in the aperture, has steps in proportion to 1/near - 1/far."""
+    whole = explain(scene(), settings=DoubleFrustum(near=0.01, depth="d16"))
+    cut = explain(scene(), settings=DoubleFrustum(near=0.01, depth="d16", slabs=(4.0,)))
+    [coarse], [fine] = (summary(one)["depths"]["rows"] for one in (whole, cut))
+    far = scene().frustum.reach[1]
+    steps = (1 / 0.01 - 1 / (far + 0.01)) / (1 / 4 - 1 / far)
+    assert coarse["separation"] / fine["separation"] == pytest.approx(steps, rel=0.02)

@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 @click.command()
 @options.scene_argument
-@options.aperture_option
+@click.option(
+    "--aperture",
+    type=options.Index(),
+    help="Column,row on the plate: plan for this aperture alone.  [default: the whole plate]",
+)
 @click.option(
     "--apertures",
     type=options.CountOrAuto(),
