@@ -78,6 +78,21 @@ def make_study(out: Path | None = None, grid: Grid = FULL, *, progress: bool = F
     return write_study(rows, measured_with, out)
 
 
+def rewrite_document(folder: Path) -> Path:
+    """Write the document of a folder again, from the data that lie there; nothing is measured or drawn.
+
+    Raises
+    ------
+    InputError
+        An unwritable folder.
+    """
+    rows, origin = read_parquet(folder / DATA)
+    with Staging(folder, (DOCUMENT,)) as staging:
+        (staging.folder / DOCUMENT).write_text(document(rows, origin), encoding="utf-8")
+        staging.commit()
+    return folder / DOCUMENT
+
+
 def write_study(rows: Sequence[StudyRow], origin: Origin, out: Path) -> StudyFiles:
     """Write document, figures and data of some rows.
 

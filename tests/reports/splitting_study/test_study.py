@@ -33,7 +33,14 @@ from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Family, 
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureWorkbench
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
 from xfrustum.reports.splitting_study.store import Store, origin_hash
-from xfrustum.reports.splitting_study.study import DATA, DOCUMENT, IMAGES, RESULTS, StudyFiles, make_study
+from xfrustum.reports.splitting_study.study import (
+    DATA,
+    DOCUMENT,
+    IMAGES,
+    RESULTS,
+    StudyFiles,
+    make_study,
+)
 from xfrustum.reports.splitting_study.suitability import (
     Case,
     Suitability,

@@ -18,7 +18,7 @@ from xfrustum.reports.effects.costs import cost
 from xfrustum.reports.effects.plan import explain
 from xfrustum.reports.effects.table import _time, summary, table
 from xfrustum.reports.error_report.shading import _more
-from xfrustum.scenes import Camera, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
+from xfrustum.scenes import Camera, DepthFormat, DoubleFrustum, Frustum, InputError, Plate, Scene, SceneObject
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import DirectionalLight, Environment
 from xfrustum.scenes.appearance.material import Material
@@ -342,8 +342,8 @@ def test_explain_displaces_nothing_beyond_the_first_cut() -> None:
 
 def test_explain_tells_the_separation_in_the_slab_that_draws_a_depth() -> None:
     """Standard depth of a camera in the aperture, has steps in proportion to 1/near - 1/far."""
-    whole = explain(scene(), settings=DoubleFrustum(near=0.01, depth="d16"))
-    cut = explain(scene(), settings=DoubleFrustum(near=0.01, depth="d16", slabs=(4.0,)))
+    whole = explain(scene(), settings=DoubleFrustum(near=0.01, depth=DepthFormat.D16))
+    cut = explain(scene(), settings=DoubleFrustum(near=0.01, depth=DepthFormat.D16, slabs=(4.0,)))
     [coarse], [fine] = (summary(one)["depths"]["rows"] for one in (whole, cut))
     far = scene().frustum.reach[1]
     steps = (1 / 0.01 - 1 / (far + 0.01)) / (1 / 4 - 1 / far)
