@@ -114,7 +114,9 @@ class PlateResult:
             counted = f"{self.set_aside:,} others" if self.hopeless else f"{self.set_aside:,} {looked}"
             verb = "is" if self.set_aside == 1 else "are"
             named = _named(self.set_aside_apertures, self.set_aside)
-            parts.append(f"{counted} ({named}) {verb} set aside, since none hold for these and all the rest")
+            parts.append(
+                f"{counted} ({named}) {verb} set aside, since none hold for them together with the rest"
+            )
         # Rounded down, for it is a lower bound.
         share = f"{math.floor(100 * self.share_within_at_least)} %"
         certain = "" if self.confidence == 1 else f" ({self.confidence:.0%})".replace("%", " %")

@@ -121,7 +121,7 @@ class PlatePlanner:
         assert made.settings is not None
         left = {look.aperture.index for look in kept}
         aside = [look.aperture.index for look in looks if look.aperture.index not in left]
-        reason = f"{made.reason} For all of them together: {whole.reason}" if aside else made.reason
+        reason = f"{made.reason} For all apertures together: {whole.reason}" if aside else made.reason
         sample = self._sampled(views, made.settings, wanted)
         return self._measured(replace(made, reason=reason), views, sample, aside)
 

@@ -132,8 +132,8 @@ def _at_plate(views: Views) -> str:
         column, row = views.views[worst].aperture.index
         return (
             f"At {column},{row} a surface passes through the aperture itself and makes up "
-            f"{shares[worst]:.0%} of what is seen. The cameras draw only the part of that surface that lies "
-            "closer to the plate than near, wherever it belongs: no near is small enough."
+            f"{100 * shares[worst]:.0f} % of what is seen. The cameras draw only the part of that surface "
+            "that lies closer to the plate than near, wherever it belongs: no near is small enough."
         )
     smallest = SMALLEST_PER_REACH * views.scene.frustum.longest_reach
     return f"What is seen lies closer to the plate than the smallest cut, {smallest:.2g} {views.scene.units}."

@@ -115,7 +115,7 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
 
 def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: Requirement) -> str:
     """Return a plan as aligned lines that end in the command that draws so."""
-    lines = [textwrap.fill(made.reason, LINE_CHARACTERS)]
+    lines = [_filled(made.reason)]
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
         return "\n".join([*lines, *([] if made.plate is None else [_no_share(made.plate)])])
@@ -160,19 +160,24 @@ def _answer(made: Plan, apertures: Sequence[Aperture], requirement: Requirement)
     else:
         sentences.append(
             f"{known.beyond} of {known.sampled} drawn at random are beyond what is required: at most "
-            f"{percent(share)} of all ({known.confidence:.0%})."
+            f"{percent(share)} of all ({percent(known.confidence)})."
         )
-    return textwrap.fill(" ".join(sentences), LINE_CHARACTERS)
+    return _filled(" ".join(sentences))
 
 
 def _no_share(known: PlateResult) -> str:
     """Say that a near holds at none of the apertures that were looked through."""
     blocked = f", at {known.hopeless} of them because a surface passes through" if known.hopeless else ""
-    return textwrap.fill(
+    return _filled(
         f"A near was found for no share of the plate's {known.hogels:,} hogels: for none of the "
-        f"{known.scouted} that were looked through{blocked}.",
-        LINE_CHARACTERS,
+        f"{known.scouted} that were looked through{blocked}."
     )
+
+
+def _filled(text: str) -> str:
+    """Return text in lines of `LINE_CHARACTERS`, none of which begins with a percent sign."""
+    kept = text.replace(" %", "\N{NO-BREAK SPACE}%")
+    return textwrap.fill(kept, LINE_CHARACTERS).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def command(made: Plan, scene: Scene, apertures: Sequence[Aperture]) -> str:

@@ -248,7 +248,7 @@ def test_where_the_search_finds_no_plan_the_hardest_apertures_are_set_aside(
     assert 1 <= made.plate.set_aside <= 3
     assert made.plate.worst is not None and made.plate.worst.aperture.index == OVER
     assert made.reason.startswith("No settings hold for the whole plate: ")
-    assert f"{OVER[0]},{OVER[1]}" in made.reason and "For all of them together: No plan" in made.reason
+    assert f"{OVER[0]},{OVER[1]}" in made.reason and "For all apertures together: No plan" in made.reason
     assert OVER in made.plate.set_aside_apertures
     assert 0 < made.plate.share_beyond_at_most <= 3 / 63
 
