@@ -124,7 +124,9 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize(("stop", "times"), [(signal.SIGINT, 1), (signal.SIGTERM, 2)])
+@pytest.mark.parametrize(
+    ("stop", "times"), [(signal.SIGINT, 1), pytest.param(signal.SIGTERM, 2, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 def test_a_signal_ends_the_command_whatever_is_made_of_its_exception(
     body: str, stop: signal.Signals, times: int, tmp_path: Path

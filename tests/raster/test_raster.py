@@ -198,6 +198,7 @@ def resident_mib() -> float:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux's /proc for its memory")
+@pytest.mark.slow
 def test_two_hundred_images_of_changing_formats_do_not_grow_the_process() -> None:
     """A leaked target of this size is 5 MiB: 200 of them would be a gigabyte."""
     scene = view("asymmetric", (512, 512))

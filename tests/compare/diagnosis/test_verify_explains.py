@@ -77,12 +77,14 @@ def test_apertures_at_the_corners_of_hogels_are_named_as_such() -> None:
         assert all("corners of hogels" in fault.words for fault in found.diagnosis.faults)
 
 
+@pytest.mark.slow
 def test_a_moved_scene_is_told_from_moved_apertures_where_the_screen_stays() -> None:
     check(verified(CENTERED, offset=(0.3, 0, 0)), {"scene-offset-x": (0.3, ("aperture-offset-x",))})
     check(verified(RECENTERED, offset=(0.3, 0, 0)), {"scene-offset-x": (0.3, ())})
     check(verified(CENTERED, offset=(0, 0, 0.5)), {"scene-offset-z": (0.5, ())})
 
 
+@pytest.mark.slow
 def test_a_scene_in_wrong_units_is_a_plate_in_wrong_units_where_no_screen_stays() -> None:
     check(verified(CENTERED, scale=1.1), {"scene-scale": (1.1, ("pitch-x", "pitch-y"))})
     check(verified(RECENTERED, scale=1.1), {"scene-scale": (1.1, ())})
@@ -106,6 +108,7 @@ def test_a_scene_so_small_that_one_hogel_sees_it_is_known_by_its_units() -> None
     assert found.summary()["corrected"]["fraction"] < 0.01
 
 
+@pytest.mark.slow
 def test_what_does_not_explain_is_no_finding() -> None:
     # An offset of 5 mm widens the picture most near the plate, which no field of view does.
     found = verified(CENTERED, near=5.0, shown="color")
@@ -145,7 +148,7 @@ def _flattened(scene: Scene, height: float) -> Any:
     return vertices
 
 
-@pytest.mark.parametrize("front", [Front.NEAREST, Front.MISSING])
+@pytest.mark.parametrize("front", [Front.NEAREST, pytest.param(Front.MISSING, marks=pytest.mark.slow)])
 def test_colors_tell_which_surface_of_the_viewers_half_wins(front: Front) -> None:
     scene = small(CENTERED, SIZE)
     reference, model = Reference(scene), DrawnModel(front=front)

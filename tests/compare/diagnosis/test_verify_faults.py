@@ -121,6 +121,7 @@ def test_in_a_renderer_that_is_right_nothing_is_named(scene: str) -> None:
     assert summary["as_found"]["displacement_px"]["worst_p99"] < 0.5
 
 
+@pytest.mark.slow
 def test_an_offset_that_is_stated_is_part_of_the_question() -> None:
     world = small(size=SIZE)
     with Faulty(scene=world, near=2.0) as renderer:

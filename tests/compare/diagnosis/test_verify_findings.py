@@ -136,6 +136,7 @@ def test_a_guess_that_shows_nothing_does_not_explain_what_is_shown() -> None:
     assert (test.share(DrawnModel(scene_scale=1e-6)) or 0.0) < MIN_EXPLAINED_FRACTION
 
 
+@pytest.mark.slow
 def test_what_is_wrong_for_no_known_reason_is_not_called_as_asked() -> None:
     scene = small("asymmetric", SIZE)
     reference = Reference(scene)

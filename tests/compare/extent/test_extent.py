@@ -66,7 +66,7 @@ def one(corners: object) -> SceneObject:
 
 
 @FRUSTA
-@pytest.mark.parametrize("size", [0.3, 5.0])
+@pytest.mark.parametrize("size", [0.3, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_what_the_truth_shows_is_in_sight(frustum: Frustum, size: float) -> None:
     """Most objects in sight show, so that the test does not always say yes."""
     scene = soup(triangles(5, 250, size), frustum)

@@ -147,8 +147,13 @@ ENCODED: dict[str, tuple[Paint, dict[str, float | str]]] = {
 }
 """Ways to store triangle numbers wrongly: what is written, and what must be named with which value."""
 
+QUICK = ("blue and red exchanged", "numbers not plus one", "low byte", "resampled", "shaded")
+"""One of each kind; the others are slow."""
 
-@pytest.mark.parametrize("name", ENCODED)
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ENCODED]
+)
 def test_wrongly_stored_numbers_fail_and_their_cause_is_named(
     name: str, world: Scene, hogels: dict[str, list[HogelImage]]
 ) -> None:
@@ -335,7 +340,13 @@ WRONG_GEOMETRY: dict[str, tuple[str, Paint]] = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG_GEOMETRY)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in ("rolled by one", "near") else pytest.mark.slow)
+        for name in WRONG_GEOMETRY
+    ],
+)
 def test_wrong_geometry_fails_in_any_shading(
     name: str, world: Scene, hogels: dict[str, list[HogelImage]]
 ) -> None:

@@ -266,7 +266,7 @@ def test_no_larger_near_is_predicted_to_hold(
 @pytest.mark.parametrize(
     ("name", "requirement", "choices"),
     [
-        ("car", Requirement(), depth_buffers()),
+        pytest.param("car", Requirement(), depth_buffers(), marks=pytest.mark.slow),
         pytest.param("car", Requirement(separation=0.003), [D16], marks=pytest.mark.slow),
         ("sheets", Requirement(separation=0.003), depth_buffers(DepthFormat.D24, DepthMapping.REVERSED)),
         ("asymmetric-recentered", Requirement(tolerance_px=0.05), [D24]),

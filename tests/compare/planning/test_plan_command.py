@@ -34,6 +34,7 @@ def test_a_separation_that_no_float_resolves_leaves_no_plan() -> None:
     assert list(made.summary()["predicted"]) == list(made.summary()["measured"]) == KEYS
 
 
+@pytest.mark.slow
 def test_too_many_slabs_are_no_plan_and_the_reason_says_what_comes_nearest() -> None:
     scene = view("sheets", (64, 48))
     made = plan(scene, [scene.plate.middle], Requirement(separation=1e-4), [D16])

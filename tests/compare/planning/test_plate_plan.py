@@ -93,6 +93,7 @@ def test_a_plan_of_the_plate_holds_at_its_worst_hogel(near_ball: Scene, scouted:
     assert displaced(near_ball, made, near_ball.plate.aperture(*OVER)) <= 0.5
 
 
+@pytest.mark.slow
 def test_what_the_middle_allows_fails_over_the_ball(near_ball: Scene, blind: Scout) -> None:
     """Without the look from over the ball, and with a sample that misses it, the plan is wrong there."""
     taken = planner(near_ball, blind)
@@ -213,6 +214,7 @@ def test_a_sentence_names_no_more_than_five_apertures(scouted: Scout, near_ball:
     assert aside.summary()["set_aside_apertures"] == seven
 
 
+@pytest.mark.slow
 def test_a_surface_that_lies_in_the_plate_is_drawn_where_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

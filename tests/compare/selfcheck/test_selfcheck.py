@@ -203,7 +203,13 @@ def test_processes_make_no_difference() -> None:
     assert one.sphere is None
 
 
-@pytest.mark.parametrize("name", SHARED_SCENES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name == "teapot-recentered" else pytest.mark.slow)
+        for name in SHARED_SCENES
+    ],
+)
 def test_scene_files_agree(name: str) -> None:
     check = selfcheck([view(name, (1, 1)).source], quick=True)
     assert check.agrees, table(check)

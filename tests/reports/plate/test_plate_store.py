@@ -253,6 +253,7 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 
 
+@pytest.mark.slow
 def test_what_another_is_drawing_is_waited_for_and_not_drawn_twice(tmp_path: Path, clean: Path) -> None:
     """Another process has claimed a hogel: the others are drawn, and then either its work is used or done."""
     out = tmp_path / "x.zarr"

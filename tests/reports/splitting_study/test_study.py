@@ -173,7 +173,9 @@ def test_the_study_asks_what_the_planner_asks() -> None:
     assert SEPARATION_PER_REACH == ASKED_SEPARATION
 
 
-@pytest.mark.parametrize("buffer", TINY.buffers)
+@pytest.mark.parametrize(
+    "buffer", [TINY.buffers[0], *(pytest.param(each, marks=pytest.mark.slow) for each in TINY.buffers[1:])]
+)
 def test_the_planner_cuts_as_often_and_draws_no_fewer_slabs(
     buffer: tuple[DepthFormat, DepthMapping], tiny: StudyFiles
 ) -> None:
