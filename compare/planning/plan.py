@@ -141,17 +141,7 @@ def predicted_plan(
     searched = Search(views, requirement)
     found = search(searched, choices, done)
     if found.best is None:
-        only = choices[0] if len(choices) == 1 else (None, None)
-        return Plan(
-            near=None,
-            slabs=(),
-            depth=only[0],
-            mapping=only[1],
-            predicted=None,
-            measured=None,
-            within=False,
-            reason=why_not(found, views, requirement),
-        )
+        return no_plan(choices, why_not(found, views, requirement))
     best = most_robust(searched, found.holding)
     return Plan(
         near=best.settings.near,
@@ -197,3 +187,18 @@ def search(
         done(1)
     done(MAX_CUTS + 1 - cuts)
     return Outcome(choices=choices, finest=min(finest.values()), failed=failed, holding=holding)
+
+
+def no_plan(choices: Sequence[DepthBuffer], reason: str) -> Plan:
+    """Return the plan that says why there is none; it names a depth buffer where there was no other choice."""
+    depth, mapping = choices[0] if len(choices) == 1 else (None, None)
+    return Plan(
+        near=None,
+        slabs=(),
+        depth=depth,
+        mapping=mapping,
+        predicted=None,
+        measured=None,
+        within=False,
+        reason=reason,
+    )

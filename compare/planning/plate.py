@@ -25,7 +25,7 @@ from xfrustum.compare.planning.hogels import (
 )
 from xfrustum.compare.planning.measure import measured, meets
 from xfrustum.compare.planning.partial import largest_share
-from xfrustum.compare.planning.plan import Plan, predicted_plan
+from xfrustum.compare.planning.plan import Plan, no_plan, predicted_plan
 from xfrustum.compare.planning.reason import disproved
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement, View, Views
@@ -128,16 +128,8 @@ class PlatePlanner:
     def _without_plan(self, reason: str) -> Plan:
         """Return the plan that there is none, for no share of the plate."""
         columns, rows = self.reference.scene.plate.hogels
-        only = self.choices[0] if len(self.choices) == 1 else (None, None)
-        return Plan(
-            near=None,
-            slabs=(),
-            depth=only[0],
-            mapping=only[1],
-            predicted=None,
-            measured=None,
-            within=False,
-            reason=reason,
+        return replace(
+            no_plan(self.choices, reason),
             plate=PlateResult(
                 hogels=columns * rows,
                 scouted=len(self.scouted.looks),

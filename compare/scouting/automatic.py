@@ -88,7 +88,7 @@ class AutoApertures:
 def _worst(looks: Sequence[Look], units: str) -> list[tuple[Aperture, str]]:
     """Return the worst aperture in each respect, with the respect in words; none where there are no looks.
 
-    Of several that are equally bad the first is the worst.
+    The first of several that are equally bad is the worst.
     """
     if not looks:
         return []
