@@ -190,7 +190,7 @@ def search(
 
 
 def no_plan(choices: Sequence[DepthBuffer], reason: str) -> Plan:
-    """Return the plan that says why there is none; it names a depth buffer where there was no other choice."""
+    """Return the plan that says why there is none, with a depth buffer where there was no other choice."""
     depth, mapping = choices[0] if len(choices) == 1 else (None, None)
     return Plan(
         near=None,
