@@ -33,8 +33,14 @@ ROUNDING_MARGIN = 2.0**-16
 """Margin of all lateral bounds, as a share of the largest term: a transform in float32 is off by at most
 eight roundings of 2^-24 of the sum of its terms (raster/plate/clusters), and 2^-16 is 32 times as much."""
 
-TRIANGLES_IN_CHUNK = 1 << 12
-"""Triangles that are tried together: in most objects that are shown, one of the first is."""
+FIRST_TRIANGLES = 1 << 6
+"""Triangles that are tried first: in most objects that are shown, one of them is."""
+
+CHUNK_GROWTH = 8
+"""Factor by which each further chunk is larger than the one before, up to `MAX_TRIANGLES_IN_CHUNK`."""
+
+MAX_TRIANGLES_IN_CHUNK = 1 << 15
+"""Largest number of triangles that are tried together. This bounds the memory, some 500 bytes for each."""
 
 Rectangle = tuple[tuple[float, float], tuple[float, float]]
 
@@ -193,5 +199,7 @@ def _cells(plate: Plate, apertures: Iterable[Aperture] | None) -> Rectangle:
 
 def _in_chunks(vertices: Floats, faces: Indices) -> Iterator[Floats]:
     """Yield (F, 3, 3) corners of triangles, some at a time."""
-    for start in range(0, len(faces), TRIANGLES_IN_CHUNK):
-        yield vertices[faces[start : start + TRIANGLES_IN_CHUNK]]
+    start, size = 0, FIRST_TRIANGLES
+    while start < len(faces):
+        yield vertices[faces[start : start + size]]
+        start, size = start + size, min(size * CHUNK_GROWTH, MAX_TRIANGLES_IN_CHUNK)

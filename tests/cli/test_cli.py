@@ -18,6 +18,7 @@ import OpenEXR
 import pytest
 
 import xfrustum
+from tests.support.long_tail import thinned
 from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, named, part
 from xfrustum.cli import failure as cli_failure
@@ -390,7 +391,8 @@ def test_python_m_xfrustum_returns_the_exit_status() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stop", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+    ("stop", "status", "word"),
+    thinned([(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")], 2),
 )
 def test_a_report_that_is_stopped_says_so_and_leaves_nothing(
     stop: signal.Signals, status: int, word: str, tmp_path: Path

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.brute_force import exact_s, first_hits, near_an_edge
+from tests.support.long_tail import kept, thinned
 from tests.support.views import lines_by_definition, soup, view
 from xfrustum.reference import Reference
 from xfrustum.reference.tracers.entry import CLEARANCE, ray_origins
@@ -48,7 +49,7 @@ HALVED = [(name, (width // 2, height // 2), aperture) for name, (width, height),
 
 @pytest.mark.parametrize(
     ("name", "resolution", "aperture"),
-    [*HALVED, *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES)],
+    [*thinned(HALVED, 2), *kept(CASES, ())],
 )
 def test_every_line_shows_what_brute_force_shows(
     name: str, resolution: tuple[int, int], aperture: tuple[int, int]

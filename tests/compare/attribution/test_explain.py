@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.compare.metrics.test_flips import pictured
+from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, reversed_d32f, view
 from xfrustum.compare.attribution.explain import explain, misplaced
 from xfrustum.raster import Rasterizer
@@ -60,7 +61,7 @@ def assert_explained(name: str, nears: tuple[float, ...]) -> None:
     assert [row for row in report if row[3]["unexplained"]] == []
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", thinned(SCENES, 2))
 def test_the_rasterizer_draws_its_model_and_nothing_is_unexplained(name: str) -> None:
     assert_explained(name, QUICK_NEARS)
 

@@ -10,6 +10,7 @@ import pytest
 
 import xfrustum
 from tests.support.foreign_renderers import Faulty, small
+from tests.support.long_tail import thinned
 from xfrustum.compare.diagnosis.diagnosis import diagnose
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.compare.renderer_model.drawn_trace import trace_drawn
@@ -73,7 +74,7 @@ def verified(scene: Scene, fault: str, near: float | None, apertures: list[tuple
     check(found, {**expected, **({"near": near} if near else {})})
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", thinned(FAULTS, 2))
 def test_a_wrong_shear_is_named_and_no_other_fault(fault: str) -> None:
     verified(small("asymmetric-recentered", SIZE), fault, None, SOME[:3])
 

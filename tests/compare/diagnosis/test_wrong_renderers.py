@@ -20,6 +20,7 @@ import OpenEXR
 import pytest
 
 import xfrustum
+from tests.support.long_tail import kept
 from tests.wrong_renderers.outcomes import Case, Outcome, Studio, cases, table, world_of
 from tests.wrong_renderers.ray_caster import draw
 from tests.wrong_renderers.toys import ENCODINGS, TOYS, TWINS
@@ -55,10 +56,7 @@ DISPLACED = frozenset(
 """Renderers that show surfaces where they do not belong, most of them by more than a pixel."""
 
 QUICK = {
-    ("attic", "triangle-id"): (
-        *("right", "black", "antialiased", "mirrored"),
-        *("corners", "tenth", "no-front", "culled"),
-    ),
+    ("attic", "triangle-id"): (*("right", "black", "mirrored", "tenth", "no-front"),),
     ("attic", "object-id"): ("right", "blue-red"),
     ("attic", "rgb"): ("right",),
     ("harbor", "triangle-id"): ("right",),
@@ -193,7 +191,7 @@ def verify_by_command(studio: Studio, case: Case, *options: str) -> tuple[int, s
     return status, written.getvalue()
 
 
-@pytest.mark.parametrize("toy", ["gray", "blue-red"])
+@pytest.mark.parametrize("toy", kept(["gray", "blue-red"], ["gray"]))
 def test_the_exit_status_of_what_is_wrong_is_one(studio: Studio, toy: str) -> None:
     status, text = verify_by_command(studio, Case(scene="attic", toy=toy, encoding="triangle-id"))
     assert status == 1

@@ -7,6 +7,7 @@ import logging
 import numpy as np
 import pytest
 
+from tests.support.long_tail import thinned
 from tests.support.views import reversed_d32f, view
 from xfrustum.compare import compare_images
 from xfrustum.compare.attribution.explain import misplaced
@@ -50,7 +51,7 @@ def closed_form(image: HogelImage, near: float) -> np.ndarray:
     return np.stack((width / 2 * u * per_film_unit, -height / 2 * v[:, None] * per_film_unit), axis=-1)
 
 
-@pytest.mark.parametrize(("name", "index"), MESHES + OTHERS)
+@pytest.mark.parametrize(("name", "index"), thinned(MESHES + OTHERS, 3))
 def test_displacement_measured_pixel_by_pixel_is_the_closed_form(name: str, index: tuple[int, int]) -> None:
     assert POSITION_ROUNDINGS <= 16
     scene = view(name, (256, 192))

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
+from tests.support.long_tail import thinned
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION, smallest_separation
 from xfrustum.raster import Rasterizer
 from xfrustum.scenes import (
@@ -147,9 +148,15 @@ def random_tilts(count: int) -> list[tuple[float, float]]:
     return [(float(s * np.cos(a)), float(s * np.sin(a))) for s, a in zip(slope, turn, strict=True)]
 
 
-@pytest.mark.parametrize(("depth", "mapping"), SETTINGS)
-@pytest.mark.parametrize(("near", "height"), PLACES)
-@pytest.mark.parametrize("tilt", [None, *random_tilts(2)])
+TILTS = [None, *random_tilts(2)]
+
+
+@pytest.mark.parametrize(
+    ("depth", "mapping", "near", "height", "tilt"),
+    thinned(
+        ((*one, *two, tilt) for one in SETTINGS for two in PLACES for tilt in [None, *random_tilts(2)]), 5
+    ),
+)
 def test_smallest_ordered_separation_is_as_predicted(
     near: float, height: float, tilt: tuple[float, float] | None, depth: DepthFormat, mapping: DepthMapping
 ) -> None:

@@ -118,6 +118,7 @@ def test_a_car_of_fewer_triangles_is_refused() -> None:
         tessellated_car(1000, 0.3)
 
 
+@pytest.mark.slow
 def test_table_1_is_measured_in_the_papers_terms(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "table1", "--resolution", "8", "--repeat", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

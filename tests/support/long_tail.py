@@ -1,0 +1,28 @@
+"""The long tail of a parametrized test: some cases run every time, all of them with the slow tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import pytest
+
+
+def thinned(cases: Iterable[Any], step: int, first: int = 0) -> list[Any]:
+    """Return cases as parameters: each `step`-th from `first` on runs every time, all others are slow.
+
+    With a step that has no common divisor with the lengths of the lists that a product was made of, the cases
+    that run every time go through all values of each list.
+    """
+    return [_parameter(case, number % step == first) for number, case in enumerate(cases)]
+
+
+def kept(cases: Iterable[Any], every_time: Iterable[Any]) -> list[Any]:
+    """Return cases as parameters: those in `every_time` run every time, all others are slow."""
+    quick = list(every_time)
+    return [_parameter(case, case in quick) for case in cases]
+
+
+def _parameter(case: Any, quick: bool) -> Any:
+    values: Sequence[Any] = case if isinstance(case, tuple) else (case,)
+    return pytest.param(*values, marks=() if quick else pytest.mark.slow)
