@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support.hard_views import MIDDLE, Index, companions_of, pixel_grid, scene_of, slopes, truth_of
+from tests.scenes.library.hard_views import (
+    MIDDLE,
+    Index,
+    companions_of,
+    pixel_grid,
+    scene_of,
+    slopes,
+    truth_of,
+)
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import NOTHING, Certainty, DoubleFrustum, HogelImage, Scene

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.scenes.library.hard_views import SMALL, Index, companions_of, scene_of, truth_of
 from tests.support.exact_brute_force import exact_pixels
-from tests.support.hard_views import SMALL, Index, companions_of, scene_of, truth_of
 from tests.support.long_tail import thinned
 from tests.support.views import lines_by_definition
 from xfrustum.compare import compare_images
