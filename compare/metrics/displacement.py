@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import pixel_centers, true_pixel
+from xfrustum.compare.metrics.drawn_points import PointsOnFilm
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
@@ -60,16 +60,25 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
     where it lies in the plate.
     """
-    return displacement_from(raster, camera, pixel_centers(camera, rows))
+    shown = PointsOnFilm.of(raster, camera)
+    return displacement_map(raster.triangle.shape, shown, shown.displacement(centers_in_rows(shown, rows)))
 
 
-def displacement_from(raster: HogelImage, camera: HogelCamera, drawn_at: Floats) -> Floats:
-    """Return the displacement, as `displacement` does, of pixels whose places (H, W, 2) are given."""
-    shift = true_pixel(raster.position, camera)
-    shift -= drawn_at
+def centers_in_rows(shown: PointsOnFilm, rows: slice = slice(None)) -> tuple[Floats, Floats]:
+    """Return columns and rows (N,) of the pixels that show points, in an image that has some of the rows."""
+    row, column = np.divmod(shown.points.pixels, shown.pencil.resolution[0])
+    return column.astype(np.float64), (row + (rows.start or 0)).astype(np.float64)
+
+
+def displacement_map(shape: tuple[int, ...], shown: PointsOnFilm, shift: Floats) -> Floats:
+    """Return the displacement of each pixel (H, W, 2), given that of the points that are shown (N, 2).
+
+    It is NaN where no point is shown off the plate.
+    """
     # Each vector is one complex number: numpy is several times slower along rows of two numbers.
-    shift.view(np.complex128)[..., 0][~raster.off_plate] = complex(np.nan, np.nan)
-    return shift
+    found = np.full(shape, complex(np.nan, np.nan))
+    found.reshape(-1)[shown.points.pixels] = shift.view(np.complex128)[:, 0]
+    return found.view(np.float64).reshape(*shape, 2)
 
 
 def lengths(shift: Floats) -> Floats:

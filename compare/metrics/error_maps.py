@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.displacement import Spread, displacement_from, lengths
-from xfrustum.compare.metrics.film import pixel_centers, pixel_centers_of
+from xfrustum.compare.metrics.displacement import Spread, centers_in_rows, displacement_map, lengths
+from xfrustum.compare.metrics.drawn_points import PointsOnFilm
 from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, each_part, in_bands
 from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.reference import Reference
@@ -66,8 +66,9 @@ def error_maps(
     """
 
     def judge(true: HogelImage, shown: HogelImage, rows: slice) -> tuple[ErrorMaps, Floats]:
-        maps = _judge(true, shown, reference, numbered, pixel_centers(truth.camera, rows))
-        return maps, lengths(maps.displacement)[shown.off_plate]
+        points = PointsOnFilm.of(shown, truth.camera)
+        shift = points.displacement(centers_in_rows(points, rows))
+        return _judge(true, shown, reference, numbered, points, shift), lengths(shift)
 
     bands = in_bands(truth, raster, judge)
     maps = _assembled(np.concatenate, [found for found, _ in bands])
@@ -131,8 +132,11 @@ def error_maps_beside(
         return judged.maps, judged.spread
 
     def judge(some: Indices) -> ErrorMaps:
-        centers = pixel_centers_of(truth.camera, some)
-        return _judge(truth.at(some), raster.at(some), reference, True, centers)
+        shown = raster.at(some)
+        points = PointsOnFilm.of(shown, truth.camera)
+        row, column = np.divmod(some[points.points.pixels], truth.camera.resolution[0])
+        shift = points.displacement((column.astype(np.float64), row.astype(np.float64)))
+        return _judge(truth.at(some), shown, reference, True, points, shift)
 
     parts = np.array_split(pixels, math.ceil(pixels.size / BAND_PIXELS))
     found = each_part(judge, parts, pixels.size)
@@ -167,25 +171,33 @@ def judged_pixels(truth: HogelImage) -> Mask:
 
 
 def _judge(
-    truth: HogelImage, raster: HogelImage, reference: Reference | None, numbered: bool, centers: Floats
+    truth: HogelImage,
+    raster: HogelImage,
+    reference: Reference | None,
+    numbered: bool,
+    shown: PointsOnFilm,
+    shift: Floats,
 ) -> ErrorMaps:
-    """Judge some pixels (H, W), given the places (H, W, 2) at which they were drawn."""
+    """Judge some pixels (H, W), given the points that they show and the displacement (N, 2) of these."""
     judged = judged_pixels(truth)
-    errors = surface_errors(truth, raster, reference) if reference else None
+    errors = surface_errors(truth, raster, reference, shown) if reference else None
+    same = (truth.triangle == raster.triangle) & judged
     return ErrorMaps(
         judged=judged,
         surface=errors.wrong & judged if errors else None,
         outside=errors.outside & judged if errors else None,
-        triangle=(truth.triangle != raster.triangle) & judged & numbered,
-        displacement=displacement_from(raster, truth.camera, centers),
-        height=_height_map(truth, raster, judged),
+        triangle=judged & ~same if numbered else np.zeros_like(judged),
+        displacement=displacement_map(judged.shape, shown, shift),
+        height=_height_map(truth, raster, same),
         radiance=None,
     )
 
 
-def _height_map(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:
-    same = truth.covered & (truth.triangle == raster.triangle) & judged
-    same &= np.isfinite(raster.height)
-    # Heights of pixels that are not the same may be any number.
-    with np.errstate(invalid="ignore", over="ignore"):
-        return np.where(same, raster.height - truth.height.astype(np.float64), np.nan)
+def _height_map(truth: HogelImage, raster: HogelImage, same: Mask) -> Floats:
+    """Return raster minus truth, (H, W), at the judged pixels with the same triangle number."""
+    pixels = np.flatnonzero(same & truth.covered)
+    height = raster.height.reshape(-1).take(pixels)
+    known = np.isfinite(height)
+    error = np.full(same.shape, np.nan)
+    error.reshape(-1)[pixels[known]] = height[known] - truth.height.reshape(-1).take(pixels[known])
+    return error
