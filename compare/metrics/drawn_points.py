@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +56,21 @@ class DrawnPoints:
             pixels=self.pixels.take(some),
             coordinates=self.coordinates.take(some, axis=1),
             triangle=self.triangle.take(some),
+        )
+
+    def moved_down(self, rows: int, width: int) -> DrawnPoints:
+        """Return the points of a band of rows as those of an image that has some rows above the band."""
+        return replace(self, pixels=self.pixels + rows * width)
+
+    @classmethod
+    def joined(cls, parts: Sequence[DrawnPoints]) -> DrawnPoints:
+        """Return the points of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            pixels=np.concatenate([part.pixels for part in parts]),
+            coordinates=np.concatenate([part.coordinates for part in parts], axis=1),
+            triangle=np.concatenate([part.triangle for part in parts]),
         )
 
     def places(self, pencil: Pencil) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ along which points are hidden, depend on the question: here they are those of th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,9 +97,12 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     return surface_errors(truth, raster, reference).wrong
 
 
-def surface_errors(
-    truth: HogelImage, raster: HogelImage, reference: Reference, shown: PointsOnFilm | None = None
-) -> SurfaceErrors:
+def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
+    """Return the pixels that show the wrong surface, (H, W); see `surface_errors`."""
+    return surface_errors(truth, raster, reference).wrong
+
+
+def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
     A pixel is wrong where only one of truth and raster shows a surface, where they show different objects,
@@ -115,12 +118,60 @@ def surface_errors(
     truth, raster
         The true image, and the image that is judged by it.
     reference
-        Tracer of the scene.
-    shown
-        The points that the raster shows, if the caller has placed them; None to place them here.
+        Reference of the scene.
     """
-    scene = reference.scene
-    shown = shown or PointsOnFilm.of(raster, truth.camera)
+    found = undecided(truth, raster, reference.scene, PointsOnFilm.of(raster, truth.camera))
+    return found.decided(truth, reference)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Undecided:
+    """Surface errors without the points that another surface hides, and the points that may be hidden.
+
+    Attributes
+    ----------
+    errors
+        Errors that are known.
+    points
+        Points that may be hidden, at pixels that are right so far.
+    """
+
+    errors: SurfaceErrors
+    points: DrawnPoints
+
+    def decided(self, truth: HogelImage, reference: Reference) -> SurfaceErrors:
+        """Return the errors with the pixels whose points are hidden from the true frustum."""
+        points = self.points.surface_points(reference.scene)
+        hidden = reference.hidden(truth.camera.aperture, points)
+        wrong = self.errors.wrong.copy()
+        wrong.reshape(-1)[self.points.pixels[hidden]] = True
+        return SurfaceErrors(wrong=wrong, outside=self.errors.outside)
+
+    @classmethod
+    def joined(cls, bands: Sequence[Undecided]) -> Undecided:
+        """Return what is known of an image, given what is known of its bands of rows, from the top."""
+        above, parts = 0, []
+        for band in bands:
+            height, width = band.errors.wrong.shape
+            parts.append(band.points.moved_down(above, width))
+            above += height
+        errors = SurfaceErrors(
+            wrong=np.concatenate([band.errors.wrong for band in bands]),
+            outside=np.concatenate([band.errors.outside for band in bands]),
+        )
+        return cls(errors=errors, points=DrawnPoints.joined(parts))
+
+
+def undecided(truth: HogelImage, raster: HogelImage, scene: Scene, shown: PointsOnFilm) -> Undecided:
+    """Return the surface errors that are known without asking what hides points; see `surface_errors`.
+
+    Parameters
+    ----------
+    truth, raster, scene
+        The true image, the image that is judged by it, and the scene of both.
+    shown
+        All points that the raster shows.
+    """
     wrong = other_surfaces(truth, raster, scene)
     at_plate = np.flatnonzero(raster.covered & ~raster.off_plate)
     at_plate = at_plate[raster.height.reshape(-1).take(at_plate) == 0]
@@ -134,11 +185,10 @@ def surface_errors(
     beyond = beyond_film(points, (shown.columns, shown.rows), shown.pencil, scene) & unproven
     outside = np.zeros_like(wrong)
     outside.reshape(-1)[pixels[beyond]] = True
-    wrong |= outside
     doubtful = np.flatnonzero(unproven & right & ~beyond)
-    hides = reference.hidden(truth.camera.aperture, points.at(doubtful).surface_points(scene))
-    wrong.reshape(-1)[pixels[doubtful[hides]]] = True
-    return SurfaceErrors(wrong=wrong, outside=outside)
+    return Undecided(
+        errors=SurfaceErrors(wrong=wrong | outside, outside=outside), points=points.at(doubtful)
+    )
 
 
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:

@@ -164,10 +164,13 @@ def _lanes(
     base = row * stride
     first, last = queries.start[base + box[0, entry]], queries.start[base + box[1, entry] + 1]
     kept = np.flatnonzero((first < last) & (nearest[entry] < latest[row]))
-    some, cone = np.unique(entry[kept], return_inverse=True)
+    # Only triangles that have such a row are set up.
+    asked = np.zeros(len(number), dtype=np.bool_)
+    asked[entry[kept]] = True
+    some = np.flatnonzero(asked)
     return Lanes(
         cones=cones(triangles, number[some], queries.pencil, None if holds is None else holds[some]),
-        cone=cone,
+        cone=(np.cumsum(asked) - 1)[entry[kept]],
         first=first[kept],
         last=last[kept],
     )
