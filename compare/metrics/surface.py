@@ -172,7 +172,8 @@ def undecided(truth: HogelImage, raster: HogelImage, scene: Scene, shown: Points
     shown
         All points that the raster shows.
     """
-    wrong = other_surfaces(truth, raster, scene)
+    # Flat numbers count along rows, in whatever order the images' arrays lie in memory.
+    wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
     at_plate = np.flatnonzero(raster.covered & ~raster.off_plate)
     at_plate = at_plate[raster.height.reshape(-1).take(at_plate) == 0]
     true_at_plate = truth.covered.take(at_plate) & (truth.height.reshape(-1).take(at_plate) == 0)
@@ -183,7 +184,7 @@ def undecided(truth: HogelImage, raster: HogelImage, scene: Scene, shown: Points
     unproven = np.ones(len(pixels), dtype=np.bool_)
     unproven[_surely_seen(truth, points, right, scene)] = False
     beyond = beyond_film(points, (shown.columns, shown.rows), shown.pencil, scene) & unproven
-    outside = np.zeros_like(wrong)
+    outside = np.zeros(wrong.shape, dtype=np.bool_)
     outside.reshape(-1)[pixels[beyond]] = True
     doubtful = np.flatnonzero(unproven & right & ~beyond)
     return Undecided(
