@@ -4,7 +4,8 @@ certify/     The first surface along each line: proven, decided exactly, or name
 devices/     The devices that the reference computes on: LLVM through Dr.Jit, threads, bands of rows
 lines/       The lines through an aperture, and triangles as these lines see them
 shading/     The color of true hits
-tracers/     Ray tracers as second opinions, and as judges of what is hidden
+sight/       Which surface points a pencil's lines see: certified, by the bounds of the truth
+tracers/     Ray tracers as second opinions
 transport/   Light transport: shadows and interreflection, by light paths
 alone        What ray tracers in single precision would have got wrong alone, without the certificate
 averages     Color averaged over the boxes of pixels and over apertures; every line of it is certified
@@ -25,7 +26,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from xfrustum.reference.convergence import Converged
     from xfrustum.reference.tracers.names import TRACERS
-    from xfrustum.reference.tracers.visibility import SurfacePoints
+    from xfrustum.reference.sight.sight import SurfacePoints
     from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
     from xfrustum.reference.truth import Reference
 
@@ -37,7 +38,7 @@ _MODULES = {
     "PathTracer": "transport.transport",
     "RadianceEstimate": "transport.transport",
     "Reference": "truth",
-    "SurfacePoints": "tracers.visibility",
+    "SurfacePoints": "sight.sight",
 }
 """Module of each name. They are imported when first used: `explain` answers from the scene alone, and must
 not load ray tracers and statistics for that."""

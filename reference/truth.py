@@ -24,7 +24,7 @@ from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.names import TRACERS
 from xfrustum.reference.tracers.proposals import proposed, uncertified
 from xfrustum.reference.tracers.tracer import Tracer
-from xfrustum.reference.tracers.visibility import SurfacePoints, hidden
+from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Floats, Mask, Numbers
@@ -74,6 +74,11 @@ class Reference:
     def tracer(self) -> Tracer:
         """The tracer, built when first needed."""
         return MitsubaTracer(self.scene) if self.tracer_name == "mitsuba" else EmbreeTracer(self.scene)
+
+    @cached_property
+    def sight(self) -> Sight:
+        """What says which surface points are hidden, made ready when first needed."""
+        return Sight(self.scene)
 
     @property
     def decided_by(self) -> str:
@@ -252,8 +257,8 @@ class Reference:
         return np.concatenate(list(in_parallel(gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)))
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
-        """Return which points are hidden from the true frustum of an aperture; see `visibility.hidden`."""
-        return hidden(self.tracer, self.scene, crossed_frustum(self.scene.frustum, aperture), points)
+        """Return which points are hidden from the true frustum of an aperture; see `Sight.hidden`."""
+        return self.sight.hidden(crossed_frustum(self.scene.frustum, aperture), points)
 
     def rendering(self, sampling: Sampling | None = None) -> Rendering:
         """Return the effects and samples of a true image's color; sampling as for `trace`."""

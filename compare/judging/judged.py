@@ -48,7 +48,6 @@ from xfrustum.compare.renderer_model.pictures import (
 )
 from xfrustum.compare.rounding.causes import Causes, find_causes
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.reference.tracers.visibility import hidden
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -481,7 +480,7 @@ def _hides(
 ) -> Mask:
     """Return which surface points a camera, or for C the viewer's half in front of it, does not show."""
     pencil = question.pencil(reference.scene, answer.camera.aperture, side)
-    behind = hidden(reference.tracer, reference.scene, pencil, points)
+    behind = reference.sight.hidden(pencil, points)
     if side == 1:
         behind |= _covered_by_front(question, reference, answer, points.position)
     return behind

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from xfrustum.compare.metrics.culled import culled_pixels
 from xfrustum.compare.metrics.displacement import Spread
-from xfrustum.compare.metrics.error_maps import ErrorMaps, JudgedImage, error_maps, error_maps_beside
-from xfrustum.compare.metrics.radiance import RadianceNumbers, compare_radiance
+from xfrustum.compare.metrics.error_maps import (
+    ErrorMaps,
+    HeightError,
+    JudgedImage,
+    PixelErrors,
+    pixel_errors,
+    pixel_errors_beside,
+)
+from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, compare_radiance
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeightError:
-    """Raster minus truth in scene units, where both show the same triangle."""
-
-    rms: float
-    max: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class Share:
     @classmethod
     def of(cls, wrong: Mask, judged: Mask) -> Share:
         """Return the share of some of the judged pixels, both given as masks (H, W)."""
-        count, all_judged = int(wrong.sum()), int(judged.sum())
+        count, all_judged = int(np.count_nonzero(wrong)), int(np.count_nonzero(judged))
         return cls(wrong=count, fraction=count / all_judged if all_judged else 0.0)
 
 
@@ -64,19 +64,19 @@ class SurfaceShare(Share):
     culled: int | None = None
 
     @classmethod
-    def of_maps(cls, maps: ErrorMaps, culled: Mask | None) -> SurfaceShare | None:
+    def of_errors(cls, errors: PixelErrors, culled: Mask | None) -> SurfaceShare | None:
         """Return the share of wrong surfaces; None where the scene was not at hand.
 
         `culled` are the pixels (H, W) whose true surface was left out; None where nothing was culled.
         """
-        if maps.surface is None or maps.outside is None:
+        if errors.surface is None or errors.outside is None:
             return None
-        share = Share.of(maps.surface, maps.judged)
+        share = Share.of(errors.surface, errors.judged)
         return cls(
             wrong=share.wrong,
             fraction=share.fraction,
-            outside=int(maps.outside.sum()),
-            culled=None if culled is None else int((culled & maps.surface).sum()),
+            outside=int(np.count_nonzero(errors.outside)),
+            culled=None if culled is None else int(np.count_nonzero(culled & errors.surface)),
         )
 
 
@@ -121,11 +121,17 @@ class Comparison(ComparisonNumbers):
 
     Attributes
     ----------
-    maps
-        Each error as an image.
+    errors, colors
+        Errors of the pixels, and of their colors; None where these were not compared.
     """
 
-    maps: ErrorMaps
+    errors: PixelErrors
+    colors: RadianceError | None
+
+    @cached_property
+    def maps(self) -> ErrorMaps:
+        """Each error as an image, made when it is first asked for."""
+        return replace(self.errors.maps, radiance=self.colors.error if self.colors else None)
 
     @property
     def surface_wrong(self) -> int | None:
@@ -187,24 +193,22 @@ def compare_images(
     numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
     if judged is None:
-        maps, moved = error_maps(truth, raster, reference, numbered=numbered)
-        spread = Spread.of(moved)
+        errors = pixel_errors(truth, raster, reference, numbered=numbered)
     else:
-        maps, spread = error_maps_beside(truth, raster, reference, judged)
-    if colors:
-        maps = replace(maps, radiance=colors.error)
+        errors = pixel_errors_beside(truth, raster, reference, judged)
     return Comparison(
-        pixels=maps.judged.size,
-        judged=int(maps.judged.sum()),
-        covered=int(truth.covered.sum()),
-        at_plate=int((raster.covered & (raster.height == 0)).sum()),
-        surface=SurfaceShare.of_maps(maps, culled_pixels(truth, raster)),
-        triangle=Share.of(maps.triangle, maps.judged) if numbered else None,
-        displacement_px=spread,
-        height=_height_error(maps.height[np.isfinite(maps.height)]),
+        pixels=errors.judged.size,
+        judged=int(np.count_nonzero(errors.judged)),
+        covered=int(np.count_nonzero(truth.covered)),
+        at_plate=errors.at_plate,
+        surface=SurfaceShare.of_errors(errors, culled_pixels(truth, raster)),
+        triangle=Share.of(errors.triangle, errors.judged) if numbered else None,
+        displacement_px=errors.spread,
+        height=errors.height,
         radiance=colors.numbers if colors else None,
         certainty=_certainty_counts(truth),
-        maps=maps,
+        errors=errors,
+        colors=colors,
     )
 
 
@@ -234,14 +238,7 @@ def _check_numbers(raster: HogelImage, reference: Reference | None) -> None:
         )
 
 
-def _height_error(error: Floats) -> HeightError | None:
-    if error.size == 0:
-        return None
-    return HeightError(rms=float(np.sqrt(np.mean(error**2))), max=float(np.abs(error).max()))
-
-
 def _certainty_counts(truth: HogelImage) -> dict[str, int]:
     if truth.certainty is None:
         return {Certainty.UNEXAMINED.name.lower(): truth.triangle.size}
-    counts = np.bincount(truth.certainty.ravel(), minlength=len(Certainty))
-    return {kind.name.lower(): int(counts[kind]) for kind in Certainty}
+    return {kind.name.lower(): int(np.count_nonzero(truth.certainty == kind)) for kind in Certainty}

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import pixel_centers, true_pixel
+from xfrustum.compare.metrics.drawn_points import PointsOnFilm
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
@@ -29,8 +30,46 @@ class Spread:
         largest = float(values.max())
         if largest == 0 and float(values.min()) == 0:
             return cls(rms=0.0, p50=0.0, p95=0.0, p99=0.0, max=0.0)
-        p50, p95, p99 = np.percentile(values, [50, 95, 99])
-        return cls(rms=root_mean_square(values), p50=float(p50), p95=float(p95), p99=float(p99), max=largest)
+        p50, p95, p99 = percentiles(values.ravel(), (50, 95, 99))
+        return cls(rms=root_mean_square(values), p50=p50, p95=p95, p99=p99, max=largest)
+
+
+SAMPLE_SIZE = 1 << 12
+"""Number of values of a sample that says above which value the highest ranks surely, or almost surely, lie."""
+
+SAMPLE_MARGIN = 0.02
+"""Share of a sample by which that value is lowered, so that few samples, of which the standard error is 0.2 %
+of the ranks at the 99th percentile, are misleading. A misleading one costs time alone."""
+
+
+def percentiles(values: Floats, percents: Sequence[float]) -> list[float]:
+    """Return percentiles of values (N,), of which there is one: those of `np.percentile`, by selection alone.
+
+    The ranks that are needed are selected together, and the highest among the largest values only.
+    """
+    count = len(values)
+    if not np.isfinite(values.max()):
+        return [float(found) for found in np.percentile(values, percents)]
+    places = [(count - 1) * (percent / 100) for percent in percents]
+    ranks = sorted({min(int(place) + up, count - 1) for place in places for up in (0, 1)})
+    bar = ranks[0] / count - SAMPLE_MARGIN
+    left_out = 0
+    if bar > 0.5 and count > SAMPLE_SIZE:
+        sample = values[:: count // SAMPLE_SIZE]
+        rank = int(bar * len(sample))
+        high = values[values >= np.partition(sample, rank)[rank]]
+        if count - len(high) <= ranks[0]:
+            values, left_out = high, count - len(high)
+    ranks_left = [rank - left_out for rank in ranks]
+    sorted_there = np.partition(values, ranks_left)
+    at_rank = {rank: float(sorted_there[rank - left_out]) for rank in ranks}
+    found = []
+    for place in places:
+        # The same steps as numpy's, which goes on from the nearer of both neighbors.
+        low, high_rank, share = int(place), min(int(place) + 1, count - 1), place - int(place)
+        a, b = at_rank[low], at_rank[high_rank]
+        found.append(b - (b - a) * (1 - share) if share >= 0.5 else a + (b - a) * share)
+    return found
 
 
 def root_mean_square(values: Floats) -> float:
@@ -60,16 +99,25 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
     (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
     where it lies in the plate.
     """
-    return displacement_from(raster, camera, pixel_centers(camera, rows))
+    shown = PointsOnFilm.of(raster, camera)
+    return displacement_map(raster.triangle.shape, shown, shown.displacement(centers_in_rows(shown, rows)))
 
 
-def displacement_from(raster: HogelImage, camera: HogelCamera, drawn_at: Floats) -> Floats:
-    """Return the displacement, as `displacement` does, of pixels whose places (H, W, 2) are given."""
-    shift = true_pixel(raster.position, camera)
-    shift -= drawn_at
+def centers_in_rows(shown: PointsOnFilm, rows: slice = slice(None)) -> tuple[Floats, Floats]:
+    """Return columns and rows (N,) of the pixels that show points, in an image that has some of the rows."""
+    row, column = np.divmod(shown.points.pixels, shown.pencil.resolution[0])
+    return column.astype(np.float64), (row + (rows.start or 0)).astype(np.float64)
+
+
+def displacement_map(shape: tuple[int, ...], shown: PointsOnFilm, shift: Floats) -> Floats:
+    """Return the displacement of each pixel (H, W, 2), given that of the points that are shown (N, 2).
+
+    It is NaN where no point is shown off the plate.
+    """
     # Each vector is one complex number: numpy is several times slower along rows of two numbers.
-    shift.view(np.complex128)[..., 0][~raster.off_plate] = complex(np.nan, np.nan)
-    return shift
+    found = np.full(shape, complex(np.nan, np.nan))
+    found.reshape(-1)[shown.points.pixels] = shift.view(np.complex128)[:, 0]
+    return found.view(np.float64).reshape(*shape, 2)
 
 
 def lengths(shift: Floats) -> Floats:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xfrustum.compare.metrics.displacement import Spread, displacement_from, lengths
-from xfrustum.compare.metrics.film import pixel_centers, pixel_centers_of
-from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, each_part, in_bands
-from xfrustum.compare.metrics.surface import surface_errors
+from xfrustum.compare.metrics.displacement import Spread, centers_in_rows, displacement, lengths
+from xfrustum.compare.metrics.drawn_points import PointsOnFilm
+from xfrustum.compare.metrics.pixel_bands import in_bands
+from xfrustum.compare.metrics.surface import Undecided, surface_errors, undecided
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
@@ -50,56 +47,145 @@ class ErrorMaps:
     radiance: Floats | None
 
 
-def error_maps(
+@dataclass(frozen=True, kw_only=True)
+class HeightError:
+    """Raster minus truth in scene units, where both show the same triangle."""
+
+    rms: float
+    max: float
+
+    @classmethod
+    def of(cls, error: Floats) -> HeightError | None:
+        """Return the size of some errors, None where there are none."""
+        if error.size == 0:
+            return None
+        return cls(rms=float(np.sqrt(np.mean(error**2))), max=float(np.abs(error).max()))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PixelErrors:
+    """The errors of an image: numbers of displacement and height, which pixels are wrong, and the rest as asked.
+
+    A survey reads numbers alone: the maps of displacement and height are made when they are first asked for.
+
+    Attributes
+    ----------
+    truth, raster
+        The true image, and the image that is judged by it.
+    judged, surface, outside, triangle
+        As in `ErrorMaps`.
+    spread
+        Spread of the displacement; None where the image shows no surface off the plate.
+    height
+        Error of the height; None where no pixel shows the same triangle in both images.
+    at_plate
+        Number of the image's pixels that show a surface in the plate.
+    """
+
+    truth: HogelImage
+    raster: HogelImage
+    judged: Mask
+    surface: Mask | None
+    outside: Mask | None
+    triangle: Mask
+    spread: Spread | None
+    height: HeightError | None
+    at_plate: int
+
+    @cached_property
+    def maps(self) -> ErrorMaps:
+        """Each error as an image, without that of radiance."""
+        return ErrorMaps(
+            judged=self.judged,
+            surface=self.surface,
+            outside=self.outside,
+            triangle=self.triangle,
+            displacement=displacement(self.raster, self.truth.camera),
+            height=_height_map(self.truth, self.raster, self.judged),
+            radiance=None,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Band:
+    """What is found in some rows: lengths (N,) of displacements, errors (M,) of heights, and surfaces."""
+
+    moved: Floats
+    height: Floats
+    at_plate: int
+    surface: Undecided | None
+
+
+def pixel_errors(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, *, numbered: bool
-) -> tuple[ErrorMaps, Floats]:
-    """Return the error maps without that of radiance, and the lengths of all displacements, (N,) px.
+) -> PixelErrors:
+    """Return the errors of an image.
 
     Parameters
     ----------
     truth, raster
         Images of one size, aperture and scene.
     reference
-        Tracer of this scene; without it there is no `surface`.
+        Reference of this scene; without it there is no `surface`.
     numbered
         Whether the raster image names triangles.
     """
+    judged = judged_pixels(truth)
 
-    def judge(true: HogelImage, shown: HogelImage, rows: slice) -> tuple[ErrorMaps, Floats]:
-        maps = _judge(true, shown, reference, numbered, pixel_centers(truth.camera, rows))
-        return maps, lengths(maps.displacement)[shown.off_plate]
+    def judge(true: HogelImage, shown: HogelImage, rows: slice) -> _Band:
+        points = PointsOnFilm.of(shown, truth.camera)
+        in_plate = shown.height[shown.covered & ~shown.off_plate] == 0
+        return _Band(
+            moved=lengths(points.displacement(centers_in_rows(points, rows))),
+            height=_height_errors(true, shown, judged[rows])[1],
+            at_plate=int(np.count_nonzero(in_plate)),
+            surface=undecided(true, shown, reference.scene, points) if reference else None,
+        )
 
     bands = in_bands(truth, raster, judge)
-    maps = _assembled(np.concatenate, [found for found, _ in bands])
-    return maps, np.concatenate([some for _, some in bands])
+    # What hides points is asked once for the whole image.
+    surfaces = [band.surface for band in bands if band.surface]
+    errors = Undecided.joined(surfaces).decided(truth, reference) if reference else None
+    return PixelErrors(
+        truth=truth,
+        raster=raster,
+        judged=judged,
+        surface=errors.wrong & judged if errors else None,
+        outside=errors.outside & judged if errors else None,
+        triangle=(truth.triangle != raster.triangle) & judged & numbered,
+        spread=Spread.of(np.concatenate([band.moved for band in bands])),
+        height=HeightError.of(np.concatenate([band.height for band in bands])),
+        at_plate=sum(band.at_plate for band in bands),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedImage:
     """An image that was compared with the truth, beside which images with other depth buffers are judged.
 
-    Most of their pixels show the same point of the same triangle. What is found for a pixel depends on no
-    other pixel, so that such pixels need not be judged again.
+    Most of their pixels show the same point of the same triangle. Whether a pixel shows the wrong surface
+    depends on no other pixel, so that such pixels need not be judged again.
 
     Attributes
     ----------
     image
         The image, which names triangles.
-    maps
-        Its error maps, without that of radiance.
-    spread
-        Spread of its displacement; None where it shows no surface off the plate.
+    errors
+        Its errors.
     """
 
     image: HogelImage
-    maps: ErrorMaps
-    spread: Spread | None
+    errors: PixelErrors
 
     @classmethod
     def of(cls, truth: HogelImage, image: HogelImage, reference: Reference | None) -> JudgedImage:
         """Compare an image that names triangles with the truth."""
-        maps, moved = error_maps(truth, image, reference, numbered=True)
-        return cls(image=image, maps=maps, spread=Spread.of(moved))
+        return cls(image=image, errors=pixel_errors(truth, image, reference, numbered=True))
+
+    @property
+    def maps(self) -> ErrorMaps:
+        """Error maps of the image, without that of radiance."""
+        return self.errors.maps
 
     def differing(self, other: HogelImage) -> Indices:
         """Return the flat numbers of the pixels at which another image shows anything else."""
@@ -114,49 +200,32 @@ class JudgedImage:
         return np.flatnonzero(differs)
 
 
-def error_maps_beside(
+def pixel_errors_beside(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, judged: JudgedImage
-) -> tuple[ErrorMaps, Spread | None]:
-    """Return the error maps of an image without that of radiance, and the spread of its displacement.
+) -> PixelErrors:
+    """Return the errors of an image, as `pixel_errors` does.
 
     Parameters
     ----------
     truth, raster, reference
-        Images and tracer as for `error_maps`; the raster names triangles.
+        Images and reference as for `pixel_errors`; the raster names triangles.
     judged
         Image of the same cameras that was compared with this truth, and may show the same at most pixels.
     """
     pixels = judged.differing(raster)
     if not pixels.size:
-        return judged.maps, judged.spread
-
-    def judge(some: Indices) -> ErrorMaps:
-        centers = pixel_centers_of(truth.camera, some)
-        return _judge(truth.at(some), raster.at(some), reference, True, centers)
-
-    parts = np.array_split(pixels, math.ceil(pixels.size / BAND_PIXELS))
-    found = each_part(judge, parts, pixels.size)
-
-    def patched(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        whole, *rows = arrays
-        changed = whole.copy()
-        changed.reshape(-1, *whole.shape[2:])[pixels] = np.concatenate([row[0] for row in rows])
-        return changed
-
-    maps = _assembled(patched, [judged.maps, *found])
-    return maps, Spread.of(lengths(maps.displacement)[raster.off_plate])
-
-
-def _assembled(
-    join: Callable[[Sequence[NDArray[Any]]], NDArray[Any]], parts: Sequence[ErrorMaps]
-) -> ErrorMaps:
-    """Return error maps whose arrays are joined from those of several; what any part lacks is None."""
-
-    def joined(name: str) -> Any:
-        arrays = [getattr(part, name) for part in parts]
-        return None if any(array is None for array in arrays) else join(arrays)
-
-    return ErrorMaps(**{item.name: joined(item.name) for item in fields(ErrorMaps)})
+        return judged.errors
+    found = pixel_errors(truth, raster, None, numbered=True)
+    surface, outside = judged.errors.surface, judged.errors.outside
+    if reference is None or surface is None or outside is None:
+        return found
+    errors = surface_errors(truth.at(pixels), raster.at(pixels), reference)
+    changed = []
+    for known, wrong in ((surface, errors.wrong), (outside, errors.outside)):
+        mask = known.copy()
+        mask.reshape(-1)[pixels] = wrong[0]
+        changed.append(mask & found.judged)
+    return replace(found, surface=changed[0], outside=changed[1])
 
 
 def judged_pixels(truth: HogelImage) -> Mask:
@@ -166,26 +235,21 @@ def judged_pixels(truth: HogelImage) -> Mask:
     return np.not_equal(truth.certainty, Certainty.TIE)
 
 
-def _judge(
-    truth: HogelImage, raster: HogelImage, reference: Reference | None, numbered: bool, centers: Floats
-) -> ErrorMaps:
-    """Judge some pixels (H, W), given the places (H, W, 2) at which they were drawn."""
-    judged = judged_pixels(truth)
-    errors = surface_errors(truth, raster, reference) if reference else None
-    return ErrorMaps(
-        judged=judged,
-        surface=errors.wrong & judged if errors else None,
-        outside=errors.outside & judged if errors else None,
-        triangle=(truth.triangle != raster.triangle) & judged & numbered,
-        displacement=displacement_from(raster, truth.camera, centers),
-        height=_height_map(truth, raster, judged),
-        radiance=None,
-    )
+def _height_errors(truth: HogelImage, raster: HogelImage, judged: Mask) -> tuple[Indices, Floats]:
+    """Return raster minus truth at the judged pixels with the same triangle, and the numbers of these, (N,)."""
+    pixels = np.flatnonzero((truth.triangle == raster.triangle) & judged & truth.covered)
+    height = raster.height.reshape(-1).take(pixels)
+    known = np.isfinite(height)
+    if not known.all():
+        pixels, height = pixels[known], height[known]
+    # In double precision, which the truth is.
+    true = truth.height.reshape(-1).take(pixels).astype(np.float64, copy=False)
+    return pixels, height - true
 
 
 def _height_map(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:
-    same = truth.covered & (truth.triangle == raster.triangle) & judged
-    same &= np.isfinite(raster.height)
-    # Heights of pixels that are not the same may be any number.
-    with np.errstate(invalid="ignore", over="ignore"):
-        return np.where(same, raster.height - truth.height.astype(np.float64), np.nan)
+    """Return `_height_errors` as an image (H, W), NaN at the other pixels."""
+    pixels, error = _height_errors(truth, raster, judged)
+    found = np.full(judged.shape, np.nan)
+    found.reshape(-1)[pixels] = error
+    return found

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.lines.lines import Pencil, pixel_places
-from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera
 
 
@@ -46,9 +46,3 @@ def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> Floats:
     centers = np.empty((len(down), width, 2))
     centers[..., 0], centers[..., 1] = np.arange(width), down[:, None]
     return centers
-
-
-def pixel_centers_of(camera: HogelCamera, pixels: Indices) -> Floats:
-    """Return column and row of some pixels, given by their flat numbers (N,), as one row (1, N, 2)."""
-    row, column = np.divmod(pixels, camera.resolution[0])
-    return np.stack((column, row), axis=-1)[None].astype(np.float64)

@@ -6,11 +6,13 @@ See docs/method.md, "What is compared".
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from xfrustum.compare.metrics.displacement import percentiles
 from xfrustum.compare.metrics.noise import NoiseNumbers, compare_with_noise
 from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE, perceptual_difference
 from xfrustum.reference.transport.transport import RadianceEstimate
@@ -64,24 +66,28 @@ class RadianceSpread:
     @staticmethod
     def of(error: NDArray[np.floating]) -> RadianceSpread | None:
         """Return the spread of signed errors (N, 3), None where there are none."""
-        if len(error) == 0:
+        count = len(error)
+        if count == 0:
             return None
-        error = np.asarray(error, dtype=np.float64)
-        size = np.abs(error)
-        worst: Floats = size.max(axis=1)
-        squares = np.mean(error**2, axis=0)
+        error = np.ascontiguousarray(error, dtype=np.float64)
+        # Channel by channel: numpy is many times slower along rows of three numbers.
+        size = np.ascontiguousarray(error.T)
+        np.abs(size, out=size)
+        worst: Floats = np.maximum(np.maximum(size[0], size[1]), size[2])
+        # `einsum` adds row by row, as `mean` does along the first axis, in a fifth of the time.
+        squares = np.einsum("ij->j", error * error) / count
         return RadianceSpread(
-            pixels=len(error),
+            pixels=count,
             rms=float(np.sqrt(squares.mean())),
             mean=float(error.mean()),
-            p99=float(np.percentile(worst, 99)),
+            p99=percentiles(worst, (99,))[0],
             max=float(worst.max()),
-            above_step=float(np.mean(worst > STEP)),
+            above_step=float(np.count_nonzero(worst > STEP) / count),
             channels=ChannelSpread(
                 rms=_rgb(np.sqrt(squares)),
-                mean=_rgb(error.mean(axis=0)),
-                p99=_rgb(np.percentile(size, 99, axis=0)),
-                max=_rgb(size.max(axis=0)),
+                mean=_rgb(np.einsum("ij->j", error) / count),
+                p99=_rgb(np.array([percentiles(channel, (99,))[0] for channel in size])),
+                max=_rgb(size.max(axis=1)),
             ),
         )
 
@@ -120,12 +126,24 @@ class RadianceError:
     ----------
     numbers
         The error of the whole image.
-    error
-        (H, W, 3) raster minus truth, NaN where not judged.
+    truth, raster
+        The images.
+    judged
+        (H, W) pixels that are judged.
     """
 
     numbers: RadianceNumbers
-    error: Floats
+    truth: HogelImage
+    raster: HogelImage
+    judged: Mask
+
+    @cached_property
+    def error(self) -> Floats:
+        """(H, W, 3) raster minus truth, NaN where not judged, made when it is first asked for."""
+        assert self.raster.color is not None and self.truth.color is not None, "compared colors"
+        error = self.raster.color.astype(np.float64) - self.truth.color
+        error[~self.judged] = np.nan
+        return error
 
 
 def compare_radiance(
@@ -142,25 +160,31 @@ def compare_radiance(
     """
     if truth.color is None or raster.color is None:
         return None
-    error = raster.color.astype(np.float64) - truth.color
-    judged = np.asarray(np.isfinite(error).all(axis=-1))
+    error = (raster.color.astype(np.float64) - truth.color).reshape(-1, 3)
+    judged = np.ones(raster.triangle.shape, dtype=np.bool_)
+    if not np.isfinite(error).all():
+        judged.reshape(-1)[:] = np.isfinite(error[:, 0]) & np.isfinite(error[:, 1]) & np.isfinite(error[:, 2])
     if truth.certainty is not None:
         judged &= truth.certainty != Certainty.TIE
-    spread = RadianceSpread.of(error[judged])
+    spread = RadianceSpread.of(_rows(error, judged))
     if spread is None:
         return None
-    error[~judged] = np.nan
     inside = judged & away_from_edges(truth, raster)
     looks = perceptual_difference(truth.color, raster.color) if perceptual else None
     numbers = RadianceNumbers(
         **vars(spread),
-        away_from_edges=RadianceSpread.of(error[inside]),
+        away_from_edges=RadianceSpread.of(_rows(error, inside)),
         flip=looks.flip if looks else None,
         ssim=looks.ssim if looks else None,
         pixels_per_degree=PIXELS_PER_DEGREE if looks else None,
         noise=_noise(truth, raster, judged),
     )
-    return RadianceError(numbers=numbers, error=error)
+    return RadianceError(numbers=numbers, truth=truth, raster=raster, judged=judged)
+
+
+def _rows(error: Floats, chosen: Mask) -> Floats:
+    """Return the rows of errors (H W, 3) at some pixels (H, W)."""
+    return error if chosen.all() else error.take(np.flatnonzero(chosen), axis=0)
 
 
 def _noise(truth: HogelImage, raster: HogelImage, judged: Mask) -> NoiseNumbers | None:

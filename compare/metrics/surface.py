@@ -12,15 +12,20 @@ along which points are hidden, depend on the question: here they are those of th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import true_lines
+from xfrustum.compare.metrics.drawn_points import (
+    DrawnPoints,
+    PointsOnFilm,
+    beyond_film,
+    existing_triangles,
+)
 from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
 from xfrustum.reference import Reference, SurfacePoints
-from xfrustum.reference.lines.lines import Pencil, pixel_places
+from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -29,11 +34,6 @@ from xfrustum.scenes.model.scene import Scene
 def covered_by(image: HogelImage) -> Mask:
     """Return the pixels that show a surface, by whichever number or position an image has."""
     return np.asarray(image.covered | (image.object != NOTHING))
-
-
-def existing_triangles(numbers: Numbers, scene: Scene) -> Numbers:
-    """Return triangle numbers of any shape; `NOTHING` where a number is not one of the scene's."""
-    return np.where((numbers >= 0) & (numbers < len(scene.faces)), numbers, np.int32(NOTHING))
 
 
 def shown_objects(expected: HogelImage, shown: HogelImage, scene: Scene) -> Numbers:
@@ -71,16 +71,8 @@ def hidden_pixels(
     """
     pixels = np.flatnonzero(asked)
     found = np.zeros_like(asked)
-    found.flat[pixels] = hides(_shown_points(shown, pixels, scene))
+    found.flat[pixels] = hides(DrawnPoints.of(shown, pixels).surface_points(scene))
     return found
-
-
-def _shown_points(shown: HogelImage, pixels: Indices, scene: Scene) -> SurfacePoints:
-    """Return the surface points of some pixels (N,), with how exactly they are known."""
-    position = shown.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
-    number = existing_triangles(shown.triangle.ravel()[pixels], scene)
-    tolerance = position_tolerance(scene, number, position)
-    return SurfacePoints(position=position, triangle=number, tolerance=tolerance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,6 +97,11 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     return surface_errors(truth, raster, reference).wrong
 
 
+def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
+    """Return the pixels that show the wrong surface, (H, W); see `surface_errors`."""
+    return surface_errors(truth, raster, reference).wrong
+
+
 def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
@@ -121,27 +118,82 @@ def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) 
     truth, raster
         The true image, and the image that is judged by it.
     reference
-        Tracer of the scene.
+        Reference of the scene.
     """
-    scene = reference.scene
-    wrong = other_surfaces(truth, raster, scene)
-    at_plate = raster.covered & (raster.height == 0)
-    wrong |= at_plate & ~(truth.covered & (truth.height == 0))
-    unproven = raster.off_plate.copy()
-    unproven.flat[_surely_seen(truth, raster, unproven & ~wrong, scene)] = False
-    outside = outside_film(unproven, raster, scene, true_lines(truth.camera))
-    wrong |= outside
-    wrong |= hidden_pixels(
-        unproven & ~wrong, raster, scene, lambda points: reference.hidden(truth.camera.aperture, points)
+    found = undecided(truth, raster, reference.scene, PointsOnFilm.of(raster, truth.camera))
+    return found.decided(truth, reference)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Undecided:
+    """Surface errors without the points that another surface hides, and the points that may be hidden.
+
+    Attributes
+    ----------
+    errors
+        Errors that are known.
+    points
+        Points that may be hidden, at pixels that are right so far.
+    """
+
+    errors: SurfaceErrors
+    points: DrawnPoints
+
+    def decided(self, truth: HogelImage, reference: Reference) -> SurfaceErrors:
+        """Return the errors with the pixels whose points are hidden from the true frustum."""
+        points = self.points.surface_points(reference.scene)
+        hidden = reference.hidden(truth.camera.aperture, points)
+        wrong = self.errors.wrong.copy()
+        wrong.reshape(-1)[self.points.pixels[hidden]] = True
+        return SurfaceErrors(wrong=wrong, outside=self.errors.outside)
+
+    @classmethod
+    def joined(cls, bands: Sequence[Undecided]) -> Undecided:
+        """Return what is known of an image, given what is known of its bands of rows, from the top."""
+        above, parts = 0, []
+        for band in bands:
+            height, width = band.errors.wrong.shape
+            parts.append(band.points.moved_down(above, width))
+            above += height
+        errors = SurfaceErrors(
+            wrong=np.concatenate([band.errors.wrong for band in bands]),
+            outside=np.concatenate([band.errors.outside for band in bands]),
+        )
+        return cls(errors=errors, points=DrawnPoints.joined(parts))
+
+
+def undecided(truth: HogelImage, raster: HogelImage, scene: Scene, shown: PointsOnFilm) -> Undecided:
+    """Return the surface errors that are known without asking what hides points; see `surface_errors`.
+
+    Parameters
+    ----------
+    truth, raster, scene
+        The true image, the image that is judged by it, and the scene of both.
+    shown
+        All points that the raster shows.
+    """
+    # Flat numbers count along rows, in whatever order the images' arrays lie in memory.
+    wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
+    at_plate = np.flatnonzero(raster.covered & ~raster.off_plate)
+    at_plate = at_plate[raster.height.reshape(-1).take(at_plate) == 0]
+    true_at_plate = truth.covered.take(at_plate) & (truth.height.reshape(-1).take(at_plate) == 0)
+    wrong.reshape(-1)[at_plate[~true_at_plate]] = True
+    # From here on every array has one entry for each point.
+    points, pixels = shown.points, shown.points.pixels
+    right = ~wrong.take(pixels)
+    unproven = np.ones(len(pixels), dtype=np.bool_)
+    unproven[_surely_seen(truth, points, right, scene)] = False
+    beyond = beyond_film(points, (shown.columns, shown.rows), shown.pencil, scene) & unproven
+    outside = np.zeros(wrong.shape, dtype=np.bool_)
+    outside.reshape(-1)[pixels[beyond]] = True
+    doubtful = np.flatnonzero(unproven & right & ~beyond)
+    return Undecided(
+        errors=SurfaceErrors(wrong=wrong | outside, outside=outside), points=points.at(doubtful)
     )
-    return SurfaceErrors(wrong=wrong, outside=outside)
 
 
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
-    """Return which of the asked pixels show a point that belongs outside the film, however it was rounded.
-
-    A point that is known to within a tolerance is known on the film to within that over w t, with w its depth
-    from the center of the lines: |z| for the true frustum.
+    """Return which of the asked pixels (H, W) show a point that belongs outside the film; see `beyond_film`.
 
     Parameters
     ----------
@@ -154,33 +206,42 @@ def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -
     pencil
         Lines of the film.
     """
-    pixels = np.flatnonzero(asked)
-    points = _shown_points(shown, pixels, scene)
-    sides = np.asarray(pencil.resolution, dtype=np.float64)
-    per_length = sides / (2 * np.asarray(pencil.half_extent))
-    known_to = points.tolerance[:, None] * per_length / np.abs(points.position[:, 2:] - pencil.center[2])
-    place = pixel_places(points.position, pencil)
-    beyond = (place < -0.5 - known_to) | (place > sides - 0.5 + known_to)
+    points = DrawnPoints.of(shown, np.flatnonzero(asked))
     found = np.zeros_like(asked)
-    found.flat[pixels] = beyond.any(axis=1)
+    found.flat[points.pixels] = beyond_film(points, points.places(pencil), pencil, scene)
     return found
 
 
-def _surely_seen(truth: HogelImage, raster: HogelImage, asked: Mask, scene: Scene) -> Indices:
-    """Return the numbers of the pixels in `asked` that show, within rounding, the point that the truth shows.
+def _surely_seen(truth: HogelImage, points: DrawnPoints, asked: Mask, scene: Scene) -> Indices:
+    """Return the places of the asked points that are, within rounding, the points that the truth shows.
 
-    The truth has proven that this point is seen, so that the tracer need not be asked. With a small near
-    these are most pixels of a picture.
+    The truth has proven that these points are seen, so that the tracer need not be asked. With a tiny near
+    they are most points of a picture.
+
+    Parameters
+    ----------
+    truth
+        True image, in whose pixels the points are shown.
+    points
+        All points of the image that is judged.
+    asked
+        (N,) which of them are asked about.
+    scene
+        Scene that they are on.
     """
     if truth.certainty is None:
         return np.zeros(0, dtype=np.int64)
-    same = asked & (truth.certainty <= Certainty.EXACT) & (truth.triangle == raster.triangle)
+    pixels, (x, y, z) = points.pixels, points.coordinates
     # Most points that are farther apart differ in height already: only the others need all coordinates.
     with np.errstate(invalid="ignore", over="ignore"):
-        same &= np.abs(raster.height - truth.height) <= largest_tolerance(scene)
-    pixels = np.flatnonzero(same & (raster.triangle != NOTHING))
-    triangle = raster.triangle.ravel()[pixels]
-    tolerance = position_tolerance(scene, triangle, np.empty((len(pixels), 3)))
-    drawn = raster.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64)
-    apart = drawn - truth.position.reshape(-1, 3).take(pixels, axis=0)
-    return np.asarray(pixels[np.einsum("ij,ij->i", apart, apart) <= tolerance**2])
+        near = np.abs(z - truth.height.reshape(-1).take(pixels)) <= largest_tolerance(scene)
+    near &= asked
+    near &= points.triangle == truth.triangle.take(pixels)
+    some = np.flatnonzero(near)
+    triangle = points.triangle[some]
+    decided = (truth.certainty.take(pixels[some]) <= Certainty.EXACT) & (triangle != NOTHING)
+    some, triangle = some[decided], triangle[decided]
+    known = truth.position.reshape(-1, 3).take(pixels[some], axis=0)
+    apart = (x[some] - known[:, 0]) ** 2 + (y[some] - known[:, 1]) ** 2 + (z[some] - known[:, 2]) ** 2
+    tolerance = position_tolerance(scene, triangle, known)
+    return np.asarray(some[apart <= tolerance**2])

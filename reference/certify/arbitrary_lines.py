@@ -63,7 +63,7 @@ def first_surfaces_along(
     s_range
         Closed interval of s in which surfaces count; the smallest s comes first.
     """
-    exact = _ExactLines(triangles, center, directions, s_range)
+    exact = ExactLines(triangles, center, directions, s_range)
     met: dict[int, list[tuple[Fraction, int]]] = defaultdict(list)
     for number, lines in enumerate(_candidates(triangles - np.asarray(center), directions)):
         for line in lines:
@@ -82,7 +82,7 @@ def first_surfaces_along(
     return FirstAlong(triangle=triangle, s=s_first, ties=ties)
 
 
-class _ExactLines(ExactPencil):
+class ExactLines(ExactPencil):
     """Any lines through a point against triangles in integers; numbers of lines take the place of pixels."""
 
     def __init__(

@@ -90,11 +90,11 @@ def _footprints(number: Indices, side: int, box: NDArray[Any], holds: Mask | Non
 def _pixel_box(x: Floats, y: Floats, s: Floats, pencil: Pencil, side: int) -> Floats:
     """Return first and last column, first and last row (4, T) of the part of triangles on one side."""
     width, height = pencil.resolution
-    low, high = _slope_range(x, s, side)
+    low, high = slope_range(x, s, side)
     scale, slack = width / (2 * pencil.half_extent[0]), pixel_slack(pencil, 0)
     first = (low - pencil.shear[0]) * scale + (width - 1) / 2 - slack
     last = (high - pencil.shear[0]) * scale + (width - 1) / 2 + slack
-    low, high = _slope_range(y, s, side)
+    low, high = slope_range(y, s, side)
     scale, slack = height / (2 * pencil.half_extent[1]), pixel_slack(pencil, 1)
     top = (height - 1) / 2 - (high - pencil.shear[1]) * scale - slack
     bottom = (height - 1) / 2 - (low - pencil.shear[1]) * scale + slack
@@ -118,7 +118,7 @@ def pixel_slack(pencil: Pencil, axis: int) -> float:
     return 16 * UNIT_ROUNDOFF * pencil.resolution[axis] * (ratio + 2)
 
 
-def _slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
+def slope_range(x: Floats, s: Floats, side: int) -> tuple[Floats, Floats]:
     """Return the range of x / s over the part of each triangle (3, T) on one side of the center.
 
     A triangle that crosses s = 0 reaches to infinity there, in the direction of the points

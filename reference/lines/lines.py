@@ -81,14 +81,41 @@ def pixel_places(points: NDArray[np.floating], pencil: Pencil) -> Floats:
     points as high as the pencil's center, which the film does not show anywhere in particular.
     """
     points = np.asarray(points, dtype=np.float64)
-    relative = points[..., 2] - pencil.center[2]
-    depth = np.where(relative == 0, np.nan, -relative)
-    u = ((points[..., 0] - pencil.center[0]) / depth - pencil.shear[0]) / pencil.half_extent[0]
-    v = ((points[..., 1] - pencil.center[1]) / depth - pencil.shear[1]) / pencil.half_extent[1]
+    x, y, z = points.reshape(-1, 3).T
+    # A point as high as the center is asked for at a height that is not a number.
+    places = places_off_center(x, y, np.where(z == pencil.center[2], np.nan, z), pencil)
+    return np.stack(places, axis=-1).reshape(*points.shape[:-1], 2)
+
+
+def places_off_center(x: Floats, y: Floats, z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
+    """Return column and row, as `pixel_places` does, of points none of which is as high as the center.
+
+    Parameters
+    ----------
+    x, y, z
+        (N,) coordinates of the points, scene units.
+    pencil
+        Lines of the film.
+    """
+    # Each step is written over the last one: most of the time of whole images is memory.
+    depth = z - pencil.center[2]
+    np.negative(depth, out=depth)
+    found = []
+    for axis, values in enumerate((x, y)):
+        place = values - pencil.center[axis]
+        place /= depth
+        place -= pencil.shear[axis]
+        place /= pencil.half_extent[axis]
+        found.append(place)
+    columns, rows = found
     width, height = pencil.resolution
-    place = np.empty((*depth.shape, 2))
-    place[..., 0], place[..., 1] = (u + 1) * width / 2 - 0.5, (1 - v) * height / 2 - 0.5
-    return place
+    columns += 1
+    np.subtract(1, rows, out=rows)
+    for place, side in ((columns, width), (rows, height)):
+        place *= side
+        place /= 2
+        place -= 0.5
+    return columns, rows
 
 
 def film_window(frustum: Frustum, aperture: Aperture) -> tuple[tuple[float, float], tuple[float, float]]:

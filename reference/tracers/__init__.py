@@ -1,4 +1,4 @@
-"""Ray tracers as second opinions, and as judges of what is hidden.
+"""Ray tracers as second opinions.
 
 bare_mitsuba    Mitsuba's bare intersection of rays that lie on the device: what a certified truth is
                 raced against
@@ -9,5 +9,4 @@ names           Names of the tracers that can be asked for
 proposals       The image that the tracer alone would have shown: the second opinion on every pixel
 sensor          The crossed frustum as a Mitsuba sensor, for any Mitsuba scene and any integrator
 tracer          The interface of ray tracers, and the scale in which they are given a scene
-visibility      Surface points that the true frustum does not see, because another surface hides them
 """

@@ -31,7 +31,7 @@ from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.sensor import mitsuba_scene, register_sensor, sensor_parameters
 from xfrustum.reference.tracers.tracer import Tracer
-from xfrustum.reference.tracers.visibility import distance_to_triangles
+from xfrustum.reference.sight.distance import distance_to_triangles
 from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.arrays import Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage

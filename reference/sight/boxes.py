@@ -1,0 +1,99 @@
+"""Triangles as boxes of cells on the film: what shares no cell with a point cannot hide it.
+
+A cell is a pixel of the film with the half pixel about its center; the cells of a border about the film hold
+all that lies beside it. A triangle's box holds every cell in which a line may meet it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from xfrustum.reference.certify.exact import ExactPencil
+from xfrustum.reference.certify.footprints import pixel_slack, slope_range
+from xfrustum.reference.certify.sides import Side, sorted_by_side
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+
+HALF_CELL = 0.5
+"""Distance, in pixels, of a cell's sides from its center."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CellRows:
+    """Rows of cells that triangles reach into, one entry for each row of each triangle.
+
+    Attributes
+    ----------
+    pencil
+        Lines of the film.
+    number
+        (R,) triangle numbers.
+    holds
+        (R,) whether the triangle holds the pencil's center, where all lines meet it.
+    first, last
+        (R,) first and last cell of the row; cells are numbered along rows of W + 2, the border included.
+    """
+
+    pencil: Pencil
+    number: Numbers
+    holds: Mask
+    first: Numbers
+    last: Numbers
+
+
+def cells(pencil: Pencil) -> int:
+    """Return the number of the cells of a film with their border."""
+    width, height = pencil.resolution
+    return (width + 2) * (height + 2)
+
+
+def cell_rows(triangles: Floats, pencil: Pencil) -> CellRows:
+    """Return the rows of cells in which a pencil's lines may meet triangles (F, 3, 3), from its first s on."""
+    # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and hide.
+    endless = replace(pencil, s_range=(pencil.s_range[0], np.inf))
+    exact = ExactPencil(triangles, pencil)
+    width, height = pencil.resolution
+    numbers: list[Indices] = [np.zeros(0, dtype=np.int64)]
+    boxes: list[Numbers] = [np.zeros((4, 0), dtype=np.int32)]
+    holding: list[int] = []
+    for chunk in sorted_by_side(triangles, endless):
+        touching = chunk.touching(*pencil.center[:2])
+        for side in (every.without(touching) for every in chunk.sides):
+            numbers.append(side.number)
+            boxes.append(_cell_box(side, pencil))
+        # The others may hold the center, and may then be met by every line. None meets one without area.
+        whole = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
+        numbers.append(whole)
+        boxes.append(np.tile(np.array([[0], [width + 1], [0], [height + 1]], dtype=np.int32), len(whole)))
+        holding.extend(n for n in whole.tolist() if exact.contains_center(n))
+    number, box = np.concatenate(numbers).astype(np.int32), np.concatenate(boxes, axis=1)
+    heights = box[3] - box[2] + 1
+    entry = np.repeat(np.arange(len(number), dtype=np.int32), heights)
+    before = np.cumsum(heights, dtype=np.int32) - heights
+    row = np.arange(len(entry), dtype=np.int32) + (box[2] - before)[entry]
+    row *= np.int32(width + 2)
+    return CellRows(
+        pencil=pencil,
+        number=number[entry],
+        holds=np.isin(number, holding)[entry] if holding else np.zeros(len(entry), dtype=np.bool_),
+        first=row + box[0][entry],
+        last=row + box[1][entry],
+    )
+
+
+def _cell_box(side: Side, pencil: Pencil) -> Numbers:
+    """Return first and last column, first and last row (4, T) of the cells of triangles, border included."""
+    bounds = np.empty((4, len(side.number)), dtype=np.int32)
+    for axis, corners in enumerate((side.x, side.y)):
+        pixels = pencil.resolution[axis]
+        low, high = slope_range(corners - pencil.center[axis], side.s, side.sign)
+        scale = pixels / (2 * pencil.half_extent[axis]) * (1 if axis == 0 else -1)
+        ends = [(slope - pencil.shear[axis]) * scale + (pixels - 1) / 2 for slope in (low, high)]
+        first, last = ends if axis == 0 else ends[::-1]
+        # The rounding of the triangle's place on the film, and that of the point's.
+        margin = HALF_CELL + 2 * pixel_slack(pencil, axis)
+        bounds[2 * axis] = np.ceil(np.clip(first - margin, -1, pixels)) + 1
+        bounds[2 * axis + 1] = np.floor(np.clip(last + margin, -1, pixels)) + 1
+    return bounds

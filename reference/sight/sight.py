@@ -1,0 +1,117 @@
+"""Surface points that the true frustum does not see, because another surface hides them.
+
+The answer is decided, as the truth is. A point's own line is that of the doubles (x - a_x)/s and (y - a_y)/s.
+A triangle hides the point if this line meets it before the point by more than half of the tolerance within
+which the point is known, and if the point lies farther from the triangle than this tolerance. Whether and
+where the line meets it is known within the bounds of double precision (`walk`); what they leave open is
+decided in integers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache, partial
+from importlib import import_module
+from typing import Protocol
+
+import numpy as np
+
+from xfrustum.reference.certify.arbitrary_lines import ExactLines
+from xfrustum.reference.certify.processors import compiled
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.sight.boxes import CellRows, cell_rows
+from xfrustum.reference.sight.distance import apart
+from xfrustum.reference.sight.walk import Before, PointLines, film_numbers
+from xfrustum.reference.sight.walk_numpy import NumpySearch
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.scene import Scene
+
+
+class Search(Protocol):
+    """An engine that finds what lines may meet before points; see `JitSearch`."""
+
+    def __init__(self, triangles: Floats) -> None: ...
+
+    def before(self, rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+        """Yield what the lines through points meet, or may meet, before them."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfacePoints:
+    """Surface points that an image shows.
+
+    Attributes
+    ----------
+    position
+        (N, 3) scene units, z not 0.
+    triangle
+        (N,) number of the triangle that each point lies on, `NOTHING` where that is not known.
+    tolerance
+        (N,) distance within which each point is known, scene units: a surface that passes within this
+        distance of a point is the point's own. Thus a mesh's tessellation makes no difference.
+    """
+
+    position: Floats
+    triangle: Numbers
+    tolerance: Floats
+
+
+class Sight:
+    """The triangles of a scene, ready to be searched for what hides points.
+
+    Parameters
+    ----------
+    scene
+        Scene with the triangles.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._triangles = scene.triangles
+        # The settings of one aperture share its rows of cells.
+        self._rows = lru_cache(maxsize=2)(partial(cell_rows, self._triangles))
+
+    @cached_property
+    def _search(self) -> Search:
+        if not compiled():
+            return NumpySearch(self._triangles)
+        # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
+        search: type[Search] = import_module("xfrustum.reference.sight.walk_jit").JitSearch
+        return search(self._triangles)
+
+    def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
+        """Return which points lie behind another surface on their own line.
+
+        Parameters
+        ----------
+        pencil
+            Lines through the point from which the points are seen.
+        points
+            Points that are asked about.
+        """
+        behind = np.zeros(len(points.position), dtype=np.bool_)
+        if not len(behind) or not len(self._triangles):
+            return behind
+        rows = self._rows(pencil)
+        for found in self._search.before(rows, points.position, points.triangle, points.tolerance):
+            position, tolerance = points.position[found.point], points.tolerance[found.point]
+            far = apart(position, self._triangles[found.triangle], tolerance)
+            doubtful = np.flatnonzero(far & ~found.sure)
+            far[doubtful] = self._met(pencil, position[doubtful], tolerance[doubtful], found.triangle[doubtful])
+            behind[found.point[far]] = True
+        return behind
+
+    def _met(self, pencil: Pencil, position: Floats, tolerance: Floats, triangle: Indices) -> Mask:
+        """Return which of some points' lines meet triangles before the points, decided in integers."""
+        if not len(position):
+            return np.zeros(0, dtype=np.bool_)
+        lines = PointLines.of(*position.T, tolerance, film_numbers(pencil), np.sqrt)
+        directions = np.stack((lines.dx, lines.dy, np.full(len(position), -1.0)), axis=1)
+        numbers, which = np.unique(triangle, return_inverse=True)
+        # Nothing is met before its end by a line that ends before the range.
+        ends = np.maximum(lines.end, pencil.s_range[0]).tolist()
+        exact = ExactLines(self._triangles[numbers], pencil.center, directions, (pencil.s_range[0], max(ends)))
+        met = [exact.meets(line, number) for line, number in enumerate(which.tolist())]
+        return np.array([s is not None and s < Fraction(end) for s, end in zip(met, ends, strict=True)])

@@ -1,0 +1,184 @@
+"""What a line may meet before its end, by the bounds of double precision: one text for all arithmetics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from xfrustum.reference.certify.narrow import RowPlanes, plane_meeting
+from xfrustum.reference.certify.spans import Arithmetic
+from xfrustum.reference.lines.cone import EDGES, ROUNDING
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.arrays import Indices, Mask
+
+Triple = tuple[Any, Any, Any]
+"""Three arrays: the coordinates of vectors."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Before:
+    """Points and triangles that their lines meet, or may meet, before the points.
+
+    Attributes
+    ----------
+    point
+        (M,) numbers of the points.
+    triangle
+        (M,) triangle numbers.
+    sure
+        (M,) whether the line surely meets the triangle, in the range and before the point.
+    """
+
+    point: Indices
+    triangle: Indices
+    sure: Mask
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointLines:
+    """The lines through points, from their common center, as arrays of any library.
+
+    Attributes
+    ----------
+    dx, dy
+        Slopes: the line is center + s (dx, dy, -1). These doubles define it.
+    end
+        Place before which a surface hides the point.
+    column, row
+        Place of the line on the film, in pixels.
+    """
+
+    dx: Any
+    dy: Any
+    end: Any
+    column: Any
+    row: Any
+
+    @classmethod
+    def of(cls, x: Any, y: Any, z: Any, tolerance: Any, film: Sequence[Any], root: Any) -> PointLines:
+        """Return the lines through points that are known to within a tolerance.
+
+        Parameters
+        ----------
+        x, y, z, tolerance
+            The points, off the height of the center.
+        film
+            The numbers of `film_numbers`.
+        root
+            Square root of an array.
+        """
+        center_x, center_y, center_z, shear_x, shear_y, scale_x, scale_y, middle_x, middle_y = film
+        s = center_z - z
+        dx, dy = (x - center_x) / s, (y - center_y) / s
+        # What is met nearer than half a tolerance before the point is the point's own surface.
+        end = s - tolerance / (2 * root(dx * dx + dy * dy + 1.0))
+        return cls(
+            dx=dx,
+            dy=dy,
+            end=end,
+            column=(dx - shear_x) * scale_x + middle_x,
+            row=middle_y - (dy - shear_y) * scale_y,
+        )
+
+
+def film_numbers(pencil: Pencil) -> list[float]:
+    """Return the numbers of a pencil that `PointLines.of` takes."""
+    sides = list(zip(pencil.resolution, pencil.half_extent, strict=True))
+    return [
+        *pencil.center,
+        *pencil.shear,
+        *(pixels / (2 * extent) for pixels, extent in sides),
+        *((pixels - 1) / 2 for pixels, _ in sides),
+    ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surfaces:
+    """Triangles with the bounds of their rounding, as arrays of any library; see `Cones`, which has the same."""
+
+    edge: list[Triple]
+    edge_magnitude: list[Triple]
+    normal: Triple
+    normal_magnitude: Triple
+    plane: Any
+    plane_bound: Any
+    holds: Any
+
+    @classmethod
+    def of(cls, corners: Sequence[Triple], center: Sequence[Any], holds: Any, by: Arithmetic) -> Surfaces:
+        """Return triangles, given their three corners in scene units, about the center of a pencil."""
+        seen = [_minus(corner, center) for corner in corners]
+        first, second = _minus(corners[1], corners[0]), _minus(corners[2], corners[0])
+        normal, magnitude = _cross(first, second), _cross_magnitude(first, second)
+        x, y, z = seen[0]
+        plane = x * normal[0] + y * normal[1] + z * normal[2]
+        bound = ROUNDING * (abs(x) * magnitude[0] + abs(y) * magnitude[1] + abs(z) * magnitude[2])
+        return cls(
+            edge=[_cross(seen[i], seen[j]) for i, j in EDGES],
+            edge_magnitude=[_cross_magnitude(seen[i], seen[j]) for i, j in EDGES],
+            normal=normal,
+            normal_magnitude=magnitude,
+            # Where the center lies in the triangle both are exactly zero.
+            plane=by.select(holds, 0.0, plane),
+            plane_bound=by.select(holds, 0.0, bound),
+            holds=holds,
+        )
+
+
+def _minus(a: Sequence[Any], b: Sequence[Any]) -> Triple:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _cross(a: Triple, b: Triple) -> Triple:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _cross_magnitude(a: Triple, b: Triple) -> Triple:
+    """Return the sums of absolute products in a x b, to which its rounding errors are relative."""
+    (ax, ay, az), (bx, by, bz) = (tuple(abs(value) for value in vector) for vector in (a, b))
+    return ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx
+
+
+def meeting(on: Surfaces, dx: Any, dy: Any, ends: tuple[Any, Any], by: Arithmetic) -> tuple[Any, Any]:
+    """Return whether lines may meet triangles before some places, and whether they surely do.
+
+    A line meets a triangle where the three edge functions have one common sign (see `cone`), and the place
+    where it meets the triangle's plane lies in the range and before the end. Every quantity is known to within
+    a bound of its rounding; what the bounds leave open is possible, and not sure.
+
+    Parameters
+    ----------
+    on
+        Triangles, one for each line.
+    dx, dy
+        Slopes of the lines.
+    ends
+        First s that counts, and s before which a surface counts.
+    by
+        The arithmetic of the arrays.
+    """
+    across, down = abs(dx), abs(dy)
+    positive, negative = [], []
+    for edge, magnitude in zip(on.edge, on.edge_magnitude, strict=True):
+        value = edge[0] * dx + edge[1] * dy - edge[2]
+        bound = ROUNDING * (across * magnitude[0] + down * magnitude[1] + magnitude[2])
+        positive.append(value > bound)
+        negative.append(value < -bound)
+    # Lines through a triangle that holds the center meet it there, whatever its edge functions are.
+    inside = (positive[0] & positive[1] & positive[2]) | (negative[0] & negative[1] & negative[2])
+    outside = (positive[0] | positive[1] | positive[2]) & (negative[0] | negative[1] | negative[2])
+    plane = RowPlanes(
+        plane=on.plane,
+        plane_bound=on.plane_bound,
+        normal_x=on.normal[0],
+        magnitude_x=on.normal_magnitude[0],
+        level=on.normal[1] * dy - on.normal[2],
+        level_magnitude=on.normal_magnitude[1] * down + on.normal_magnitude[2],
+        first=ends[0],
+        last=ends[1],
+    )
+    s, error = plane_meeting(dx, plane, by.select)
+    possible = (on.holds | ~outside) & (s + error >= ends[0]) & (s - error < ends[1])
+    sure = (on.holds | inside) & (s - error >= ends[0]) & (s + error < ends[1])
+    return possible, sure

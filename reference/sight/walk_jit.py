@@ -1,0 +1,163 @@
+"""The search for what may hide points, compiled by Dr.Jit for all processors.
+
+Points are sorted by the cells of their lines. There is one lane for each row of cells of a triangle: it walks
+the points in these cells, which lie one behind the other, and writes down those before which it may be met.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from drjit.llvm import Bool, Float64, Int32, UInt32
+
+from xfrustum.reference.certify.spans import Arithmetic
+from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.sight.boxes import CellRows, cells
+from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
+from xfrustum.scenes.arrays import Floats, Numbers
+
+_JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfinite=dr.isfinite)
+
+PAIRS_PER_POINT = 1 / 8
+"""Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
+more pairs, the walk is repeated with room for all of them."""
+
+FEWEST_PAIRS = 1 << 12
+"""Pairs that there is always room for."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sorted:
+    """Lines through points as Dr.Jit arrays, sorted by their cells, and the first line of each cell."""
+
+    dx: Any
+    dy: Any
+    end: Any
+    own: Any
+    point: Any
+    start: Any
+
+
+class JitSearch:
+    """The triangles of a scene, searched on Dr.Jit.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) corners.
+    """
+
+    def __init__(self, triangles: Floats) -> None:
+        with strict_arithmetic():
+            self._corners = Float64(np.ascontiguousarray(triangles).ravel())
+
+    def before(self, rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+        """Yield what the lines through points meet, or may meet, before them.
+
+        Parameters
+        ----------
+        rows
+            Rows of cells of the triangles.
+        position
+            (N, 3) points in scene units, off the height of the pencil's center.
+        own
+            (N,) number of the triangle that each point lies on, which is left out.
+        tolerance
+            (N,) distance within which each point is known.
+        """
+        with strict_arithmetic():
+            lines = _sorted(rows, position, own, tolerance)
+            first, last = (UInt32(cell.view(np.uint32)) for cell in (rows.first, rows.last))
+            first, last = dr.gather(UInt32, lines.start, first), dr.gather(UInt32, lines.start, last + 1)
+            # Rows without points would idle beside those that walk.
+            lane = dr.compress(first < last)
+            if not dr.width(lane):
+                return
+            number, holds = UInt32(rows.number.view(np.uint32)), Bool(rows.holds)
+            walks = [dr.gather(UInt32, values, lane) for values in (first, last, number)]
+            inside = dr.gather(Bool, holds, lane)
+            nearest = dr.opaque(Float64, rows.pencil.s_range[0])
+            center = [dr.opaque(Float64, value) for value in rows.pencil.center]
+            room = max(FEWEST_PAIRS, int(PAIRS_PER_POINT * len(position)))
+            found = None
+            while found is None or len(found.point) > room:
+                room = room if found is None else len(found.point)
+                found = self._walked(lines, (*walks, inside), center, nearest, room)
+        yield found
+
+    def _walked(
+        self, lines: _Sorted, lanes: tuple[Any, ...], center: list[Any], nearest: Any, room: int
+    ) -> Before:
+        """Return the pairs of some lanes; where there is no room for all, as many entries, without meaning."""
+        first, last, number, holds = lanes
+        corners: list[Any] = [
+            tuple(dr.gather(Float64, self._corners, 9 * number + (3 * corner + axis)) for axis in range(3))
+            for corner in range(3)
+        ]
+        surfaces = Surfaces.of(corners, center, holds, _JIT)
+        written, limit = dr.opaque(UInt32, 0), dr.opaque(UInt32, room)
+        points, triangles, certain = dr.empty(UInt32, room), dr.empty(UInt32, room), dr.empty(Bool, room)
+
+        def step(query: Any) -> tuple[Any]:
+            dx, dy, end = (dr.gather(Float64, values, query) for values in (lines.dx, lines.dy, lines.end))
+            possible, sure = meeting(surfaces, dx, dy, (nearest, end), _JIT)
+            possible &= dr.gather(UInt32, lines.own, query) != number
+            slot = dr.scatter_inc(written, UInt32(0), possible)
+            fits = possible & (slot < limit)
+            dr.scatter(points, dr.gather(UInt32, lines.point, query, fits), slot, fits)
+            dr.scatter(triangles, number, slot, fits)
+            dr.scatter(certain, sure, slot, fits)
+            return (query + 1,)
+
+        dr.while_loop((UInt32(first),), lambda query: query < last, step)
+        dr.eval(written, points, triangles, certain)
+        count = int(written[0])
+        point, triangle, sure = (
+            np.resize(values.numpy()[:count], count) for values in (points, triangles, certain)
+        )
+        return Before(point=point.astype(np.int64), triangle=triangle.astype(np.int64), sure=sure)
+
+
+def _sorted(rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> _Sorted:
+    """Return the lines through points, sorted by the cells of the film."""
+    width, height = rows.pencil.resolution
+    stride = dr.opaque(Int32, width + 2)
+    # Gathered, not loaded: Dr.Jit compiles anew for every mix of alignments of arrays that lanes load.
+    at = dr.arange(UInt32, len(position))
+    x, y, z, known_to = (
+        dr.gather(Float64, Float64(np.ascontiguousarray(values)), at) for values in (*position.T, tolerance)
+    )
+    numbers = [dr.opaque(Float64, value) for value in film_numbers(rows.pencil)]
+    lines = PointLines.of(x, y, z, known_to, numbers, dr.sqrt)
+    sides = [dr.opaque(Float64, float(side)) for side in (width, height)]
+    column, row = (
+        Int32(dr.round(dr.clip(place, -1.0, side))) + 1
+        for place, side in zip((lines.column, lines.row), sides, strict=True)
+    )
+    cell = UInt32(row * stride + column)
+    # Counting sort: the order of the lines within a cell means nothing.
+    count = dr.opaque(UInt32, 0, cells(rows.pencil) + 1)
+    rank = dr.scatter_inc(count, cell)
+    dx, dy, end = lines.dx, lines.dy, lines.end
+    dr.eval(dx, dy, end, cell, rank, count)
+    start = dr.prefix_sum(count)
+    target = dr.gather(UInt32, start, cell) + rank
+    number = dr.gather(UInt32, UInt32(np.ascontiguousarray(own, dtype=np.int32).view(np.uint32)), at)
+    sorted_lines = []
+    for kind, values in ((Float64, dx), (Float64, dy), (Float64, end), (UInt32, number), (UInt32, at)):
+        out = dr.empty(kind, len(position))
+        dr.scatter(out, values, target)
+        sorted_lines.append(out)
+    dr.eval(*sorted_lines)
+    return _Sorted(
+        dx=sorted_lines[0],
+        dy=sorted_lines[1],
+        end=sorted_lines[2],
+        own=sorted_lines[3],
+        point=sorted_lines[4],
+        start=start,
+    )
