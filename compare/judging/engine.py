@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -157,7 +157,7 @@ class _Hogel:
     truth: Future[HogelImage]
     lap: Stopwatch
 
-    @cached_property
+    @property
     def traced(self) -> TracedHogel:
         """The hogel, as soon as it is traced."""
         truth = self.truth.result()
