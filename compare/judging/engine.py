@@ -20,7 +20,7 @@ import numpy as np
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
-from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
 from xfrustum.compare.judging.threads import DrawingThread, TracingThread
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.compare.metrics.error_maps import JudgedImage
@@ -112,6 +112,11 @@ class JudgedFrame:
     budget: Budget | None
     lap: Stopwatch
     gpu_s: float
+
+    @property
+    def times(self) -> StageTimes:
+        """Seconds of the truth and of the frame's stages."""
+        return StageTimes.of(self.hogel.trace_s, self.lap)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
