@@ -124,7 +124,7 @@ class Reference:
     def _band(self, aperture: Aperture, certifier: Certifier, rows: range) -> HogelImage:
         """Decide some rows of a true image."""
         decided = certifier.decide(rows)
-        image = self._pictures.image(aperture, rows, [(certifier.pencil, decided)])
+        image = self._pictures.true_image(aperture, rows, certifier.pencil, decided)
         opinion = SecondOpinion(
             tracer=lambda: self.tracer,
             scene=self.scene,
@@ -139,7 +139,7 @@ class Reference:
         """Return the image that the float32 tracer alone proposes; no pixel of it is certified."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
         found = uncertified(self.tracer, self.scene, pencil, rows := range(pencil.resolution[1]))
-        return self._pictures.image(aperture, rows, [(pencil, found)])
+        return self._pictures.true_image(aperture, rows, pencil, found)
 
     def _averaged(
         self, aperture: Aperture, sampling: Sampling, band: Callable[[range], HogelImage]

@@ -15,7 +15,6 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Bool, Float64, Int32, UInt32
 from numpy.typing import NDArray
 
 from xfrustum.reference.certify.narrow import (
@@ -27,7 +26,8 @@ from xfrustum.reference.certify.narrow import (
     surely_counts,
 )
 from xfrustum.reference.certify.rows import Rows
-from xfrustum.reference.certify.spans import Arithmetic, FilmRow, columns_between, slopes_inside
+from xfrustum.reference.certify.spans import FilmRow, columns_between, slopes_inside
+from xfrustum.reference.devices.arithmetic_jit import JIT, Bool, Float64, Int32, UInt32
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
@@ -35,8 +35,6 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 
 _DOUBTFUL_WEIGHT = 2
 """Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone."""
-
-_JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfinite=dr.isfinite)
 
 _ARRAYS = {"float64": Float64, "int32": Int32, "int64": UInt32, "bool": Bool}
 """Dr.Jit's arrays for each NumPy type of the tables in `Rows` and `Cones`; int64 holds triangle numbers."""
@@ -145,9 +143,9 @@ class JitNarrowPhase:
             Float64(sign) - 1.0,
             dy,
             self._film,
-            _JIT,
+            JIT,
         )
-        low, high = columns_between(low, high, self._film, _JIT)
+        low, high = columns_between(low, high, self._film, JIT)
         box = components(rows.columns)
         first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
         empty = first > last

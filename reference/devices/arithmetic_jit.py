@@ -40,8 +40,14 @@ def _table(rows: NDArray[Any]) -> Table:
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 
+LEAST_LOGARITHM = -1000.0
+"""Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
+for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
+
+
 def _power(base: Any, exponent: Any, where: Any) -> Any:
-    return dr.select(where, dr.power(dr.select(where, base, 1.0), exponent), 0.0)
+    logarithm = exponent * dr.log2(dr.select(where, base, 1.0))
+    return dr.select(where, dr.exp2(dr.maximum(logarithm, LEAST_LOGARITHM)), 0.0)
 
 
 def _constants(values: Sequence[float]) -> list[Any]:

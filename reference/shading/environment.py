@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from xfrustum.reference.devices.arithmetic import NUMPY, Arithmetic, Coordinates
-from xfrustum.reference.shading.textures import bilinear, repeated
+from xfrustum.reference.shading.textures import bilinear, bounded, repeated
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Floats
 
@@ -42,7 +42,7 @@ class Surroundings:
         from_top = by.arctan2(by.hypot(x, z), y)
 
         def texel(row: Any, column: Any) -> list[Any]:
-            inside = by.maximum(by.minimum(row, self._height - 1.0), 0.0)
+            inside = bounded(by, row, self._height - 1.0)
             return self._texel(by.whole(inside * self._width) + repeated(by, column, self._width))
 
         right, down = (longitude / (2.0 * np.pi) + 0.5) * self._width, from_top / np.pi * self._height

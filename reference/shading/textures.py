@@ -92,6 +92,11 @@ def bilinear(by: Arithmetic, texel: Callable[[Any, Any], list[Any]], down: Any, 
 
 def repeated(by: Arithmetic, index: Any, size: Any) -> Any:
     """Return whole numbers, given as doubles, as indices modulo a size."""
-    whole = index - size * by.floor(index / size)
     # So far out that the quotient is rounded up, a number may come out just below zero.
-    return by.whole(by.minimum(by.maximum(whole, 0.0), size - 1.0))
+    return by.whole(bounded(by, index - size * by.floor(index / size), size - 1.0))
+
+
+def bounded(by: Arithmetic, index: Any, last: Any) -> Any:
+    """Return whole numbers from 0 to a last one, 0 in place of NaN: nothing is looked up outside a table."""
+    index = by.select(index > 0.0, index, 0.0)
+    return by.select(index < last, index, last)
