@@ -10,10 +10,11 @@ import numpy as np
 
 from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, points_per_side
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
+from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.certify.runner_up import RunnersUp
 from xfrustum.reference.certify.sides import sorted_by_side
 from xfrustum.reference.convergence import TOLERANCE, Converged, converged
-from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel
+from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel, in_turn
 from xfrustum.reference.lines.facing import drawn_triangles
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
@@ -91,7 +92,12 @@ class Reference:
         sampling
             Points over which color is averaged; None for the scene's own sampling.
         """
-        image = stacked(list(self.trace_bands(aperture, sampling)))
+        one_of(aperture, Aperture, "aperture")
+        if averages(self.scene.sampling if sampling is None else sampling):
+            image = stacked(list(self.trace_bands(aperture, sampling)))
+        else:
+            pencil = crossed_frustum(self.scene.frustum, aperture)
+            image = self._whole(aperture, Certifier(self.scene.triangles, pencil))
         return replace(image, rendering=self.rendering(sampling))
 
     def trace_bands(self, aperture: Aperture, sampling: Sampling | None = None) -> Iterator[HogelImage]:
@@ -103,7 +109,8 @@ class Reference:
         if averages(sampling):
             yield from self._averaged(aperture, sampling, band)
         else:
-            yield from in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)
+            least = UNDIVIDED_PIXELS if compiled() else BUSY_PIXELS
+            yield from in_parallel(band, pencil.resolution, least_pixels=least)
 
     def stream(self, apertures: Iterable[Aperture]) -> Iterator[HogelImage]:
         """Yield the true images of many apertures in order: those that `trace` returns, in less time.
@@ -117,9 +124,15 @@ class Reference:
         sides = list(sorted_by_side(self.scene.triangles, middle))
         for aperture in apertures:
             pencil = crossed_frustum(self.scene.frustum, aperture)
-            band = partial(self._band, aperture, Certifier(self.scene.triangles, pencil, sides))
-            image = stacked(list(in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)))
+            image = self._whole(aperture, Certifier(self.scene.triangles, pencil, sides))
             yield replace(image, rendering=self.rendering())
+
+    def _whole(self, aperture: Aperture, certifier: Certifier) -> HogelImage:
+        """Decide a whole true image."""
+        band, resolution = partial(self._band, aperture, certifier), certifier.pencil.resolution
+        if compiled():
+            return stacked(list(in_turn(band, resolution)))
+        return stacked(list(in_parallel(band, resolution, least_pixels=BUSY_PIXELS)))
 
     def _band(self, aperture: Aperture, certifier: Certifier, rows: range) -> HogelImage:
         """Decide some rows of a true image."""

@@ -11,6 +11,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.reference import Reference, truth
+from xfrustum.reference.devices import bands
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.scenes import Aperture
 from xfrustum.scenes.appearance.sampling import Sampling
@@ -50,6 +51,7 @@ def test_so_it_has_where_images_are_cut_into_bands(monkeypatch: pytest.MonkeyPat
     reference = Reference(scene)
     alone = [reference.trace(aperture) for aperture in apertures]
     monkeypatch.setattr(truth, "BUSY_PIXELS", 48 * 10)
+    monkeypatch.setattr(bands, "WHOLE_PIXELS", 48 * 10)
     for image, expected in zip(reference.stream(apertures), alone, strict=True):
         assert_same(image, expected)
 
