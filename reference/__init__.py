@@ -1,21 +1,23 @@
 """The first answer: the surface that every line through an aperture meets first, certified and lit.
 
-certify/     The first surface along each line: proven, decided exactly, or named a tie
-devices/     The devices that the reference computes on: LLVM through Dr.Jit, threads, bands of rows
-lines/       The lines through an aperture, and triangles as these lines see them
-shading/     The color of true hits
-sight/       Which surface points a pencil's lines see: certified, by the bounds of the truth
-tracers/     Ray tracers as second opinions
-transport/   Light transport: shadows and interreflection, by light paths
-alone        What ray tracers in single precision would have got wrong alone, without the certificate
-averages     Color averaged over the boxes of pixels and over apertures; every line of it is certified
-convergence  The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6:
-             band limiting)
-layers       Layers: what single cameras show, and how they overlay
-pictures     The image of an aperture, made of decisions along its lines: points, normals, objects, light
-plain        What a ray tracer in single precision shows alone, in the place of the truth; nothing of it is
-             examined
-truth        True images: asks `certify` for each pixel, then adds points, normals and color
+certify/      The first surface along each line: proven, decided exactly, or named a tie
+devices/      The devices that the reference computes on: LLVM through Dr.Jit, threads, bands of rows
+lines/        The lines through an aperture, and triangles as these lines see them
+shading/      The color of true hits
+sight/        Which surface points a pencil's lines see: certified, by the bounds of the truth
+tracers/      Ray tracers as second opinions
+transport/    Light transport: shadows and interreflection, by light paths
+alone         What ray tracers in single precision would have got wrong alone, without the certificate
+averages      Color averaged over the boxes of pixels and over apertures; every line of it is certified
+convergence   The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6: band
+              limiting)
+layers        Layers: what single cameras show, and how they overlay
+pictures      The image of an aperture, made of decisions along its lines: points, normals, objects, light
+pictures_jit  Points, normals, objects and light of decided pixels, compiled by Dr.Jit: one lane for each
+              pixel
+plain         What a ray tracer in single precision shows alone, in the place of the truth; nothing of it is
+              examined
+truth         True images: asks `certify` for each pixel, then adds points, normals and color
 """
 
 from __future__ import annotations

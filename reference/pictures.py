@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.layers import Layer, overlaid
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.shading.shading import Hits, Shader
@@ -13,6 +18,9 @@ from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+
+if TYPE_CHECKING:
+    from xfrustum.reference.pictures_jit import JitPictures
 
 
 class Pictures:
@@ -30,6 +38,33 @@ class Pictures:
         self._scene, self._shader = scene, shader
         # Indexed by triangle number: `NOTHING`, which is -1, finds the last entry, `NOTHING`.
         self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
+
+    @cached_property
+    def _compiled(self) -> JitPictures | None:
+        """What makes images compiled; None where nothing can be compiled or seen."""
+        if not compiled() or not len(self._scene.faces):
+            return None
+        # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
+        made: JitPictures = import_module("xfrustum.reference.pictures_jit").JitPictures(
+            self._scene, self._shader
+        )
+        return made
+
+    def true_image(self, aperture: Aperture, rows: range, pencil: Pencil, found: FirstSurfaces) -> HogelImage:
+        """Return what is first along the lines of the true frustum in some rows; see `image`."""
+        if self._compiled is None:
+            return self.image(aperture, rows, [(pencil, found)])
+        shown = self._compiled.shown(pencil, rows, found)
+        return HogelImage(
+            camera=self.camera(aperture),
+            triangle=found.triangle,
+            object=shown.object,
+            position=shown.position,
+            normal=shown.normal,
+            color=shown.color,
+            certainty=found.certainty,
+            companions=found.companions,
+        )
 
     def camera(self, aperture: Aperture, settings: DoubleFrustum | None = None) -> HogelCamera:
         """Return the true frustum of an aperture; with settings, as the offset cameras' image has it."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import islice
 
 import numpy as np
 
 from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, points_per_side
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
+from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.certify.runner_up import RunnersUp
 from xfrustum.reference.certify.sides import sorted_by_side
 from xfrustum.reference.convergence import TOLERANCE, Converged, converged
-from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel
+from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel, in_turn
 from xfrustum.reference.lines.facing import drawn_triangles
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
@@ -22,22 +22,19 @@ from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.names import TRACERS
-from xfrustum.reference.tracers.proposals import proposed, uncertified
+from xfrustum.reference.tracers.proposals import SecondOpinion, uncertified
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
-from xfrustum.scenes.arrays import Floats, Mask, Numbers
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect, checked
-from xfrustum.scenes.model.hogel_image import Certainty, HogelCamera, HogelImage, stacked
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, stacked
 from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-
-STREAMED_PIXELS = 1 << 18
-"""Pixels traced per call of the tracer; each needs about 100 bytes."""
 
 
 class Reference:
@@ -100,7 +97,12 @@ class Reference:
         sampling
             Points over which color is averaged; None for the scene's own sampling.
         """
-        image = stacked(list(self.trace_bands(aperture, sampling)))
+        one_of(aperture, Aperture, "aperture")
+        if averages(self.scene.sampling if sampling is None else sampling):
+            image = stacked(list(self.trace_bands(aperture, sampling)))
+        else:
+            pencil = crossed_frustum(self.scene.frustum, aperture)
+            image = self._whole(aperture, Certifier(self.scene.triangles, pencil))
         return replace(image, rendering=self.rendering(sampling))
 
     def trace_bands(self, aperture: Aperture, sampling: Sampling | None = None) -> Iterator[HogelImage]:
@@ -108,58 +110,54 @@ class Reference:
         one_of(aperture, Aperture, "aperture")
         sampling = self.scene.sampling if sampling is None else sampling
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        certifier = Certifier(self.scene.triangles, pencil)
-
-        def band(rows: range) -> HogelImage:
-            (second_opinion,) = proposed(self.tracer, self.scene, [pencil], rows)
-            return self._band(aperture, certifier, rows, second_opinion)
-
+        band = partial(self._band, aperture, Certifier(self.scene.triangles, pencil))
         if averages(sampling):
             yield from self._averaged(aperture, sampling, band)
         else:
-            yield from in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)
+            least = UNDIVIDED_PIXELS if compiled() else BUSY_PIXELS
+            yield from in_parallel(band, pencil.resolution, least_pixels=least)
 
     def stream(self, apertures: Iterable[Aperture]) -> Iterator[HogelImage]:
         """Yield the true images of many apertures in order: those that `trace` returns, in less time.
 
-        Triangles are sorted once for the whole plate, and the tracer is given the lines of several small
-        hogels at a time. Memory does not grow with the number of apertures.
+        Triangles are sorted once for the whole plate. Memory does not grow with the number of apertures.
         """
         if averages(self.scene.sampling):
             yield from map(self.trace, apertures)
             return
-        width, height = self.scene.frustum.resolution
         middle = crossed_frustum(self.scene.frustum, self.scene.plate.middle)
         sides = list(sorted_by_side(self.scene.triangles, middle))
-        waiting = iter(apertures)
-        while some := list(islice(waiting, max(1, STREAMED_PIXELS // (width * height)))):
-            pencils = [crossed_frustum(self.scene.frustum, aperture) for aperture in some]
-            opinions = proposed(self.tracer, self.scene, pencils, range(height))
-            for aperture, pencil, opinion in zip(some, pencils, opinions, strict=True):
-                certifier = Certifier(self.scene.triangles, pencil, sides)
-                band = partial(self._streamed, aperture, certifier, opinion)
-                image = stacked(list(in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)))
-                yield replace(image, rendering=self.rendering())
+        for aperture in apertures:
+            pencil = crossed_frustum(self.scene.frustum, aperture)
+            image = self._whole(aperture, Certifier(self.scene.triangles, pencil, sides))
+            yield replace(image, rendering=self.rendering())
 
-    def _streamed(
-        self, aperture: Aperture, certifier: Certifier, opinion: Numbers, rows: range
-    ) -> HogelImage:
-        return self._band(aperture, certifier, rows, opinion[rows.start : rows.stop])
+    def _whole(self, aperture: Aperture, certifier: Certifier) -> HogelImage:
+        """Decide a whole true image."""
+        band, resolution = partial(self._band, aperture, certifier), certifier.pencil.resolution
+        if compiled():
+            return stacked(list(in_turn(band, resolution)))
+        return stacked(list(in_parallel(band, resolution, least_pixels=BUSY_PIXELS)))
 
-    def _band(
-        self, aperture: Aperture, certifier: Certifier, rows: range, second_opinion: Numbers
-    ) -> HogelImage:
-        """Decide some rows of a true image, and mark the pixels at which the tracer proposed otherwise."""
+    def _band(self, aperture: Aperture, certifier: Certifier, rows: range) -> HogelImage:
+        """Decide some rows of a true image."""
         decided = certifier.decide(rows)
-        image = self._pictures.image(aperture, rows, [(certifier.pencil, decided)])
-        overruled = (second_opinion != decided.triangle) & (decided.certainty != Certainty.TIE)
-        return replace(image, overruled=overruled)
+        image = self._pictures.true_image(aperture, rows, certifier.pencil, decided)
+        opinion = SecondOpinion(
+            tracer=lambda: self.tracer,
+            scene=self.scene,
+            pencil=certifier.pencil,
+            rows=rows,
+            triangle=decided.triangle,
+            certainty=decided.certainty,
+        )
+        return replace(image, second_opinion=opinion)
 
     def propose(self, aperture: Aperture) -> HogelImage:
         """Return the image that the float32 tracer alone proposes; no pixel of it is certified."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
         found = uncertified(self.tracer, self.scene, pencil, rows := range(pencil.resolution[1]))
-        return self._pictures.image(aperture, rows, [(pencil, found)])
+        return self._pictures.true_image(aperture, rows, pencil, found)
 
     def _averaged(
         self, aperture: Aperture, sampling: Sampling, band: Callable[[range], HogelImage]

@@ -15,7 +15,6 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Bool, Float64, Int32, UInt32
 from numpy.typing import NDArray
 
 from xfrustum.reference.certify.narrow import (
@@ -27,7 +26,8 @@ from xfrustum.reference.certify.narrow import (
     surely_counts,
 )
 from xfrustum.reference.certify.rows import Rows
-from xfrustum.reference.certify.spans import Arithmetic, FilmRow, columns_between, slopes_inside
+from xfrustum.reference.certify.spans import FilmRow, columns_between, slopes_inside
+from xfrustum.reference.devices.arithmetic_jit import JIT, Bool, Float64, Int32, UInt32
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
@@ -35,8 +35,6 @@ from xfrustum.scenes.model.hogel_image import NOTHING
 
 _DOUBTFUL_WEIGHT = 2
 """Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone."""
-
-_JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfinite=dr.isfinite)
 
 _ARRAYS = {"float64": Float64, "int32": Int32, "int64": UInt32, "bool": Bool}
 """Dr.Jit's arrays for each NumPy type of the tables in `Rows` and `Cones`; int64 holds triangle numbers."""
@@ -109,17 +107,12 @@ class JitNarrowPhase:
         """Return the triangles that may be first among all that were added."""
         with strict_arithmetic():
             rivals = dr.opaque(UInt32, 0, self._pixels)
-            number = dr.opaque(UInt32, 0, self._pixels)
-            distance = dr.opaque(Float64, 0.0, self._pixels)
+            number = dr.opaque(Int32, NOTHING, self._pixels)
+            distance = dr.opaque(Float64, np.nan, self._pixels)
             for lanes in self._lanes:
                 self._count(lanes, rivals, number, distance)
-            contested = self._contested(rivals)
-            alone = rivals.numpy() == 1
-            return Sifted(
-                triangle=np.where(alone, number.numpy(), NOTHING).astype(np.int32),
-                s=np.where(alone, distance.numpy(), np.nan),
-                contested=contested,
-            )
+            contested = self._contested(rivals, number, distance)
+            return Sifted(triangle=number.numpy(), s=distance.numpy(), contested=contested)
 
     def _cut(self, rows: Rows) -> Lanes:
         # Dr.Jit reads NumPy's memory in place and compiles anew for every mix of alignments of arrays that
@@ -145,9 +138,9 @@ class JitNarrowPhase:
             Float64(sign) - 1.0,
             dy,
             self._film,
-            _JIT,
+            JIT,
         )
-        low, high = columns_between(low, high, self._film, _JIT)
+        low, high = columns_between(low, high, self._film, JIT)
         box = components(rows.columns)
         first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
         empty = first > last
@@ -186,19 +179,27 @@ class JitNarrowPhase:
             pixel = lanes.base + column
             weight = dr.select(sure, UInt32(1), UInt32(_DOUBTFUL_WEIGHT))
             dr.scatter_reduce(dr.ReduceOp.Add, rivals, weight, pixel, possible, mode=dr.ReduceMode.Direct)
-            dr.scatter(number, lanes.number, pixel, possible)
+            dr.scatter(number, Int32(lanes.number), pixel, possible)
             dr.scatter(distance, s, pixel, possible)
 
         walk(lanes, count)
         dr.eval(rivals, number, distance)
 
-    def _contested(self, rivals: Any) -> Pairs:
-        """Return all pairs of the pixels for which several triangles may be first, or one not surely met."""
+    def _contested(self, rivals: Any, number: Any, distance: Any) -> Pairs:
+        """Return all pairs of the pixels for which several triangles may be first, or one not surely met.
+
+        In these pixels number and distance are those of one triangle of several, and are taken back.
+        """
         open_pixels = rivals > 1
         size = int(dr.sum(dr.select(open_pixels, rivals, UInt32(0)))[0])
         if size == 0:
             return NO_PAIRS
-        return Pairs.joined([self._pairs(lanes, rivals, size) for lanes in self._lanes])
+        found = Pairs.joined([self._pairs(lanes, rivals, size) for lanes in self._lanes])
+        pixel = dr.arange(UInt32, self._pixels)
+        dr.scatter(number, Int32(NOTHING), pixel, open_pixels)
+        dr.scatter(distance, Float64(np.nan), pixel, open_pixels)
+        dr.eval(number, distance)
+        return found
 
     def _pairs(self, lanes: Lanes, rivals: Any, size: int) -> Pairs:
         """Return the pairs of open pixels; lanes write them in any order into arrays of the largest size."""

@@ -18,7 +18,8 @@ from xfrustum.reference.certify.narrow import (
     surely_counts,
 )
 from xfrustum.reference.certify.rows import Rows
-from xfrustum.reference.certify.spans import NUMPY, FilmRow, columns_between, slopes_inside
+from xfrustum.reference.certify.spans import FilmRow, columns_between, slopes_inside
+from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.lines.cone import Cones
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs

@@ -6,9 +6,9 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Float64
 
 from xfrustum.reference.certify.narrow_jit import JitNarrowPhase, Lanes, walk
+from xfrustum.reference.devices.arithmetic_jit import Float64
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.scenes.arrays import Floats
 

@@ -7,28 +7,16 @@ arguments are arrays of either library, with one lane for each row of each trian
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from xfrustum.reference.certify.footprints import pixel_slack
+from xfrustum.reference.devices.arithmetic import Arithmetic
 from xfrustum.reference.lines.cone import ROUNDING, UNIT_ROUNDOFF
 from xfrustum.reference.lines.lines import Pencil
-
-
-@dataclass(frozen=True, kw_only=True)
-class Arithmetic:
-    """Functions that NumPy and Dr.Jit name differently: `select` is `numpy.where`."""
-
-    select: Callable[[Any, Any, Any], Any]
-    maximum: Callable[[Any, Any], Any]
-    minimum: Callable[[Any, Any], Any]
-    isfinite: Callable[[Any], Any]
-
-
-NUMPY = Arithmetic(select=np.where, maximum=np.maximum, minimum=np.minimum, isfinite=np.isfinite)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,15 +1,23 @@
-"""Normals, colors and textures between vertices, interpolated linearly in space."""
+"""Normals, colors and texture coordinates between vertices, interpolated linearly in space."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.shading.textures import texture_color
-from xfrustum.scenes.arrays import Floats, Indices, Numbers
-from xfrustum.scenes.model.effects import Effect
+from xfrustum.reference.devices.arithmetic import (
+    NUMPY,
+    Arithmetic,
+    Coordinates,
+    Table,
+    cross,
+    difference,
+    dot,
+)
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.model.scene import Scene
 
 
@@ -19,71 +27,72 @@ class Places:
 
     Attributes
     ----------
-    triangle
-        (N,) numbers.
     corners
-        (N, 3) vertex numbers.
+        Vertex numbers of the first, second and third corner.
     of_second, of_third
-        (N,) barycentric coordinates: the weights of the second and the third corner.
+        Barycentric coordinates: the weights of the second and the third corner.
     """
 
-    triangle: Numbers
-    corners: Indices
-    of_second: Floats
-    of_third: Floats
+    corners: Sequence[Any]
+    of_second: Any
+    of_third: Any
 
-    def __getitem__(self, some: Indices) -> Places:
-        return Places(**{item.name: getattr(self, item.name)[some] for item in fields(self)})
-
-    def interpolated(self, values: Floats) -> Floats:
-        """Return (N, C) values between those of vertices (V, C); exact where all three corners are equal."""
-        first, second, third = (values[self.corners[:, k]] for k in range(3))
-        step = self.of_second[:, None] * (second - first) + self.of_third[:, None] * (third - first)
-        return np.asarray(first + step)
+    def interpolated(self, values: Table) -> list[Any]:
+        """Return values between those of vertices; exact where all three corners are equal."""
+        first, second, third = (values(corner) for corner in self.corners)
+        return [
+            a + (self.of_second * (b - a) + self.of_third * (c - a))
+            for a, b, c in zip(first, second, third, strict=True)
+        ]
 
 
-def places(scene: Scene, triangle: Numbers, position: Floats) -> Places:
-    """Return the place of each point on its triangle, by the areas that it cuts off along the normal."""
-    corners = scene.triangles[triangle]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    offset = position - corners[:, 0]
-    normal = np.cross(first, second)
-    area = np.einsum("ij,ij->i", normal, normal)
-    return Places(
-        triangle=triangle,
-        corners=scene.faces[triangle],
-        of_second=np.einsum("ij,ij->i", normal, np.cross(offset, second)) / area,
-        of_third=np.einsum("ij,ij->i", normal, np.cross(first, offset)) / area,
-    )
+class Corners:
+    """The corners of a scene's triangles.
+
+    Parameters
+    ----------
+    by
+        Arithmetic of the points.
+    scene
+        Scene with at least one triangle.
+    """
+
+    def __init__(self, by: Arithmetic, scene: Scene) -> None:
+        self._vertices, self._faces = by.table(scene.vertices), by.table(scene.faces)
+
+    def places(self, triangle: Any, position: Coordinates) -> Places:
+        """Return the place of each point on its triangle, by the areas that it cuts off along the normal."""
+        corners = self._faces(triangle)
+        origin, *others = (self._vertices(corner) for corner in corners)
+        first, second = (difference(other, origin) for other in others)
+        offset = difference(position, origin)
+        normal = cross(first, second)
+        area = dot(normal, normal)
+        return Places(
+            corners=corners,
+            of_second=dot(normal, cross(offset, second)) / area,
+            of_third=dot(normal, cross(first, offset)) / area,
+        )
 
 
-def smooth_normals(scene: Scene, where: Places, flat: Floats) -> Floats:
-    """Return (N, 3) unit normals between those of the vertices; the flat normal where a corner has none.
+def smoothed(by: Arithmetic, where: Places, vertex_normals: Table, flat: Coordinates) -> list[Any]:
+    """Return unit normals between those of the vertices; the flat normal where a corner has none.
 
     Normals that cancel each other give the flat normal too: there is no direction between opposite ones.
     """
+    normal = where.interpolated(vertex_normals)
+    length = by.sqrt(dot(normal, normal))
+    found = length > 0.0
+    inverse = by.select(found, length, 1.0)
+    return [by.select(found, own / inverse, other) for own, other in zip(normal, flat, strict=True)]
+
+
+def places(scene: Scene, triangle: Numbers, position: Floats) -> Places:
+    """Return the places of points (N, 3) on triangles (N,), in NumPy."""
+    return Corners(NUMPY, scene).places(triangle, position.T)
+
+
+def smooth_normals(scene: Scene, where: Places, flat: Floats) -> Floats:
+    """Return the unit normals (N, 3) of points in NumPy; see `smoothed`."""
     assert scene.surface.vertex_normals is not None
-    normal = where.interpolated(scene.surface.vertex_normals)
-    length = np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
-    found = length > 0
-    return np.where(found, normal / np.where(found, length, 1.0), flat)
-
-
-def albedo(scene: Scene, where: Places, effects: Collection[Effect]) -> Floats | float:
-    """Return (N, 3) vertex color times texture, with 1 in place of each that is absent; 1 without both."""
-    color: Floats | float = 1.0
-    surface = scene.surface
-    if Effect.VERTEX_COLORS in effects:
-        assert surface.vertex_colors is not None
-        color = where.interpolated(surface.vertex_colors)
-    if Effect.TEXTURES in effects:
-        assert surface.texture_of_triangle is not None
-        assert surface.uv is not None
-        numbers = surface.texture_of_triangle[where.triangle]
-        textured = np.ones((len(numbers), 3))
-        for number, texture in enumerate(surface.textures):
-            here = np.flatnonzero(numbers == number)
-            if len(here):
-                textured[here] = texture_color(texture, where[here].interpolated(surface.uv))
-        color = color * textured
-    return color
+    return np.stack(smoothed(NUMPY, where, NUMPY.table(scene.surface.vertex_normals), flat.T), axis=-1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,9 +12,12 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.planes import plane_places, triangle_normals
 from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.tracer import Tracer
-from xfrustum.scenes.arrays import Floats, Numbers
+from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
+
+OPINION_PIXELS = 1 << 18
+"""Pixels that a second opinion asks for at once. This bounds the memory, some 200 bytes each."""
 
 
 def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: range) -> Numbers:
@@ -48,6 +52,40 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
         beyond = _first_places(scene, pencil, own[met], directions[met]) > pencil.s_range[1]
         own[met] = np.where(beyond, NOTHING, own[met])
     return hits.reshape(len(pencils), len(rows), -1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SecondOpinion:
+    """The pixels at which a tracer contradicts decisions; calling it asks the tracer.
+
+    Attributes
+    ----------
+    tracer
+        Function that returns the tracer of the scene.
+    scene
+        Scene with the triangles.
+    pencil, rows
+        Lines of the image, and those of its rows that were decided.
+    triangle, certainty
+        (rows, W) triangle numbers that were decided, and their `Certainty`.
+    """
+
+    tracer: Callable[[], Tracer]
+    scene: Scene
+    pencil: Pencil
+    rows: range
+    triangle: Numbers
+    certainty: Bytes
+
+    def __call__(self) -> Mask:
+        """Return the pixels (rows, W) that are no tie and at which the tracer shows another triangle."""
+        overruled = np.empty(self.triangle.shape, dtype=np.bool_)
+        size = max(1, OPINION_PIXELS // self.pencil.resolution[0])
+        for start in range(0, len(self.rows), size):
+            part = slice(start, start + size)
+            (number,) = proposed(self.tracer(), self.scene, [self.pencil], self.rows[part])
+            overruled[part] = (number != self.triangle[part]) & (self.certainty[part] != Certainty.TIE)
+        return overruled
 
 
 def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:

@@ -32,7 +32,7 @@ MEANINGS = {
     EMBREE: "Embree through embreex, robust, rays from NumPy: triangle numbers",
     TRIMESH: "trimesh's intersects_location, first hits only",
     CERTIFIED: "certified triangle, place along the line and certainty, with all set-up",
-    TRUTH: "the whole true image: also points, normals, colors, Embree's second opinion",
+    TRUTH: "the whole true image: also points, normals and colors, without a second opinion",
 }
 """All contestants, in the order in which they are listed."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -94,9 +94,9 @@ class HogelImage:
     companions
         (N, 3) row, column and triangle number of every surface that shares a tie; None in images that are
         not certified.
-    overruled
-        Pixels where the float32 tracer alone would have shown another triangle; None in images that are
-        not certified.
+    second_opinion
+        Function that returns `overruled`, which asks a float32 tracer; None in images that are not
+        certified. Nothing is traced before `overruled` is read.
     rendering
         Effects and samples of the color; None where they are unknown or there is no color.
     """
@@ -110,8 +110,21 @@ class HogelImage:
     variance: Singles | None = None
     certainty: Bytes | None = None
     companions: Indices | None = None
-    overruled: Mask | None = None
+    second_opinion: Callable[[], Mask] | None = None
     rendering: Rendering | None = None
+
+    @cached_property
+    def overruled(self) -> Mask | None:
+        """Pixels where the float32 tracer alone would have shown another triangle than the truth.
+
+        None in images that are not certified. The tracer is asked when this is first read.
+        """
+        return None if self.second_opinion is None else self.second_opinion()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: the second opinion itself, not a function that holds the whole scene."""
+        overruled = self.overruled
+        return vars(self) | {"second_opinion": None if overruled is None else partial(_itself, overruled)}
 
     @cached_property
     def covered(self) -> Mask:
@@ -135,13 +148,13 @@ class HogelImage:
         return self.position[..., 2]
 
     def rows(self, some: slice) -> HogelImage:
-        """Return a band of rows, without `companions` and `overruled`."""
+        """Return a band of rows, without `companions` and `second_opinion`."""
         return self._mapped(lambda array: array[some])
 
     def at(self, pixels: Indices) -> HogelImage:
         """Return some pixels, given by their flat numbers, side by side in one row: surfaces without colors.
 
-        The row has neither normals nor `companions` and `overruled`.
+        The row has neither normals nor `companions` and `second_opinion`.
         """
 
         def taken(array: NDArray[Any]) -> NDArray[Any]:
@@ -157,18 +170,30 @@ class HogelImage:
 
     def _mapped(self, part: Callable[[NDArray[Any]], NDArray[Any]]) -> HogelImage:
         mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}
-        mine |= {"companions": None, "overruled": None}
+        mine |= {"companions": None, "second_opinion": None}
         arrays = {name: part(value) for name, value in mine.items() if isinstance(value, np.ndarray)}
         return HogelImage(**mine | arrays)
 
 
 def stacked(bands: Sequence[HogelImage]) -> HogelImage:
     """Join bands of rows of one image, from the top. The image has the arrays that all bands have."""
+    if len(bands) == 1:
+        return bands[0]
+    whole: dict[str, Any] = {name: getattr(bands[0], name) for name in ("camera", "rendering")}
+    opinions = [band.second_opinion for band in bands if band.second_opinion is not None]
+    whole["second_opinion"] = partial(_joined, opinions) if len(opinions) == len(bands) else None
 
     def joined(name: str) -> Any:
         parts = [getattr(band, name) for band in bands]
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
-    whole = {name: getattr(bands[0], name) for name in ("camera", "rendering")}
     arrays = [item.name for item in fields(HogelImage) if item.name not in whole]
     return HogelImage(**whole, **{name: joined(name) for name in arrays})
+
+
+def _joined(opinions: Sequence[Callable[[], Mask]]) -> Mask:
+    return np.concatenate([opinion() for opinion in opinions])
+
+
+def _itself(mask: Mask) -> Mask:
+    return mask

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Iterator
 from dataclasses import fields, replace
 
 import numpy as np
@@ -9,6 +11,9 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.reference import Reference, truth
+from xfrustum.reference.devices import bands
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.scenes import Aperture
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import needed
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -18,26 +23,22 @@ APERTURES = [(40, 30), (0, 0), (80, 60), (29, 12), (41, 30), (40, 30), (3, 55)]
 
 
 def assert_same(one: HogelImage, other: HogelImage) -> None:
-    """Every bit, camera and companions included."""
-    for field in fields(HogelImage):
-        a, b = getattr(one, field.name), getattr(other, field.name)
+    """Every bit, camera, companions and second opinion included."""
+    for name in {"overruled", *(field.name for field in fields(HogelImage))} - {"second_opinion"}:
+        a, b = getattr(one, name), getattr(other, name)
         if isinstance(a, np.ndarray):
-            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), field.name
+            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), name
         else:
-            assert a == b, field.name
+            assert a == b, name
 
 
 @pytest.mark.parametrize("tracer", ["embree", "mitsuba"])
 # `crossing` has triangles that reach through the plate at some of these apertures, and not at others.
 @pytest.mark.parametrize("name", ["crossing", "asymmetric-recentered", "large-triangles"])
-def test_a_stream_has_the_images_of_each_aperture_alone(
-    name: str, tracer: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stream_has_the_images_of_each_aperture_alone(name: str, tracer: str) -> None:
     scene = view(name, (40, 24))
     apertures = [scene.plate.aperture(*index) for index in APERTURES]
     reference = Reference(scene, tracer=tracer)
-    # Three hogels at a time, so that seven end in a group that is not full.
-    monkeypatch.setattr(truth, "STREAMED_PIXELS", 3 * 40 * 24)
     streamed = list(reference.stream(iter(apertures)))
     assert [image.camera.aperture for image in streamed] == apertures
     for image, aperture in zip(streamed, apertures, strict=True):
@@ -50,6 +51,7 @@ def test_so_it_has_where_images_are_cut_into_bands(monkeypatch: pytest.MonkeyPat
     reference = Reference(scene)
     alone = [reference.trace(aperture) for aperture in apertures]
     monkeypatch.setattr(truth, "BUSY_PIXELS", 48 * 10)
+    monkeypatch.setattr(bands, "WHOLE_PIXELS", 48 * 10)
     for image, expected in zip(reference.stream(apertures), alone, strict=True):
         assert_same(image, expected)
 
@@ -63,15 +65,33 @@ def test_and_where_color_is_a_mean() -> None:
         assert image.rendering == Rendering.of(needed(scene), Sampling(aperture=3))
 
 
-def test_nothing_is_traced_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_traced_before_it_is_asked_for() -> None:
     scene = view("car", (16, 16))
-    monkeypatch.setattr(truth, "STREAMED_PIXELS", 2 * 16 * 16)
     taken: list[int] = []
 
-    def apertures() -> object:
+    def apertures() -> Iterator[Aperture]:
         for column in range(81):
             taken.append(column)
             yield scene.plate.aperture(column, 30)
 
-    next(Reference(scene).stream(apertures()))  # type: ignore[arg-type]
-    assert taken == [0, 1]
+    next(Reference(scene).stream(apertures()))
+    assert taken == [0]
+
+
+def test_no_ray_is_traced_before_somebody_reads_the_second_opinion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is the opinion about the decision, whatever becomes of the image, and goes with a pickled image."""
+    scene = view("car", (40, 30))
+    reference, expected = Reference(scene), Reference(scene).trace(scene.plate.middle).overruled
+    asked: list[str] = []
+
+    def built(_: Reference) -> EmbreeTracer:
+        asked.append("built")
+        return EmbreeTracer(scene)
+
+    monkeypatch.setattr(Reference, "tracer", property(built))
+    (image,) = reference.stream([scene.plate.middle])
+    changed = replace(image, triangle=image.triangle + 1)
+    assert not asked
+    np.testing.assert_array_equal(changed.overruled, expected)
+    assert asked == ["built"]
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(image)).overruled, expected)

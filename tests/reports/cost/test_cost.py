@@ -239,7 +239,7 @@ def test_bands_join_to_the_image_whether_one_thread_makes_them_or_many() -> None
     scene = view("car", (64, 48))
     image = Reference(scene).trace(scene.plate.middle)
     for copies in (1, MAX_SERIAL_PIXELS // (64 * 48) + 1):
-        tall = replace(image, triangle=np.tile(image.triangle, (copies, 1)), companions=None, overruled=None)
+        tall = replace(image, triangle=np.tile(image.triangle, (copies, 1)), companions=None)
         bands = in_bands(tall, tall, lambda truth, raster, rows: truth.triangle)
         np.testing.assert_array_equal(np.concatenate(bands), tall.triangle)
         assert all(band.size <= BAND_PIXELS for band in bands)

@@ -1,0 +1,70 @@
+"""Dr.Jit's arithmetic, and its arrays on the device: the processors, through LLVM.
+
+This is the only module that says where Dr.Jit's arrays lie. `drjit.cuda` has the same arrays; but there the
+driver's compiler may fuse a product and a sum into one rounding. The bounds of the certificate hold all the
+same, for they count a rounding of each; which bits come out has not been tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from drjit.llvm import Bool, Float32, Float64, Int32, UInt32
+from numpy.typing import NDArray
+
+from xfrustum.reference.devices.arithmetic import Arithmetic, Table
+
+__all__ = ["JIT", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device"]
+
+_KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt32, "bool": Bool}
+
+
+def on_device(values: NDArray[Any]) -> Any:
+    """Return values as one flat array that lanes gather from; 64-bit integers must fit into 32 bits.
+
+    Dr.Jit reads NumPy's memory in place and compiles anew for every mix of alignments of arrays that lanes
+    load directly. Gathers do not depend on alignment.
+    """
+    flat = np.ascontiguousarray(values).ravel()
+    if str(flat.dtype) not in _KINDS:
+        flat = flat.astype(np.int32)
+    return _KINDS[str(flat.dtype)](flat)
+
+
+def _table(rows: NDArray[Any]) -> Table:
+    # A copy: Dr.Jit does not take memory that NumPy calls read-only.
+    flat, count = on_device(np.array(rows)), rows.size // max(len(rows), 1)
+    return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
+
+
+LEAST_LOGARITHM = -1000.0
+"""Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
+for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
+
+
+def _power(base: Any, exponent: Any, where: Any) -> Any:
+    logarithm = exponent * dr.log2(dr.select(where, base, 1.0))
+    return dr.select(where, dr.exp2(dr.maximum(logarithm, LEAST_LOGARITHM)), 0.0)
+
+
+def _constants(values: Sequence[float]) -> list[Any]:
+    return [dr.opaque(Float64, value) for value in values]
+
+
+JIT = Arithmetic(
+    select=dr.select,
+    maximum=dr.maximum,
+    minimum=dr.minimum,
+    isfinite=dr.isfinite,
+    sqrt=dr.sqrt,
+    floor=dr.floor,
+    arctan2=dr.atan2,
+    hypot=dr.hypot,
+    power=_power,
+    whole=Int32,
+    table=_table,
+    constants=_constants,
+)

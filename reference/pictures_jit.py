@@ -1,0 +1,118 @@
+"""Points, normals, objects and light of decided pixels, compiled by Dr.Jit: one lane for each pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Float64, Int32, UInt32, on_device
+from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.shading.light import Seen
+from xfrustum.reference.shading.shading import Shader
+from xfrustum.scenes.arrays import Floats, Numbers, Singles
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """What some rows of an image show beside the numbers of triangles.
+
+    Attributes
+    ----------
+    object
+        (rows, W) int32.
+    position, normal
+        (rows, W, 3) float64.
+    color
+        (rows, W, 3) float32.
+    """
+
+    object: Numbers
+    position: Floats
+    normal: Floats
+    color: Singles
+
+
+class JitPictures:
+    """Makes what images show of decisions along the lines of one camera.
+
+    Parameters
+    ----------
+    scene
+        Scene that is seen, with at least one triangle.
+    shader
+        Shader of its surfaces.
+    """
+
+    def __init__(self, scene: Scene, shader: Shader) -> None:
+        with strict_arithmetic():
+            self._normals = JIT.table(scene.normals)
+            self._objects = JIT.table(scene.object_of_triangle)
+            self._light = shader.on(JIT)
+
+    def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces) -> Shown:
+        """Return what decided rows show.
+
+        Parameters
+        ----------
+        pencil, rows, decided
+            Lines of the camera, rows of the image, and what is first along their lines.
+        """
+        shape, size = decided.triangle.shape, decided.triangle.size
+        with strict_arithmetic():
+            lane = dr.arange(UInt32, size)
+            # Gathered, because kernels do not depend on the alignment of arrays that are gathered from.
+            triangle = dr.gather(Int32, on_device(decided.triangle), lane)
+            s = dr.gather(Float64, on_device(decided.s), lane)
+            direction = self._directions(pencil, rows, lane)
+            center = JIT.constants(pencil.center)
+            position = [at + s * along for at, along in zip(center, direction, strict=True)]
+            covered, number = triangle != NOTHING, dr.maximum(triangle, 0)
+            (of_triangle,) = self._objects(number)
+            normal = self._normals(number)
+            seen = Seen(triangle=number, normal=normal, position=position, direction=direction)
+            # Gray has one channel.
+            light = [Float32(dr.select(covered, part, 0.0)) for part in self._light.radiance(seen)]
+            arrays = {
+                "object": _interleaved(lane, [dr.select(covered, of_triangle, NOTHING)]),
+                "position": _interleaved(lane, position),
+                "normal": _interleaved(lane, [dr.select(covered, part, np.nan) for part in normal]),
+                "color": _interleaved(lane, light if len(light) == 3 else light * 3),
+            }
+            dr.eval(*arrays.values())
+            read = {name: array.numpy().reshape(*shape, -1) for name, array in arrays.items()}
+        return Shown(
+            object=read["object"][..., 0],
+            position=read["position"],
+            normal=read["normal"],
+            color=read["color"],
+        )
+
+    @staticmethod
+    def _directions(pencil: Pencil, rows: range, lane: Any) -> list[Any]:
+        """Return d of each lane's line."""
+        width = dr.opaque(UInt32, pencil.resolution[0])
+        start = dr.opaque(UInt32, rows.start)
+        # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
+        row = UInt32(dr.floor((Float64(lane) + 0.5) / Float64(width)))
+        dx, dy = on_device(np.array(pencil.dx)), on_device(np.array(pencil.dy))
+        return [
+            dr.gather(Float64, dx, lane - row * width),
+            dr.gather(Float64, dy, row + start),
+            Float64(-1.0),
+        ]
+
+
+def _interleaved(lane: Any, coordinates: list[Any]) -> Any:
+    """Return coordinates side by side for each lane, as NumPy's arrays of vectors have them."""
+    count = len(coordinates)
+    found = dr.empty(type(coordinates[0]), dr.width(lane) * count)
+    for k, values in enumerate(coordinates):
+        dr.scatter(found, values, lane * count + k)
+    return found
