@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from xfrustum.reference.certify.narrow import RowPlanes, plane_meeting
-from xfrustum.reference.certify.spans import Arithmetic
+from xfrustum.reference.devices.arithmetic import Arithmetic
 from xfrustum.reference.lines.cone import EDGES, ROUNDING
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Indices, Mask

@@ -12,15 +12,12 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Bool, Float64, Int32, UInt32
 
-from xfrustum.reference.certify.spans import Arithmetic
+from xfrustum.reference.devices.arithmetic_jit import JIT, Bool, Float64, Int32, UInt32
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.sight.boxes import CellRows, cells
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
 from xfrustum.scenes.arrays import Floats, Numbers
-
-_JIT = Arithmetic(select=dr.select, maximum=dr.maximum, minimum=dr.minimum, isfinite=dr.isfinite)
 
 PAIRS_PER_POINT = 1 / 8
 """Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
@@ -98,13 +95,13 @@ class JitSearch:
             tuple(dr.gather(Float64, self._corners, 9 * number + (3 * corner + axis)) for axis in range(3))
             for corner in range(3)
         ]
-        surfaces = Surfaces.of(corners, center, holds, _JIT)
+        surfaces = Surfaces.of(corners, center, holds, JIT)
         written, limit = dr.opaque(UInt32, 0), dr.opaque(UInt32, room)
         points, triangles, certain = dr.empty(UInt32, room), dr.empty(UInt32, room), dr.empty(Bool, room)
 
         def step(query: Any) -> tuple[Any]:
             dx, dy, end = (dr.gather(Float64, values, query) for values in (lines.dx, lines.dy, lines.end))
-            possible, sure = meeting(surfaces, dx, dy, (nearest, end), _JIT)
+            possible, sure = meeting(surfaces, dx, dy, (nearest, end), JIT)
             possible &= dr.gather(UInt32, lines.own, query) != number
             slot = dr.scatter_inc(written, UInt32(0), possible)
             fits = possible & (slot < limit)

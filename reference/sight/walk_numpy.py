@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from xfrustum.reference.certify.spans import NUMPY
+from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.sight.boxes import CellRows, cells
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
 from xfrustum.scenes.arrays import Floats, Numbers
