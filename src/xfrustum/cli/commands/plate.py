@@ -92,10 +92,10 @@ def plate(
     Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1. With
     --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
     """
+    opened = light.applied(options.open_scene(scene))
     from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
     from xfrustum.scenes.model.plate_content import ColorType, PlateContent
 
-    opened = light.applied(options.open_scene(scene))
     spans = [(None, None)] if blocks is None else blocks
     chosen = blocks_of_apertures(opened.plate, spans)
     options.look_at(opened, chosen, black_is_right=True)
