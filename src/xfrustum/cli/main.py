@@ -295,12 +295,14 @@ def raster(
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for error pictures.")
 def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
     """Compare a raster image with the truth, both EXR."""
+    from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.scenes.disk.input_files import check_image_file
 
+    if out is not None:
+        check_writable_folder(out, ())
     for image in (truth, raster):
         check_image_file(image)
     from xfrustum.reports.commands.comparison import FILES, compare_files, table, write_comparison
-    from xfrustum.reports.common.outputs import check_writable_folder
 
     if out is not None:
         check_writable_folder(out, FILES)
