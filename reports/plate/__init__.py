@@ -1,7 +1,7 @@
 """Plates drawn into stores, by any number of processes.
 
-blocks       Blocks of a plate drawn by any process: a plan that fits into a message, and one function that
-             draws a block
+blocks       Blocks of a plate drawn by any process: a plan that fits into a message, and a function that
+             draws one
 camera       The camera of any hogel of a plate, from the attributes that its store has
 chunks       Is a chunk of a plate all there? From the layout of its Zstandard frame, without decompressing
              it

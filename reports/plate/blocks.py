@@ -1,4 +1,4 @@
-"""Blocks of a plate drawn by any process: a plan that fits into a message, and one function that draws a block.
+"""Blocks of a plate drawn by any process: a plan that fits into a message, and a function that draws one.
 
 A block of hogels is a shard of every array of the store, and is there whole or not. Any process that sees the
 store and the scene's file may draw any block, in any order, and may die: what it has not finished is drawn
@@ -122,7 +122,7 @@ def plan_plate(
 def blocks_of(plan: PlatePlan) -> Iterator[int]:
     """Yield the numbers of the blocks that a plan asks for, without listing them."""
     scene = _opened(plan).scene
-    layout = replace(layout_of(scene, plan.content, plan.side), side=plan.side)
+    layout = layout_of(scene, plan.content, plan.side)
     yield from (part.block.number for part in layout.parts(_apertures(plan, scene)))
 
 

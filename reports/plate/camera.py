@@ -89,7 +89,6 @@ def _attributes(store: Path | str | Attributed) -> Mapping[str, Any]:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             found = None
     if not isinstance(found, Mapping):
-        raise InputError(
-            f"{store if isinstance(store, str | Path) else 'the store'}: is no plate of xfrustum"
-        )
+        name = store if isinstance(store, str | Path) else "the store"
+        raise InputError(f"{name}: is no plate of xfrustum; give one that `xfrustum plate` has made")
     return found

@@ -42,7 +42,7 @@ class ContentDescription:
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingDescription:
-    """Number of sub-apertures over which color is averaged, and of samples a pixel where there are several."""
+    """Number of sub-apertures over which color is averaged, and of a pixel's samples if there are several."""
 
     aperture: int
     supersample: int | None = None

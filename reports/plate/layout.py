@@ -40,7 +40,7 @@ _IMAGES: Mapping[Channel, tuple[str, Any, tuple[str, ...], str]] = {
         "how the pixel was decided: 0 proven, 1 exact, 2 tie, 3 not examined",
     ),
 }
-"""Type, value of what is missing, dimensions and meaning of each image; color has the type that is asked for."""
+"""Type, value of what is missing, dimensions and meaning of each image; the type of color is asked for."""
 
 _OLD_DIMENSIONS = {"v": "y", "u": "x"}
 """Names of dimensions in plates that were made before there were blocks and labels."""
@@ -166,7 +166,7 @@ class Layout:
         return aperture.row // self.side[1] * self.blocks[0] + aperture.column // self.side[0]
 
     def parts(self, apertures: Iterable[Aperture]) -> Iterator[BlockPart]:
-        """Yield the hogels that are asked for, block by block in the order in which the blocks are first named.
+        """Yield the hogels that are asked for, block by block, in the order in which blocks are first named.
 
         Rectangles of hogels are gone through block by block, and never listed.
         """
