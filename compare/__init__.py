@@ -3,7 +3,7 @@
 attribution/     The error budget: wrong pixels charged to links of the chain
 diagnosis/       What a foreign renderer does otherwise than asked, and whether that explains its errors
 extent/          Where the objects of a scene lie, and which apertures see them
-judging/         One hogel of a foreign renderer, judged
+judging/         Hogels judged: many of the project's own rasterizer, and one of a foreign renderer
 metrics/         Truth against image: what is measured, pixel by pixel and in numbers
 planning/        The planner: settings to draw with, the fewest slabs, then the largest margin
 prediction/      Closed forms of every error, from the truth's geometry alone

@@ -28,7 +28,6 @@ from xfrustum.reports.common.timing import FEWEST_REPETITIONS, SharedStopwatch, 
 from xfrustum.reports.common.turns import open_races, take_turn, take_turns_until_settled
 from xfrustum.reports.error_report import images
 from xfrustum.reports.error_report.causes import CAUSE_COLORS
-from xfrustum.reports.error_report.shading import is_shaded
 from xfrustum.reports.measurements.measurement import (
     Measurement,
     RasterParts,
@@ -39,6 +38,7 @@ from xfrustum.reports.measurements.measurement import (
 )
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture

@@ -10,7 +10,6 @@ from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.timing import CONFIDENCE, FEWEST_DIFFERENCES
 from xfrustum.reports.effects.cost_record import Cost
-from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.model.effects import Decision
 from xfrustum.scenes.model.scene import Scene
@@ -147,15 +146,6 @@ class ShadingReport:
                 f"{numbers.darker:,} of them to darker; rms {digits(numbers.rms)} in radiance, "
                 f"after noise of {digits(numbers.rms_noise)} is taken off."
             )
-
-
-def is_shaded(scene: Scene) -> bool:
-    """Return whether a scene says how it looks: materials, lights, environment, colors, textures, shadows."""
-    looks, surface = scene.appearance, scene.surface
-    if scene.transport.simulated:
-        return True
-    named = bool(looks.materials) or looks.environment is not None or looks.lights != (DEFAULT_LIGHT,)
-    return named or surface.vertex_colors is not None or surface.texture_of_triangle is not None
 
 
 def _more(cost: Cost) -> str:

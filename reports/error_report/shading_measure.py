@@ -19,10 +19,11 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import FEWEST_DIFFERENCES
 from xfrustum.reports.effects.costs import Stopwatches
 from xfrustum.reports.error_report import images
-from xfrustum.reports.error_report.shading import EyeError, MissedLight, ShadingReport, is_shaded
+from xfrustum.reports.error_report.shading import EyeError, MissedLight, ShadingReport
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, chosen, decide, needed
+from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture

@@ -3,7 +3,8 @@
 effects             The effects that a scene calls for, and why: decided from the scene alone
 hogel_image         The one kind of image that every renderer returns: what one aperture shows, pixel by
                     pixel
-look                A hash of what a scene looks like, beside that of its geometry
+look                The look of a scene: whether it says anything of it, and a hash beside that of its
+                    geometry
 plate_content       A plate as a stream of hogels: the arrays that are wanted, and those of each hogel
 region              A bound of the space that images can show, with the largest near offset and all rounding
 rendering           The effects, samples and light transport that made the color of an image

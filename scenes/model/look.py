@@ -1,4 +1,4 @@
-"""A hash of what a scene looks like, beside that of its geometry."""
+"""The look of a scene: whether it says anything of it, and a hash beside that of its geometry."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from xfrustum.scenes.appearance.light import DEFAULT_LIGHT
 from xfrustum.scenes.model.scene import Scene
 
 
@@ -40,3 +41,12 @@ def look_hash(scene: Scene) -> str:
         digest.update(json.dumps(None if array is None else array.shape).encode())
         digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def is_shaded(scene: Scene) -> bool:
+    """Return whether a scene says how it looks: materials, lights, environment, colors, textures, shadows."""
+    looks, surface = scene.appearance, scene.surface
+    if scene.transport.simulated:
+        return True
+    named = bool(looks.materials) or looks.environment is not None or looks.lights != (DEFAULT_LIGHT,)
+    return named or surface.vertex_colors is not None or surface.texture_of_triangle is not None

@@ -9,6 +9,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     DoubleFrustum(near=0.1)                  one way to draw the two cameras
     Rasterizer(scene).render(aperture, ..)   what OpenGL makes of it               -> HogelImage
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
+    Judge(scene).stream(apertures, settings) many hogels, drawn and judged         -> JudgedHogel, ..
     write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
     budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
@@ -37,6 +38,7 @@ TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from xfrustum.compare import Comparison, compare_images
+    from xfrustum.compare.judging.judge import Judge, JudgedDrawing, JudgedHogel
     from xfrustum.compare.planning.plan import Plan
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.raster import Rasterizer
@@ -84,6 +86,9 @@ __all__ = [
     "Fit",
     "HogelImage",
     "InputError",
+    "Judge",
+    "JudgedDrawing",
+    "JudgedHogel",
     "NewScene",
     "Offset",
     "Pivot",
@@ -122,6 +127,9 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "cost": "reports.cost.cost:measure_cost",
     "EffectsPlan": "reports.effects.plan",
     "explain": "reports.effects.plan",
+    "Judge": "compare.judging.judge",
+    "JudgedDrawing": "compare.judging.judge",
+    "JudgedHogel": "compare.judging.judge",
     "Plan": "compare.planning.plan",
     "Requirement": "compare.planning.views",
     "make_plan": "reports.commands.planning",
