@@ -10,6 +10,8 @@ description  The description of a plate: everything that decides its pixels, and
              store
 layout       What a plate's store holds: its arrays and their labels, and the blocks of hogels that are their
              shards
+measures     How each hogel of a plate differs from its truth: rows of a table, and the arrays made of its
+             columns
 plate        A plate as a stream: any of its apertures drawn into a store, a few at a time, and never twice
 shards       Files of a block's hogels: Zarr shards, whose index tells which hogels are there, and single
              chunks

@@ -16,8 +16,8 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.plate.plate import BlockWork, PlateFiles, draw_parts, layout_of, opened_store
-from xfrustum.reports.plate.sources import Drawn, Truths, source_of
+from xfrustum.reports.plate.plate import BlockWork, PlateFiles, draw_parts, layout_of, opened_store, source_of
+from xfrustum.reports.plate.sources import HogelSource
 from xfrustum.reports.plate.store import PlateStore
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.errors import InputError
@@ -51,6 +51,8 @@ class PlatePlan:
         Columns and rows of a block.
     chosen
         Columns and rows, first and last, of rectangles of hogels; none for the whole plate.
+    judged
+        Whether hogels are judged, and their measures stored.
     check
         Whether finished hogels are read in full.
     """
@@ -65,6 +67,7 @@ class PlatePlan:
     out: Path
     side: tuple[int, int]
     chosen: tuple[tuple[int, int, int, int], ...] = ()
+    judged: bool = False
     check: bool = False
 
     def to_json(self) -> str:
@@ -77,7 +80,7 @@ class PlatePlan:
         return TypeAdapter(PlatePlan).validate_json(text)
 
 
-def plan_plate(
+def plan_plate(  # noqa: PLR0913 - as `write_plate`
     scene: Scene,
     settings: DoubleFrustum | None,
     out: Path,
@@ -85,12 +88,13 @@ def plan_plate(
     content: PlateContent | None = None,
     *,
     block: tuple[int, int] | None = None,
+    judge: bool = False,
 ) -> PlatePlan:
     """Make the store of a plate, or open it, and return the plan by which processes draw its blocks.
 
     Parameters
     ----------
-    scene, settings, out, apertures, content, block
+    scene, settings, out, apertures, content, block, judge
         As for `write_plate`.
 
     Raises
@@ -101,7 +105,7 @@ def plan_plate(
     content = content or PlateContent()
     if not scene.source:
         raise InputError(f"{scene.name}: has no file or name by which other processes could open it")
-    with source_of(scene, settings, content) as source:
+    with source_of(scene, settings, content, judge=judge) as source:
         store = opened_store(source, out, block)
     return PlatePlan(
         scene=scene.source,
@@ -113,6 +117,7 @@ def plan_plate(
         content=content,
         out=out.absolute(),
         side=store.layout.side,
+        judged=judge,
         chosen=()
         if apertures is None
         else tuple((c.start, c.stop, r.start, r.stop) for c, r in apertures.blocks),
@@ -152,7 +157,7 @@ class _Opened:
 
     plan: PlatePlan
     scene: Scene
-    source: Drawn | Truths
+    source: HogelSource
     store: PlateStore
     held: ExitStack
 
@@ -179,7 +184,8 @@ def _opened(plan: PlatePlan) -> _Opened:
             f"{plan.scene}: is not the scene that the plate was begun with; give all the same file"
         )
     held = ExitStack()
-    source = held.enter_context(source_of(scene, plan.settings, plan.content))
+    source = source_of(scene, plan.settings, plan.content, judge=plan.judged)
+    held.enter_context(source)
     try:
         store = opened_store(source, plan.out, plan.side)
     except BaseException:

@@ -32,7 +32,7 @@ class SceneDescription:
 
 @dataclass(frozen=True, kw_only=True)
 class ContentDescription:
-    """Type of color, whether triangle numbers come along, and all images where these two do not say it."""
+    """Type of color, whether triangle numbers come along, all images if these two do not say it, measures."""
 
     color: ColorType
     ids: bool
@@ -102,6 +102,10 @@ class Source(Protocol):
     content: PlateContent
 
     @property
+    def judged(self) -> bool:
+        """Whether the hogels come with measures."""
+
+    @property
     def simulated(self) -> frozenset[Effect]:
         """Effects that change the pixels."""
 
@@ -114,7 +118,7 @@ class Source(Protocol):
         """Whether colors are means over light paths."""
 
 
-def described(source: Source, *, judged: bool = False) -> PlateDescription:
+def described(source: Source) -> PlateDescription:
     """Return everything that decides the pixels that a source draws; the layout is left open."""
     scene = source.scene
     transport = scene.transport
@@ -130,7 +134,7 @@ def described(source: Source, *, judged: bool = False) -> PlateDescription:
         frustum=scene.frustum,
         settings=source.settings,
         effects=tuple(sorted(source.simulated)),
-        content=_content(source.content, judged),
+        content=_content(source.content, source.judged),
         renderer=RendererDescription(device=source.renderer, xfrustum=metadata.version("xfrustum")),
         sampling=_sampling(scene),
         transport=None

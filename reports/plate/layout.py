@@ -124,6 +124,8 @@ class Layout:
         Columns and rows of a block.
     labelled
         Whether there are coordinates; plates that were made before there were any have none.
+    measures
+        Name and unit of each measure of a hogel; none where hogels are not judged.
     """
 
     plate: Plate
@@ -132,6 +134,7 @@ class Layout:
     content: PlateContent
     side: tuple[int, int]
     labelled: bool = True
+    measures: tuple[tuple[str, str], ...] = ()
 
     @cached_property
     def arrays(self) -> tuple[PlateArray, ...]:

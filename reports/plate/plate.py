@@ -15,7 +15,8 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.plate.claims import Claims
 from xfrustum.reports.plate.description import described, document_of
 from xfrustum.reports.plate.layout import Block, BlockPart, Layout, default_side
-from xfrustum.reports.plate.sources import HogelSource, source_of
+from xfrustum.reports.plate.measures import JudgedSource, measures_of
+from xfrustum.reports.plate.sources import Drawn, HogelSource, Truths
 from xfrustum.reports.plate.store import Encoded, PlateStore, open_store
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
@@ -62,6 +63,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     content: PlateContent | None = None,
     *,
     block: tuple[int, int] | None = None,
+    judge: bool = False,
     check: bool = False,
     progress: bool = False,
 ) -> PlateFiles:
@@ -84,6 +86,8 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     block
         Columns and rows of hogels that are stored together; None for those of a store that exists, and for a
         new one as many as `BLOCK_BYTES` hold. A block of one hogel is a chunk and no shard.
+    judge
+        Whether every hogel is traced too, and its measures are stored beside its pixels.
     check
         Whether to read through every hogel that is there; without it, only its layout is looked at. What
         is damaged is drawn again.
@@ -96,7 +100,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
         See `source_of` and `open_store`, or the block is none.
     """
     content = content or PlateContent()
-    with source_of(scene, settings, content) as source:
+    with source_of(scene, settings, content, judge=judge) as source:
         store = opened_store(source, out, block)
         asked = scene.plate.apertures() if apertures is None else apertures
         chosen = asked if isinstance(asked, ApertureBlocks) else list(dict.fromkeys(asked))
@@ -108,11 +112,31 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
 
 def opened_store(source: HogelSource, out: Path, block: tuple[int, int] | None) -> PlateStore:
     """Open the store of what a source draws, or make it; see `open_store` and `write_plate`."""
-    layout = layout_of(source.scene, source.content, block)
+    layout = layout_of(source.scene, source.content, block, judged=source.judged)
     return open_store(out, layout, document_of(described(source)), free=block is None)
 
 
-def layout_of(scene: Scene, content: PlateContent, block: tuple[int, int] | None) -> Layout:
+def source_of(
+    scene: Scene, settings: DoubleFrustum | None, content: PlateContent, *, judge: bool = False
+) -> HogelSource:
+    """Return what makes the hogels of a scene: with settings they are drawn, without they are traced.
+
+    Raises
+    ------
+    InputError
+        Truths are to be judged; or see `Drawn` and `Truths`.
+    """
+    if settings is None:
+        if judge:
+            raise InputError("--judge compares what is drawn with the truth: leave out --truth, or --judge")
+        return Truths(scene, content)
+    drawn = Drawn(scene, settings, content)
+    return JudgedSource(drawn) if judge else drawn
+
+
+def layout_of(
+    scene: Scene, content: PlateContent, block: tuple[int, int] | None, *, judged: bool = False
+) -> Layout:
     """Return the layout of a new store; parameters as for `write_plate`."""
     return Layout(
         plate=scene.plate,
@@ -120,6 +144,7 @@ def layout_of(scene: Scene, content: PlateContent, block: tuple[int, int] | None
         units=scene.units,
         content=content,
         side=_side(scene, content, block),
+        measures=tuple(measures_of(scene).items()) if judged else (),
     )
 
 

@@ -31,6 +31,10 @@ class HogelSource(Protocol):
     content: PlateContent
 
     @property
+    def judged(self) -> bool:
+        """Whether the hogels come with measures."""
+
+    @property
     def simulated(self) -> frozenset[Effect]:
         """Effects that change the pixels."""
 
@@ -67,6 +71,7 @@ class Drawn:
     """
 
     transported = False
+    judged = False
 
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
         if Channel.CERTAINTY in content.channels:
@@ -105,6 +110,7 @@ class Truths:
     """
 
     settings: DoubleFrustum | None = None
+    judged = False
 
     def __init__(self, scene: Scene, content: PlateContent) -> None:
         self.scene, self.content = scene, content
@@ -133,14 +139,3 @@ class Truths:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Nothing is held that must be freed."""
-
-
-def source_of(scene: Scene, settings: DoubleFrustum | None, content: PlateContent) -> Drawn | Truths:
-    """Return what makes the hogels of a scene: with settings they are drawn, without they are traced.
-
-    Raises
-    ------
-    InputError
-        See `Drawn` and `Reference`.
-    """
-    return Truths(scene, content) if settings is None else Drawn(scene, settings, content)

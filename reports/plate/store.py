@@ -12,7 +12,7 @@ import asyncio
 import json
 import stat
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,13 +21,23 @@ from typing import Any
 import numpy as np
 import zarr
 from numcodecs.zstd import Zstd
+from numpy.typing import NDArray
 from zarr.abc.store import Store
 from zarr.codecs import ZstdCodec
 from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
+from xfrustum.reports.plate.chunks import is_whole
 from xfrustum.reports.plate.claims import Claims
-from xfrustum.reports.plate.layout import Block, BlockPart, Layout, PlateArray, side_of
+from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, BlockPart, Layout, PlateArray, side_of
+from xfrustum.reports.plate.measures import (
+    JudgedPlateHogel,
+    MeasuredHogel,
+    Table,
+    maps_of,
+    merged,
+    parquet_of,
+)
 from xfrustum.reports.plate.shards import BlockFile, assembled, read_places
 from xfrustum.scenes.disk.durable import Aside, clear, remove_abandoned, sync_folder, write_file
 from xfrustum.scenes.errors import InputError
@@ -55,11 +65,27 @@ COMPRESSION_LEVEL = 1
 _COMPRESSOR = Zstd(level=COMPRESSION_LEVEL, checksum=True)
 """Compressor of all pixels. Its checksum tells a reader whether a chunk is what was written."""
 
+MEASURE_TYPE = np.dtype("<f8")
+"""Type of all measures: counts are whole numbers in it, and what there is none of is NaN."""
+
 Description = Mapping[str, Any]
 """A JSON object as it is read from a file: it may say anything."""
 
-Encoded = Mapping[str, bytes]
-"""The compressed images of one hogel, by the names of their arrays."""
+
+@dataclass(frozen=True, kw_only=True)
+class Encoded:
+    """A hogel as it is stored.
+
+    Attributes
+    ----------
+    images
+        Compressed images by the names of their arrays.
+    measured
+        How it differs from its truth; None where it was not judged.
+    """
+
+    images: Mapping[str, bytes]
+    measured: MeasuredHogel | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +121,8 @@ class PlateStore:
         self.out, self.layout, self.mended = out, layout, mended
         self._arrays = {array.name: array for array in layout.arrays}
         self._place = out.resolve()
+        # Beside the group, for nothing but Zarr's own files belongs into it.
+        self.table = Table(self._place.with_suffix(".parquet"))
 
     def state(self, part: BlockPart, *, check: bool = False) -> BlockState:
         """Return which hogels of a block are missing, as far as the layout of files tells.
@@ -103,10 +131,12 @@ class PlateStore:
         missing, and damaged.
         """
         files = [self._file(array, part.block) for array in self._arrays.values()]
+        measured = self._measured(part.block)
         missing, damaged = [], set()
         for aperture in part.apertures:
             number = part.block.place_of(aperture)
-            if any(number not in file.places for file in files):
+            unmeasured = measured is not None and aperture.index not in measured
+            if unmeasured or any(number not in file.places for file in files):
                 missing.append(aperture)
                 if any(number in file.damaged for file in files):
                     damaged.add(aperture)
@@ -117,12 +147,13 @@ class PlateStore:
 
     def encoded(self, hogel: PlateHogel) -> Encoded:
         """Return the compressed images of a hogel."""
-        return {
-            name: bytes(
-                _COMPRESSOR.encode(np.ascontiguousarray(hogel.image(Channel(name)), dtype=array.dtype))
-            )
-            for name, array in self._arrays.items()
-        }
+        return Encoded(
+            images={
+                name: _compressed(np.ascontiguousarray(hogel.image(Channel(name)), dtype=array.dtype))
+                for name, array in self._arrays.items()
+            },
+            measured=hogel.measured if isinstance(hogel, JudgedPlateHogel) else None,
+        )
 
     def write(self, block: Block, hogels: Mapping[Aperture, Encoded]) -> None:
         """Add hogels to a block; afterwards they are finished, and on the disk.
@@ -141,9 +172,36 @@ class PlateStore:
                 path = self._path(array, block)
                 _clear_way(self._place, path)
                 kept = self._file(array, block).chunks() if count > 1 else {}
-                drawn = {block.place_of(aperture): images[name] for aperture, images in hogels.items()}
+                drawn = {block.place_of(aperture): one.images[name] for aperture, one in hogels.items()}
                 path.parent.mkdir(parents=True, exist_ok=True)
                 write_file(path, assembled({**kept, **drawn}, count), host=self._place)
+            if self.layout.measures:
+                self._write_measures(block, [one.measured for one in hogels.values() if one.measured])
+
+    def _write_measures(self, block: Block, hogels: Sequence[MeasuredHogel]) -> None:
+        """Write the arrays of measures of a block and, as the last of its files, their table."""
+        table = merged(self.table.rows(block), hogels)
+        maps = maps_of(table, block, [name for name, _ in self.layout.measures])
+        for name, values in maps.items():
+            path = self._measure_path(name, block)
+            _clear_way(self._place, path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, _compressed(values), host=self._place)
+        self.table.folder.mkdir(exist_ok=True)
+        remove_abandoned(self.table.folder)
+        write_file(self.table.path(block), parquet_of(table))
+
+    def _measured(self, block: Block) -> set[tuple[int, int]] | None:
+        """Return the hogels of a block whose measures are there and whole; None where there are none."""
+        if not self.layout.measures:
+            return None
+        size = self.layout.hogels_in_block * MEASURE_TYPE.itemsize
+        if not all(is_whole(self._measure_path(name, block), size) for name, _ in self.layout.measures):
+            return set()
+        return self.table.measured(block)
+
+    def _measure_path(self, name: str, block: Block) -> Path:
+        return self._place / name / "c" / Path(*map(str, block.place))
 
     def claims(self) -> Claims:
         """Return what tells processes that draw this plate at once who draws which block.
@@ -202,6 +260,11 @@ def open_store(out: Path, layout: Layout, description: Description, *, free: boo
     wanted = json.loads(json.dumps({**description, LAYOUT: {"block": layout.side}}))
     with _mendable(out):
         place = out.resolve()
+        table = place.with_suffix(".parquet")
+        if layout.measures and _exists(table) and not table.is_dir():
+            raise InputError(
+                f"--out {out}: its measures belong into {table}, which is no folder; move that away"
+            )
         remove_abandoned(place.parent)
         if not _exists(place):
             _make(place, _documents(layout, wanted))
@@ -229,6 +292,17 @@ def _documents(layout: Layout, description: Description) -> dict[str, bytes]:
     group = zarr.create_group(store, attributes={**labels, ATTRIBUTE: dict(description)})
     for array in layout.arrays:
         _create(group, array, layout)
+    for name, unit in layout.measures:
+        group.create_array(
+            name,
+            shape=layout.plate.hogels[::-1],
+            chunks=layout.side[::-1],
+            dtype=MEASURE_TYPE,
+            compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
+            fill_value=np.nan,
+            dimension_names=PLATE_DIMENSIONS,
+            attributes={"long_name": name.replace("_", " "), "units": unit},
+        )
     if layout.labelled:
         for name, dimension, values, attributes in layout.coordinates():
             group.create_array(
@@ -338,6 +412,10 @@ def _mended(place: Path, documents: Mapping[str, bytes]) -> Iterator[str]:
             (place / key).parent.mkdir(parents=True, exist_ok=True)
             write_file(place / key, content, host=place)
             yield "group" if key == METADATA else key.partition("/")[0]
+
+
+def _compressed(image: NDArray[Any]) -> bytes:
+    return bytes(_COMPRESSOR.encode(image))
 
 
 def _says(path: Path, content: bytes) -> bool:

@@ -198,7 +198,7 @@ def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
     for truth in Reference(scene).stream(apertures):
         here = truth.camera.aperture
         for channel in Channel:
-            stored = array(group, channel)[here.row, here.column]
+            stored = np.asarray(array(group, channel)[here.row, here.column])
             np.testing.assert_array_equal(stored, np.asarray(getattr(truth, channel), dtype=stored.dtype))
     assert camera_of(out, 0, 4).settings is None
     with pytest.raises(InputError, match=r"another .*settings"):

@@ -32,6 +32,7 @@ from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.geometry.smoothing import smoothed
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.look import look_hash
@@ -213,12 +214,11 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, out = small(), tmp_path / "x.zarr"
-    original = plate_store.write_file
 
     def full(path: Path, content: bytes, *, host: Path | None = None) -> None:
         if path == out / "color/c/3/2/0/0/0":
             raise OSError(28, "No space left on device")
-        original(path, content, host=host)
+        write_file(path, content, host=host)
 
     with monkeypatch.context() as patched:
         patched.setattr(plate_store, "write_file", full)

@@ -128,6 +128,11 @@ def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -
     is_flag=True,
     help="Store truths: traced and certified, with shadows and interreflection; instead of --near.",
 )
+@click.option(
+    "--judge",
+    is_flag=True,
+    help="Trace every hogel too, and store how it differs: in arrays over (row, column), and as Parquet.",
+)
 @click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of a Zarr group.")
 @options.quiet_option
@@ -143,6 +148,7 @@ def plate(
     channels: tuple[str, ...] | None,
     block: tuple[int, int] | None,
     truth: bool,
+    judge: bool,
     check: bool,
     out: Path,
     quiet: bool,
@@ -170,7 +176,9 @@ def plate(
         channels=tuple(map(Channel, channels or ())),
         effects=light.chosen(opened, settings=settings),
     )
-    files = write_plate(opened, settings, out, chosen, content, block=block, check=check, progress=not quiet)
+    files = write_plate(
+        opened, settings, out, chosen, content, block=block, judge=judge, check=check, progress=not quiet
+    )
     for note in files.notes:
         say(f"note: {note}")
     options.tell(
