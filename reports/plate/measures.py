@@ -28,6 +28,7 @@ from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.plate_content import PlateHogel
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 PLACES = ("column", "row", "x", "y")
@@ -74,7 +75,8 @@ class JudgedSource:
     def __init__(self, drawn: Drawn) -> None:
         assert drawn.settings is not None, "truths are not judged"
         self._drawn, self._settings = drawn, drawn.settings
-        self.scene, self.settings, self.content = drawn.scene, drawn.settings, drawn.content
+        self.scene, self.content = drawn.scene, drawn.content
+        self.settings: DoubleFrustum | None = drawn.settings
         self.simulated, self.renderer, self.transported = drawn.simulated, drawn.renderer, drawn.transported
         self._judge = Judge(drawn.scene)
 
@@ -105,8 +107,15 @@ def measures_of(scene: Scene) -> dict[str, str]:
     Errors of color are measures only where the scene says how it looks.
     """
     empty = ComparisonNumbers(
-        **dict.fromkeys(("pixels", "judged", "covered", "at_plate"), 0),
-        **dict.fromkeys(("surface", "triangle", "displacement_px", "height", "radiance")),
+        pixels=0,
+        judged=0,
+        covered=0,
+        at_plate=0,
+        surface=None,
+        triangle=None,
+        displacement_px=None,
+        height=None,
+        radiance=None,
         certainty={kind.name.lower(): 0 for kind in Certainty},
     )
     row = MeasuredHogel(column=0, row=0, x=0.0, y=0.0, comparison=empty)
