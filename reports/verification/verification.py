@@ -10,10 +10,10 @@ from typing import TypeVar
 import numpy as np
 
 from xfrustum.compare.diagnosis.diagnosis import declared
-from xfrustum.compare.diagnosis.encodings import ACCEPTABLE, ENCODING
 from xfrustum.compare.diagnosis.findings import Findings, find_out
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
+from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.shown_points import shown_points
 from xfrustum.reference import Reference
