@@ -63,8 +63,10 @@ def cell_rows(triangles: Floats, pencil: Pencil) -> CellRows:
         for side in (every.without(touching) for every in chunk.sides):
             numbers.append(side.number)
             boxes.append(_cell_box(side, pencil))
-        # The others may hold the center, and may then be met by every line. None meets one without area.
-        whole = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
+        # The others may hold the center, and may then be met by every line. A triangle whose plane runs
+        # through the center beside the triangle is met by none, and neither is one without area.
+        met = [n for n in touching.tolist() if exact.meets_beside_center(n) or exact.contains_center(n)]
+        whole = np.array(met, dtype=np.int64)
         numbers.append(whole)
         boxes.append(np.tile(np.array([[0], [width + 1], [0], [height + 1]], dtype=np.int32), len(whole)))
         holding.extend(n for n in whole.tolist() if exact.contains_center(n))

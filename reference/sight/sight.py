@@ -98,9 +98,11 @@ class Sight:
         for found in self._search.before(rows, points.position, points.triangle, points.tolerance):
             position, tolerance = points.position[found.point], points.tolerance[found.point]
             far = apart(position, self._triangles[found.triangle], tolerance)
-            doubtful = np.flatnonzero(far & ~found.sure)
-            far[doubtful] = self._met(pencil, position[doubtful], tolerance[doubtful], found.triangle[doubtful])
-            behind[found.point[far]] = True
+            behind[found.point[far & found.sure]] = True
+            # Only points that nothing surely hides are decided in integers.
+            doubtful = np.flatnonzero(far & ~found.sure & ~behind[found.point])
+            met = self._met(pencil, position[doubtful], tolerance[doubtful], found.triangle[doubtful])
+            behind[found.point[doubtful[met]]] = True
         return behind
 
     def _met(self, pencil: Pencil, position: Floats, tolerance: Floats, triangle: Indices) -> Mask:
