@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from xfrustum.reference.certify.narrow import RowPlanes, plane_meeting
+from xfrustum.reference.certify.narrow import UNDERFLOW
 from xfrustum.reference.certify.spans import Arithmetic
 from xfrustum.reference.lines.cone import EDGES, ROUNDING
 from xfrustum.reference.lines.lines import Pencil
@@ -168,17 +168,21 @@ def meeting(on: Surfaces, dx: Any, dy: Any, ends: tuple[Any, Any], by: Arithmeti
     # Lines through a triangle that holds the center meet it there, whatever its edge functions are.
     inside = (positive[0] & positive[1] & positive[2]) | (negative[0] & negative[1] & negative[2])
     outside = (positive[0] | positive[1] | positive[2]) & (negative[0] | negative[1] | negative[2])
-    plane = RowPlanes(
-        plane=on.plane,
-        plane_bound=on.plane_bound,
-        normal_x=on.normal[0],
-        magnitude_x=on.normal_magnitude[0],
-        level=on.normal[1] * dy - on.normal[2],
-        level_magnitude=on.normal_magnitude[1] * down + on.normal_magnitude[2],
-        first=ends[0],
-        last=ends[1],
-    )
-    s, error = plane_meeting(dx, plane, by.select)
-    possible = (on.holds | ~outside) & (s + error >= ends[0]) & (s - error < ends[1])
-    sure = (on.holds | inside) & (s - error >= ends[0]) & (s + error < ends[1])
-    return possible, sure
+    # With a certain sign of the slope d . n, the line meets the plane before s = e where the plane's distance
+    # less e times the slope has the other sign: no quotient is needed.
+    slope = on.normal[0] * dx + on.normal[1] * dy - on.normal[2]
+    magnitude = on.normal_magnitude
+    slope_bound = ROUNDING * (across * magnitude[0] + down * magnitude[1] + magnitude[2])
+    certain = abs(slope) > slope_bound
+    side = by.select(slope > 0, 1.0, -1.0)
+    beyond, doubt = [], []
+    for end in ends:
+        share = end * slope
+        beyond.append(side * (on.plane - share))
+        # The bounds of both terms, and the roundings of this sum and of its bound.
+        doubt.append(
+            on.plane_bound + abs(end) * slope_bound + ROUNDING * (abs(on.plane) + abs(share)) + UNDERFLOW
+        )
+    possible = ~certain | ((beyond[0] >= -doubt[0]) & (beyond[1] <= doubt[1]))
+    sure = certain & (beyond[0] >= doubt[0]) & (beyond[1] < -doubt[1])
+    return (on.holds | ~outside) & possible, (on.holds | inside) & sure

@@ -12,7 +12,7 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Bool, Float64, Int32, UInt32
+from drjit.llvm import Array4f64, Bool, Float64, Int32, UInt32
 
 from xfrustum.reference.certify.spans import Arithmetic
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
@@ -32,12 +32,19 @@ FEWEST_PAIRS = 1 << 12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sorted:
-    """Lines through points as Dr.Jit arrays, sorted by their cells, and the first line of each cell."""
+    """Lines through points as Dr.Jit arrays, sorted by their cells.
 
-    dx: Any
-    dy: Any
-    end: Any
-    own: Any
+    Attributes
+    ----------
+    lines
+        (4 N,) slopes dx and dy, end, and the number of the point's own triangle, line by line.
+    point
+        (N,) numbers of the points.
+    start
+        First line of each cell.
+    """
+
+    lines: Any
     point: Any
     start: Any
 
@@ -99,13 +106,14 @@ class JitSearch:
             for corner in range(3)
         ]
         surfaces = Surfaces.of(corners, center, holds, _JIT)
+        named = Float64(number)
         written, limit = dr.opaque(UInt32, 0), dr.opaque(UInt32, room)
         points, triangles, certain = dr.empty(UInt32, room), dr.empty(UInt32, room), dr.empty(Bool, room)
 
         def step(query: Any) -> tuple[Any]:
-            dx, dy, end = (dr.gather(Float64, values, query) for values in (lines.dx, lines.dy, lines.end))
+            dx, dy, end, own = dr.gather(Array4f64, lines.lines, query)
             possible, sure = meeting(surfaces, dx, dy, (nearest, end), _JIT)
-            possible &= dr.gather(UInt32, lines.own, query) != number
+            possible &= own != named
             slot = dr.scatter_inc(written, UInt32(0), possible)
             fits = possible & (slot < limit)
             dr.scatter(points, dr.gather(UInt32, lines.point, query, fits), slot, fits)
@@ -142,22 +150,14 @@ def _sorted(rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -
     # Counting sort: the order of the lines within a cell means nothing.
     count = dr.opaque(UInt32, 0, cells(rows.pencil) + 1)
     rank = dr.scatter_inc(count, cell)
-    dx, dy, end = lines.dx, lines.dy, lines.end
-    dr.eval(dx, dy, end, cell, rank, count)
+    own_number = dr.gather(Int32, Int32(np.ascontiguousarray(own, dtype=np.int32)), at)
+    together = Array4f64(lines.dx, lines.dy, lines.end, Float64(own_number))
+    dr.eval(together, cell, rank, count)
     start = dr.prefix_sum(count)
     target = dr.gather(UInt32, start, cell) + rank
-    number = dr.gather(UInt32, UInt32(np.ascontiguousarray(own, dtype=np.int32).view(np.uint32)), at)
-    sorted_lines = []
-    for kind, values in ((Float64, dx), (Float64, dy), (Float64, end), (UInt32, number), (UInt32, at)):
-        out = dr.empty(kind, len(position))
-        dr.scatter(out, values, target)
-        sorted_lines.append(out)
-    dr.eval(*sorted_lines)
-    return _Sorted(
-        dx=sorted_lines[0],
-        dy=sorted_lines[1],
-        end=sorted_lines[2],
-        own=sorted_lines[3],
-        point=sorted_lines[4],
-        start=start,
-    )
+    sorted_lines, point = dr.empty(Float64, 4 * len(position)), dr.empty(UInt32, len(position))
+    # Four numbers at a time, one beside the other: a walk reads a line at once.
+    dr.scatter(sorted_lines, together, target)
+    dr.scatter(point, at, target)
+    dr.eval(sorted_lines, point)
+    return _Sorted(lines=sorted_lines, point=point, start=start)
