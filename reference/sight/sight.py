@@ -21,7 +21,7 @@ import numpy as np
 from xfrustum.reference.certify.arbitrary_lines import ExactLines
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.sight.boxes import CellRows, cell_rows
+from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
 from xfrustum.reference.sight.distance import apart
 from xfrustum.reference.sight.walk import Before, PointLines, film_numbers
 from xfrustum.reference.sight.walk_numpy import NumpySearch
@@ -34,7 +34,7 @@ class Search(Protocol):
 
     def __init__(self, triangles: Floats) -> None: ...
 
-    def before(self, rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them."""
         ...
 
@@ -70,8 +70,8 @@ class Sight:
 
     def __init__(self, scene: Scene) -> None:
         self._triangles = scene.triangles
-        # The settings of one aperture share its rows of cells.
-        self._rows = lru_cache(maxsize=2)(partial(cell_rows, self._triangles))
+        # The settings of one aperture share its boxes of cells.
+        self._boxes = lru_cache(maxsize=2)(partial(cell_boxes, self._triangles))
 
     @cached_property
     def _search(self) -> Search:
@@ -94,8 +94,8 @@ class Sight:
         behind = np.zeros(len(points.position), dtype=np.bool_)
         if not len(behind) or not len(self._triangles):
             return behind
-        rows = self._rows(pencil)
-        for found in self._search.before(rows, points.position, points.triangle, points.tolerance):
+        boxes = self._boxes(pencil)
+        for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
             position, tolerance = points.position[found.point], points.tolerance[found.point]
             far = apart(position, self._triangles[found.triangle], tolerance)
             behind[found.point[far & found.sure]] = True

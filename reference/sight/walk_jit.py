@@ -16,7 +16,7 @@ from drjit.llvm import Array4f64, Bool, Float64, Int32, UInt32
 
 from xfrustum.reference.certify.spans import Arithmetic
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
-from xfrustum.reference.sight.boxes import CellRows, cells
+from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
 from xfrustum.scenes.arrays import Floats, Numbers
 
@@ -62,13 +62,13 @@ class JitSearch:
         with strict_arithmetic():
             self._corners = Float64(np.ascontiguousarray(triangles).ravel())
 
-    def before(self, rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them.
 
         Parameters
         ----------
-        rows
-            Rows of cells of the triangles.
+        boxes
+            Boxes of cells of the triangles.
         position
             (N, 3) points in scene units, off the height of the pencil's center.
         own
@@ -77,23 +77,17 @@ class JitSearch:
             (N,) distance within which each point is known.
         """
         with strict_arithmetic():
-            lines = _sorted(rows, position, own, tolerance)
-            first, last = (UInt32(cell.view(np.uint32)) for cell in (rows.first, rows.last))
-            first, last = dr.gather(UInt32, lines.start, first), dr.gather(UInt32, lines.start, last + 1)
-            # Rows without points would idle beside those that walk.
-            lane = dr.compress(first < last)
-            if not dr.width(lane):
+            lines = _sorted(boxes, position, own, tolerance)
+            lanes = _lanes(boxes, lines.start)
+            if not dr.width(lanes[0]):
                 return
-            number, holds = UInt32(rows.number.view(np.uint32)), Bool(rows.holds)
-            walks = [dr.gather(UInt32, values, lane) for values in (first, last, number)]
-            inside = dr.gather(Bool, holds, lane)
-            nearest = dr.opaque(Float64, rows.pencil.s_range[0])
-            center = [dr.opaque(Float64, value) for value in rows.pencil.center]
+            nearest = dr.opaque(Float64, boxes.pencil.s_range[0])
+            center = [dr.opaque(Float64, value) for value in boxes.pencil.center]
             room = max(FEWEST_PAIRS, int(PAIRS_PER_POINT * len(position)))
             found = None
             while found is None or len(found.point) > room:
                 room = room if found is None else len(found.point)
-                found = self._walked(lines, (*walks, inside), center, nearest, room)
+                found = self._walked(lines, lanes, center, nearest, room)
         yield found
 
     def _walked(
@@ -130,16 +124,44 @@ class JitSearch:
         return Before(point=point.astype(np.int64), triangle=triangle.astype(np.int64), sure=sure)
 
 
-def _sorted(rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> _Sorted:
+def _lanes(boxes: CellBoxes, start: Any) -> tuple[Any, ...]:
+    """Return first line, line behind the last, triangle, and whether it holds the center, of rows with lines."""
+    heights = boxes.box[3] - boxes.box[2] + 1
+    before = np.cumsum(heights, dtype=np.int64) - heights
+    rows = int(heights.sum())
+    # The box of each row: boxes are counted at their first rows.
+    begins = dr.zeros(UInt32, rows)
+    dr.scatter(begins, dr.opaque(UInt32, 1), UInt32(before.astype(np.uint32)))
+    dr.eval(begins)
+    box = dr.prefix_sum(begins) + begins - 1
+    left, right, top, base = (
+        dr.gather(UInt32, UInt32(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
+    )
+    stride = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
+    cell = (dr.arange(UInt32, rows) - base + top) * stride
+    first, last = dr.gather(UInt32, start, cell + left), dr.gather(UInt32, start, cell + right + 1)
+    dr.eval(first, last, box)
+    # Rows without lines would idle beside those that walk.
+    lane = dr.compress(first < last)
+    at = dr.gather(UInt32, box, lane)
+    return (
+        dr.gather(UInt32, first, lane),
+        dr.gather(UInt32, last, lane),
+        dr.gather(UInt32, UInt32(boxes.number.astype(np.uint32)), at),
+        dr.gather(Bool, Bool(boxes.holds), at),
+    )
+
+
+def _sorted(boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> _Sorted:
     """Return the lines through points, sorted by the cells of the film."""
-    width, height = rows.pencil.resolution
+    width, height = boxes.pencil.resolution
     stride = dr.opaque(Int32, width + 2)
     # Gathered, not loaded: Dr.Jit compiles anew for every mix of alignments of arrays that lanes load.
     at = dr.arange(UInt32, len(position))
     x, y, z, known_to = (
         dr.gather(Float64, Float64(np.ascontiguousarray(values)), at) for values in (*position.T, tolerance)
     )
-    numbers = [dr.opaque(Float64, value) for value in film_numbers(rows.pencil)]
+    numbers = [dr.opaque(Float64, value) for value in film_numbers(boxes.pencil)]
     lines = PointLines.of(x, y, z, known_to, numbers, dr.sqrt)
     sides = [dr.opaque(Float64, float(side)) for side in (width, height)]
     column, row = (
@@ -148,7 +170,7 @@ def _sorted(rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -
     )
     cell = UInt32(row * stride + column)
     # Counting sort: the order of the lines within a cell means nothing.
-    count = dr.opaque(UInt32, 0, cells(rows.pencil) + 1)
+    count = dr.opaque(UInt32, 0, cells(boxes.pencil) + 1)
     rank = dr.scatter_inc(count, cell)
     own_number = dr.gather(Int32, Int32(np.ascontiguousarray(own, dtype=np.int32)), at)
     together = Array4f64(lines.dx, lines.dy, lines.end, Float64(own_number))
