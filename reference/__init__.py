@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from xfrustum.reference.convergence import Converged
-    from xfrustum.reference.tracers.names import TRACERS
     from xfrustum.reference.sight.sight import SurfacePoints
+    from xfrustum.reference.tracers.names import TRACERS
     from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
     from xfrustum.reference.truth import Reference
 

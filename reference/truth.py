@@ -19,12 +19,12 @@ from xfrustum.reference.lines.facing import drawn_triangles
 from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
+from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.names import TRACERS
 from xfrustum.reference.tracers.proposals import proposed, uncertified
 from xfrustum.reference.tracers.tracer import Tracer
-from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Floats, Mask, Numbers

@@ -49,7 +49,7 @@ def cells(pencil: Pencil) -> int:
 
 
 def cell_boxes(triangles: Floats, pencil: Pencil) -> CellBoxes:
-    """Return the boxes of cells in which a pencil's lines may meet triangles (F, 3, 3), from its first s on."""
+    """Return the cells in which a pencil's lines may meet triangles (F, 3, 3), from its first s on."""
     # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and hide.
     endless = replace(pencil, s_range=(pencil.s_range[0], np.inf))
     exact = ExactPencil(triangles, pencil)

@@ -109,11 +109,13 @@ class Sight:
         """Return which of some points' lines meet triangles before the points, decided in integers."""
         if not len(position):
             return np.zeros(0, dtype=np.bool_)
-        lines = PointLines.of(*position.T, tolerance, film_numbers(pencil), np.sqrt)
+        lines = PointLines.of((*position.T, tolerance), film_numbers(pencil), np.sqrt)
         directions = np.stack((lines.dx, lines.dy, np.full(len(position), -1.0)), axis=1)
         numbers, which = np.unique(triangle, return_inverse=True)
         # Nothing is met before its end by a line that ends before the range.
         ends = np.maximum(lines.end, pencil.s_range[0]).tolist()
-        exact = ExactLines(self._triangles[numbers], pencil.center, directions, (pencil.s_range[0], max(ends)))
+        exact = ExactLines(
+            self._triangles[numbers], pencil.center, directions, (pencil.s_range[0], max(ends))
+        )
         met = [exact.meets(line, number) for line, number in enumerate(which.tolist())]
         return np.array([s is not None and s < Fraction(end) for s, end in zip(met, ends, strict=True)])

@@ -56,18 +56,20 @@ class PointLines:
     row: Any
 
     @classmethod
-    def of(cls, x: Any, y: Any, z: Any, tolerance: Any, film: Sequence[Any], root: Any) -> PointLines:
-        """Return the lines through points that are known to within a tolerance.
+    def of(cls, points: Sequence[Any], film: Sequence[Any], root: Any) -> PointLines:
+        """Return the lines through points.
 
         Parameters
         ----------
-        x, y, z, tolerance
-            The points, off the height of the center.
+        points
+            Coordinates x, y and z of points off the height of the center, and the distance within which each
+            point is known.
         film
             The numbers of `film_numbers`.
         root
             Square root of an array.
         """
+        x, y, z, tolerance = points
         center_x, center_y, center_z, shear_x, shear_y, scale_x, scale_y, middle_x, middle_y = film
         s = center_z - z
         dx, dy = (x - center_x) / s, (y - center_y) / s
@@ -95,7 +97,7 @@ def film_numbers(pencil: Pencil) -> list[float]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surfaces:
-    """Triangles with the bounds of their rounding, as arrays of any library; see `Cones`, which has the same."""
+    """Triangles with the bounds of their rounding, as arrays of any library; see `Cones`."""
 
     edge: list[Triple]
     edge_magnitude: list[Triple]
@@ -144,8 +146,8 @@ def meeting(on: Surfaces, dx: Any, dy: Any, ends: tuple[Any, Any], by: Arithmeti
     """Return whether lines may meet triangles before some places, and whether they surely do.
 
     A line meets a triangle where the three edge functions have one common sign (see `cone`), and the place
-    where it meets the triangle's plane lies in the range and before the end. Every quantity is known to within
-    a bound of its rounding; what the bounds leave open is possible, and not sure.
+    where it meets the triangle's plane lies in the range and before the end. Every quantity is known to
+    within a bound of its rounding; what the bounds leave open is possible, and not sure.
 
     Parameters
     ----------

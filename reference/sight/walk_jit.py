@@ -93,7 +93,7 @@ class JitSearch:
     def _walked(
         self, lines: _Sorted, lanes: tuple[Any, ...], center: list[Any], nearest: Any, room: int
     ) -> Before:
-        """Return the pairs of some lanes; where there is no room for all, as many entries, without meaning."""
+        """Return the pairs of some lanes; where there is no room for all, as many without meaning."""
         first, last, number, holds = lanes
         corners: list[Any] = [
             tuple(dr.gather(Float64, self._corners, 9 * number + (3 * corner + axis)) for axis in range(3))
@@ -101,7 +101,8 @@ class JitSearch:
         ]
         surfaces = Surfaces.of(corners, center, holds, _JIT)
         named = Float64(number)
-        written, limit = dr.opaque(UInt32, 0), dr.opaque(UInt32, room)
+        written: Any = dr.opaque(UInt32, 0)
+        limit: Any = dr.opaque(UInt32, room)
         points, triangles, certain = dr.empty(UInt32, room), dr.empty(UInt32, room), dr.empty(Bool, room)
 
         def step(query: Any) -> tuple[Any]:
@@ -125,7 +126,12 @@ class JitSearch:
 
 
 def _lanes(boxes: CellBoxes, start: Any) -> tuple[Any, ...]:
-    """Return first line, line behind the last, triangle, and whether it holds the center, of rows with lines."""
+    """Return the rows of boxes that have lines.
+
+    Returns
+    -------
+    The first line of each row, the one behind its last, the triangle, and whether this holds the center.
+    """
     heights = boxes.box[3] - boxes.box[2] + 1
     before = np.cumsum(heights, dtype=np.int64) - heights
     rows = int(heights.sum())
@@ -137,12 +143,12 @@ def _lanes(boxes: CellBoxes, start: Any) -> tuple[Any, ...]:
     left, right, top, base = (
         dr.gather(UInt32, UInt32(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
     )
-    stride = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
-    cell = (dr.arange(UInt32, rows) - base + top) * stride
+    stride: Any = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
+    cell: Any = (dr.arange(UInt32, rows) - base + top) * stride
     first, last = dr.gather(UInt32, start, cell + left), dr.gather(UInt32, start, cell + right + 1)
     dr.eval(first, last, box)
     # Rows without lines would idle beside those that walk.
-    lane = dr.compress(first < last)
+    lane: Any = dr.compress(first < last)
     at = dr.gather(UInt32, box, lane)
     return (
         dr.gather(UInt32, first, lane),
@@ -158,25 +164,26 @@ def _sorted(boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats)
     stride = dr.opaque(Int32, width + 2)
     # Gathered, not loaded: Dr.Jit compiles anew for every mix of alignments of arrays that lanes load.
     at = dr.arange(UInt32, len(position))
-    x, y, z, known_to = (
+    points = [
         dr.gather(Float64, Float64(np.ascontiguousarray(values)), at) for values in (*position.T, tolerance)
-    )
+    ]
     numbers = [dr.opaque(Float64, value) for value in film_numbers(boxes.pencil)]
-    lines = PointLines.of(x, y, z, known_to, numbers, dr.sqrt)
+    lines = PointLines.of(points, numbers, dr.sqrt)
     sides = [dr.opaque(Float64, float(side)) for side in (width, height)]
     column, row = (
         Int32(dr.round(dr.clip(place, -1.0, side))) + 1
         for place, side in zip((lines.column, lines.row), sides, strict=True)
     )
-    cell = UInt32(row * stride + column)
+    cell: Any = UInt32(row * stride + column)
     # Counting sort: the order of the lines within a cell means nothing.
-    count = dr.opaque(UInt32, 0, cells(boxes.pencil) + 1)
+    count: Any = dr.opaque(UInt32, 0, cells(boxes.pencil) + 1)
     rank = dr.scatter_inc(count, cell)
     own_number = dr.gather(Int32, Int32(np.ascontiguousarray(own, dtype=np.int32)), at)
     together = Array4f64(lines.dx, lines.dy, lines.end, Float64(own_number))
     dr.eval(together, cell, rank, count)
-    start = dr.prefix_sum(count)
-    target = dr.gather(UInt32, start, cell) + rank
+    start: Any = dr.prefix_sum(count)
+    place: Any = dr.gather(UInt32, start, cell)
+    target = place + rank
     sorted_lines, point = dr.empty(Float64, 4 * len(position)), dr.empty(UInt32, len(position))
     # Four numbers at a time, one beside the other: a walk reads a line at once.
     dr.scatter(sorted_lines, together, target)

@@ -29,7 +29,7 @@ class NumpySearch:
 
     def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them; see `JitSearch.before`."""
-        lines = PointLines.of(*position.T, tolerance, film_numbers(boxes.pencil), np.sqrt)
+        lines = PointLines.of((*position.T, tolerance), film_numbers(boxes.pencil), np.sqrt)
         (width, height), center = boxes.pencil.resolution, boxes.pencil.center
         column, row = np.rint(np.clip(lines.column, -1, width)), np.rint(np.clip(lines.row, -1, height))
         cell = (row.astype(np.int64) + 1) * (width + 2) + column.astype(np.int64) + 1
