@@ -95,6 +95,8 @@ class Sight:
         if not len(behind) or not len(self._triangles):
             return behind
         boxes = self._boxes(pencil)
+        if not len(boxes.number):
+            return behind
         for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
             position, tolerance = points.position[found.point], points.tolerance[found.point]
             far = apart(position, self._triangles[found.triangle], tolerance)
