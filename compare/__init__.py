@@ -19,16 +19,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from xfrustum.compare.metrics.comparison import Comparison, HeightError, compare_images
+    from xfrustum.compare.metrics.comparison import Comparison, compare_images
     from xfrustum.compare.metrics.displacement import Spread
-    from xfrustum.compare.metrics.error_maps import ErrorMaps
+    from xfrustum.compare.metrics.error_maps import ErrorMaps, HeightError
 
 __all__ = ["Comparison", "ErrorMaps", "HeightError", "Spread", "compare_images"]
 
 _MODULES = {
     "Comparison": "metrics.comparison",
     "ErrorMaps": "metrics.error_maps",
-    "HeightError": "metrics.comparison",
+    "HeightError": "metrics.error_maps",
     "Spread": "metrics.displacement",
     "compare_images": "metrics.comparison",
 }

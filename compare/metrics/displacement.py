@@ -35,7 +35,7 @@ class Spread:
 
 
 SAMPLE_SIZE = 1 << 12
-"""Number of values of a sample that says above which value the highest ranks surely, or almost surely, lie."""
+"""Number of values of a sample, which says above which value the highest ranks almost surely lie."""
 
 SAMPLE_MARGIN = 0.02
 """Share of a sample by which that value is lowered, so that few samples, of which the standard error is 0.2 %

@@ -75,7 +75,8 @@ class DrawnPoints:
 
     def places(self, pencil: Pencil) -> tuple[Floats, Floats]:
         """Return column and row (N,) at which a pencil's film shows each point; see `pixel_places`."""
-        return places_off_center(*self.coordinates, pencil)
+        x, y, z = self.coordinates
+        return places_off_center(x, y, z, pencil)
 
     def surface_points(self, scene: Scene) -> SurfacePoints:
         """Return the points with how exactly they are known."""
@@ -112,7 +113,7 @@ class PointsOnFilm:
         return cls(points=points, columns=columns, rows=rows, pencil=pencil)
 
     def displacement(self, drawn_at: tuple[Floats, Floats]) -> Floats:
-        """Return the displacement (N, 2) of the points, given columns and rows (N,) at which they were drawn."""
+        """Return the displacement (N, 2) of points, given columns and rows (N,) at which they were drawn."""
         shift = np.empty((len(self.columns), 2))
         for axis, (place, drawn) in enumerate(zip((self.columns, self.rows), drawn_at, strict=True)):
             np.subtract(place, drawn, out=shift[:, axis])

@@ -64,7 +64,7 @@ class HeightError:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PixelErrors:
-    """The errors of an image: numbers of displacement and height, which pixels are wrong, and the rest as asked.
+    """The errors of an image: numbers of displacement and height, and which pixels are wrong.
 
     A survey reads numbers alone: the maps of displacement and height are made when they are first asked for.
 
@@ -236,7 +236,7 @@ def judged_pixels(truth: HogelImage) -> Mask:
 
 
 def _height_errors(truth: HogelImage, raster: HogelImage, judged: Mask) -> tuple[Indices, Floats]:
-    """Return raster minus truth at the judged pixels with the same triangle, and the numbers of these, (N,)."""
+    """Return judged pixels (N,) with the same triangle in both images, and raster minus truth there."""
     pixels = np.flatnonzero((truth.triangle == raster.triangle) & judged & truth.covered)
     height = raster.height.reshape(-1).take(pixels)
     known = np.isfinite(height)

@@ -97,11 +97,6 @@ def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -
     return surface_errors(truth, raster, reference).wrong
 
 
-def wrong_surface(truth: HogelImage, raster: HogelImage, reference: Reference) -> Mask:
-    """Return the pixels that show the wrong surface, (H, W); see `surface_errors`."""
-    return surface_errors(truth, raster, reference).wrong
-
-
 def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) -> SurfaceErrors:
     """Return the pixels that show the wrong surface.
 
@@ -187,9 +182,7 @@ def undecided(truth: HogelImage, raster: HogelImage, scene: Scene, shown: Points
     outside = np.zeros(wrong.shape, dtype=np.bool_)
     outside.reshape(-1)[pixels[beyond]] = True
     doubtful = np.flatnonzero(unproven & right & ~beyond)
-    return Undecided(
-        errors=SurfaceErrors(wrong=wrong | outside, outside=outside), points=points.at(doubtful)
-    )
+    return Undecided(errors=SurfaceErrors(wrong=wrong | outside, outside=outside), points=points.at(doubtful))
 
 
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:

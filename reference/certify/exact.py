@@ -120,6 +120,10 @@ class ExactPencil:
         """Return whether a triangle is more than a line or a point."""
         return self.cone(triangle)[1] != (0, 0, 0)
 
+    def meets_beside_center(self, triangle: int) -> bool:
+        """Return whether any line meets the triangle's plane elsewhere than in the center."""
+        return self.cone(triangle)[2] != 0
+
     def contains_center(self, triangle: int) -> bool:
         """Return whether the pencil's center lies in a closed triangle: every line meets it at s = 0."""
         edges, normal, offset = self.cone(triangle)

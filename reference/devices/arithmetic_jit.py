@@ -12,12 +12,12 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Bool, Float32, Float64, Int32, UInt32
+from drjit.llvm import Array4f64, Bool, Float32, Float64, Int32, UInt32
 from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic import Arithmetic, Table
 
-__all__ = ["JIT", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device"]
+__all__ = ["JIT", "Array4f64", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device"]
 
 _KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt32, "bool": Bool}
 

@@ -80,8 +80,7 @@ def pixel_places(points: NDArray[np.floating], pencil: Pencil) -> Floats:
     (..., 2) column and row, where a pixel's center has whole numbers and rows count down; NaN for
     points as high as the pencil's center, which the film does not show anywhere in particular.
     """
-    points = np.asarray(points, dtype=np.float64)
-    x, y, z = points.reshape(-1, 3).T
+    x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
     # A point as high as the center is asked for at a height that is not a number.
     places = places_off_center(x, y, np.where(z == pencil.center[2], np.nan, z), pencil)
     return np.stack(places, axis=-1).reshape(*points.shape[:-1], 2)
@@ -112,9 +111,9 @@ def places_off_center(x: Floats, y: Floats, z: Floats, pencil: Pencil) -> tuple[
     columns += 1
     np.subtract(1, rows, out=rows)
     for place, side in ((columns, width), (rows, height)):
-        place *= side
-        place /= 2
-        place -= 0.5
+        np.multiply(place, side, out=place)
+        np.divide(place, 2, out=place)
+        np.subtract(place, 0.5, out=place)
     return columns, rows
 
 

@@ -21,26 +21,25 @@ HALF_CELL = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CellRows:
-    """Rows of cells that triangles reach into, one entry for each row of each triangle.
+class CellBoxes:
+    """Boxes of cells that triangles reach into.
 
     Attributes
     ----------
     pencil
         Lines of the film.
     number
-        (R,) triangle numbers.
+        (T,) triangle numbers; a triangle on both sides of the center's height has two boxes.
     holds
-        (R,) whether the triangle holds the pencil's center, where all lines meet it.
-    first, last
-        (R,) first and last cell of the row; cells are numbered along rows of W + 2, the border included.
+        (T,) whether the triangle holds the pencil's center, where all lines meet it.
+    box
+        (4, T) first and last column, first and last row, counted from those of the border.
     """
 
     pencil: Pencil
     number: Numbers
     holds: Mask
-    first: Numbers
-    last: Numbers
+    box: Numbers
 
 
 def cells(pencil: Pencil) -> int:
@@ -49,8 +48,8 @@ def cells(pencil: Pencil) -> int:
     return (width + 2) * (height + 2)
 
 
-def cell_rows(triangles: Floats, pencil: Pencil) -> CellRows:
-    """Return the rows of cells in which a pencil's lines may meet triangles (F, 3, 3), from its first s on."""
+def cell_boxes(triangles: Floats, pencil: Pencil) -> CellBoxes:
+    """Return the cells in which a pencil's lines may meet triangles (F, 3, 3), from its first s on."""
     # What lies beyond the range is not imaged, but where a picture shows it, it may be hidden, and hide.
     endless = replace(pencil, s_range=(pencil.s_range[0], np.inf))
     exact = ExactPencil(triangles, pencil)
@@ -63,23 +62,19 @@ def cell_rows(triangles: Floats, pencil: Pencil) -> CellRows:
         for side in (every.without(touching) for every in chunk.sides):
             numbers.append(side.number)
             boxes.append(_cell_box(side, pencil))
-        # The others may hold the center, and may then be met by every line. None meets one without area.
-        whole = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
+        # The others may hold the center, and may then be met by every line. A triangle whose plane runs
+        # through the center beside the triangle is met by none, and neither is one without area.
+        met = [n for n in touching.tolist() if exact.meets_beside_center(n) or exact.contains_center(n)]
+        whole = np.array(met, dtype=np.int64)
         numbers.append(whole)
         boxes.append(np.tile(np.array([[0], [width + 1], [0], [height + 1]], dtype=np.int32), len(whole)))
         holding.extend(n for n in whole.tolist() if exact.contains_center(n))
-    number, box = np.concatenate(numbers).astype(np.int32), np.concatenate(boxes, axis=1)
-    heights = box[3] - box[2] + 1
-    entry = np.repeat(np.arange(len(number), dtype=np.int32), heights)
-    before = np.cumsum(heights, dtype=np.int32) - heights
-    row = np.arange(len(entry), dtype=np.int32) + (box[2] - before)[entry]
-    row *= np.int32(width + 2)
-    return CellRows(
+    number = np.concatenate(numbers).astype(np.int32)
+    return CellBoxes(
         pencil=pencil,
-        number=number[entry],
-        holds=np.isin(number, holding)[entry] if holding else np.zeros(len(entry), dtype=np.bool_),
-        first=row + box[0][entry],
-        last=row + box[1][entry],
+        number=number,
+        holds=np.isin(number, holding) if holding else np.zeros(len(number), dtype=np.bool_),
+        box=np.concatenate(boxes, axis=1),
     )
 
 

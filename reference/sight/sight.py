@@ -21,7 +21,7 @@ import numpy as np
 from xfrustum.reference.certify.arbitrary_lines import ExactLines
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.sight.boxes import CellRows, cell_rows
+from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
 from xfrustum.reference.sight.distance import apart
 from xfrustum.reference.sight.walk import Before, PointLines, film_numbers
 from xfrustum.reference.sight.walk_numpy import NumpySearch
@@ -34,7 +34,7 @@ class Search(Protocol):
 
     def __init__(self, triangles: Floats) -> None: ...
 
-    def before(self, rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them."""
         ...
 
@@ -70,8 +70,8 @@ class Sight:
 
     def __init__(self, scene: Scene) -> None:
         self._triangles = scene.triangles
-        # The settings of one aperture share its rows of cells.
-        self._rows = lru_cache(maxsize=2)(partial(cell_rows, self._triangles))
+        # The settings of one aperture share its boxes of cells.
+        self._boxes = lru_cache(maxsize=2)(partial(cell_boxes, self._triangles))
 
     @cached_property
     def _search(self) -> Search:
@@ -94,24 +94,30 @@ class Sight:
         behind = np.zeros(len(points.position), dtype=np.bool_)
         if not len(behind) or not len(self._triangles):
             return behind
-        rows = self._rows(pencil)
-        for found in self._search.before(rows, points.position, points.triangle, points.tolerance):
+        boxes = self._boxes(pencil)
+        if not len(boxes.number):
+            return behind
+        for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
             position, tolerance = points.position[found.point], points.tolerance[found.point]
             far = apart(position, self._triangles[found.triangle], tolerance)
-            doubtful = np.flatnonzero(far & ~found.sure)
-            far[doubtful] = self._met(pencil, position[doubtful], tolerance[doubtful], found.triangle[doubtful])
-            behind[found.point[far]] = True
+            behind[found.point[far & found.sure]] = True
+            # Only points that nothing surely hides are decided in integers.
+            doubtful = np.flatnonzero(far & ~found.sure & ~behind[found.point])
+            met = self._met(pencil, position[doubtful], tolerance[doubtful], found.triangle[doubtful])
+            behind[found.point[doubtful[met]]] = True
         return behind
 
     def _met(self, pencil: Pencil, position: Floats, tolerance: Floats, triangle: Indices) -> Mask:
         """Return which of some points' lines meet triangles before the points, decided in integers."""
         if not len(position):
             return np.zeros(0, dtype=np.bool_)
-        lines = PointLines.of(*position.T, tolerance, film_numbers(pencil), np.sqrt)
+        lines = PointLines.of((*position.T, tolerance), film_numbers(pencil), np.sqrt)
         directions = np.stack((lines.dx, lines.dy, np.full(len(position), -1.0)), axis=1)
         numbers, which = np.unique(triangle, return_inverse=True)
         # Nothing is met before its end by a line that ends before the range.
         ends = np.maximum(lines.end, pencil.s_range[0]).tolist()
-        exact = ExactLines(self._triangles[numbers], pencil.center, directions, (pencil.s_range[0], max(ends)))
+        exact = ExactLines(
+            self._triangles[numbers], pencil.center, directions, (pencil.s_range[0], max(ends))
+        )
         met = [exact.meets(line, number) for line, number in enumerate(which.tolist())]
         return np.array([s is not None and s < Fraction(end) for s, end in zip(met, ends, strict=True)])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from xfrustum.reference.certify.narrow import RowPlanes, plane_meeting
+from xfrustum.reference.certify.narrow import UNDERFLOW
 from xfrustum.reference.devices.arithmetic import Arithmetic
 from xfrustum.reference.lines.cone import EDGES, ROUNDING
 from xfrustum.reference.lines.lines import Pencil
@@ -56,18 +56,20 @@ class PointLines:
     row: Any
 
     @classmethod
-    def of(cls, x: Any, y: Any, z: Any, tolerance: Any, film: Sequence[Any], root: Any) -> PointLines:
-        """Return the lines through points that are known to within a tolerance.
+    def of(cls, points: Sequence[Any], film: Sequence[Any], root: Any) -> PointLines:
+        """Return the lines through points.
 
         Parameters
         ----------
-        x, y, z, tolerance
-            The points, off the height of the center.
+        points
+            Coordinates x, y and z of points off the height of the center, and the distance within which each
+            point is known.
         film
             The numbers of `film_numbers`.
         root
             Square root of an array.
         """
+        x, y, z, tolerance = points
         center_x, center_y, center_z, shear_x, shear_y, scale_x, scale_y, middle_x, middle_y = film
         s = center_z - z
         dx, dy = (x - center_x) / s, (y - center_y) / s
@@ -95,7 +97,7 @@ def film_numbers(pencil: Pencil) -> list[float]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surfaces:
-    """Triangles with the bounds of their rounding, as arrays of any library; see `Cones`, which has the same."""
+    """Triangles with the bounds of their rounding, as arrays of any library; see `Cones`."""
 
     edge: list[Triple]
     edge_magnitude: list[Triple]
@@ -144,8 +146,8 @@ def meeting(on: Surfaces, dx: Any, dy: Any, ends: tuple[Any, Any], by: Arithmeti
     """Return whether lines may meet triangles before some places, and whether they surely do.
 
     A line meets a triangle where the three edge functions have one common sign (see `cone`), and the place
-    where it meets the triangle's plane lies in the range and before the end. Every quantity is known to within
-    a bound of its rounding; what the bounds leave open is possible, and not sure.
+    where it meets the triangle's plane lies in the range and before the end. Every quantity is known to
+    within a bound of its rounding; what the bounds leave open is possible, and not sure.
 
     Parameters
     ----------
@@ -168,17 +170,21 @@ def meeting(on: Surfaces, dx: Any, dy: Any, ends: tuple[Any, Any], by: Arithmeti
     # Lines through a triangle that holds the center meet it there, whatever its edge functions are.
     inside = (positive[0] & positive[1] & positive[2]) | (negative[0] & negative[1] & negative[2])
     outside = (positive[0] | positive[1] | positive[2]) & (negative[0] | negative[1] | negative[2])
-    plane = RowPlanes(
-        plane=on.plane,
-        plane_bound=on.plane_bound,
-        normal_x=on.normal[0],
-        magnitude_x=on.normal_magnitude[0],
-        level=on.normal[1] * dy - on.normal[2],
-        level_magnitude=on.normal_magnitude[1] * down + on.normal_magnitude[2],
-        first=ends[0],
-        last=ends[1],
-    )
-    s, error = plane_meeting(dx, plane, by.select)
-    possible = (on.holds | ~outside) & (s + error >= ends[0]) & (s - error < ends[1])
-    sure = (on.holds | inside) & (s - error >= ends[0]) & (s + error < ends[1])
-    return possible, sure
+    # With a certain sign of the slope d . n, the line meets the plane before s = e where the plane's distance
+    # less e times the slope has the other sign: no quotient is needed.
+    slope = on.normal[0] * dx + on.normal[1] * dy - on.normal[2]
+    magnitude = on.normal_magnitude
+    slope_bound = ROUNDING * (across * magnitude[0] + down * magnitude[1] + magnitude[2])
+    certain = abs(slope) > slope_bound
+    side = by.select(slope > 0, 1.0, -1.0)
+    beyond, doubt = [], []
+    for end in ends:
+        share = end * slope
+        beyond.append(side * (on.plane - share))
+        # The bounds of both terms, and the roundings of this sum and of its bound.
+        doubt.append(
+            on.plane_bound + abs(end) * slope_bound + ROUNDING * (abs(on.plane) + abs(share)) + UNDERFLOW
+        )
+    possible = ~certain | ((beyond[0] >= -doubt[0]) & (beyond[1] <= doubt[1]))
+    sure = certain & (beyond[0] >= doubt[0]) & (beyond[1] < -doubt[1])
+    return (on.holds | ~outside) & possible, (on.holds | inside) & sure

@@ -13,9 +13,9 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic_jit import JIT, Bool, Float64, Int32, UInt32
+from xfrustum.reference.devices.arithmetic_jit import JIT, Array4f64, Bool, Float64, Int32, UInt32
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
-from xfrustum.reference.sight.boxes import CellRows, cells
+from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
 from xfrustum.scenes.arrays import Floats, Numbers
 
@@ -29,12 +29,19 @@ FEWEST_PAIRS = 1 << 12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sorted:
-    """Lines through points as Dr.Jit arrays, sorted by their cells, and the first line of each cell."""
+    """Lines through points as Dr.Jit arrays, sorted by their cells.
 
-    dx: Any
-    dy: Any
-    end: Any
-    own: Any
+    Attributes
+    ----------
+    lines
+        (4 N,) slopes dx and dy, end, and the number of the point's own triangle, line by line.
+    point
+        (N,) numbers of the points.
+    start
+        First line of each cell.
+    """
+
+    lines: Any
     point: Any
     start: Any
 
@@ -52,13 +59,13 @@ class JitSearch:
         with strict_arithmetic():
             self._corners = Float64(np.ascontiguousarray(triangles).ravel())
 
-    def before(self, rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them.
 
         Parameters
         ----------
-        rows
-            Rows of cells of the triangles.
+        boxes
+            Boxes of cells of the triangles.
         position
             (N, 3) points in scene units, off the height of the pencil's center.
         own
@@ -67,42 +74,38 @@ class JitSearch:
             (N,) distance within which each point is known.
         """
         with strict_arithmetic():
-            lines = _sorted(rows, position, own, tolerance)
-            first, last = (UInt32(cell.view(np.uint32)) for cell in (rows.first, rows.last))
-            first, last = dr.gather(UInt32, lines.start, first), dr.gather(UInt32, lines.start, last + 1)
-            # Rows without points would idle beside those that walk.
-            lane = dr.compress(first < last)
-            if not dr.width(lane):
+            lines = _sorted(boxes, position, own, tolerance)
+            lanes = _lanes(boxes, lines.start)
+            if not dr.width(lanes[0]):
                 return
-            number, holds = UInt32(rows.number.view(np.uint32)), Bool(rows.holds)
-            walks = [dr.gather(UInt32, values, lane) for values in (first, last, number)]
-            inside = dr.gather(Bool, holds, lane)
-            nearest = dr.opaque(Float64, rows.pencil.s_range[0])
-            center = [dr.opaque(Float64, value) for value in rows.pencil.center]
+            nearest = dr.opaque(Float64, boxes.pencil.s_range[0])
+            center = [dr.opaque(Float64, value) for value in boxes.pencil.center]
             room = max(FEWEST_PAIRS, int(PAIRS_PER_POINT * len(position)))
             found = None
             while found is None or len(found.point) > room:
                 room = room if found is None else len(found.point)
-                found = self._walked(lines, (*walks, inside), center, nearest, room)
+                found = self._walked(lines, lanes, center, nearest, room)
         yield found
 
     def _walked(
         self, lines: _Sorted, lanes: tuple[Any, ...], center: list[Any], nearest: Any, room: int
     ) -> Before:
-        """Return the pairs of some lanes; where there is no room for all, as many entries, without meaning."""
+        """Return the pairs of some lanes; where there is no room for all, as many without meaning."""
         first, last, number, holds = lanes
         corners: list[Any] = [
             tuple(dr.gather(Float64, self._corners, 9 * number + (3 * corner + axis)) for axis in range(3))
             for corner in range(3)
         ]
         surfaces = Surfaces.of(corners, center, holds, JIT)
-        written, limit = dr.opaque(UInt32, 0), dr.opaque(UInt32, room)
+        named = Float64(number)
+        written: Any = dr.opaque(UInt32, 0)
+        limit: Any = dr.opaque(UInt32, room)
         points, triangles, certain = dr.empty(UInt32, room), dr.empty(UInt32, room), dr.empty(Bool, room)
 
         def step(query: Any) -> tuple[Any]:
-            dx, dy, end = (dr.gather(Float64, values, query) for values in (lines.dx, lines.dy, lines.end))
+            dx, dy, end, own = dr.gather(Array4f64, lines.lines, query)
             possible, sure = meeting(surfaces, dx, dy, (nearest, end), JIT)
-            possible &= dr.gather(UInt32, lines.own, query) != number
+            possible &= own != named
             slot = dr.scatter_inc(written, UInt32(0), possible)
             fits = possible & (slot < limit)
             dr.scatter(points, dr.gather(UInt32, lines.point, query, fits), slot, fits)
@@ -119,42 +122,68 @@ class JitSearch:
         return Before(point=point.astype(np.int64), triangle=triangle.astype(np.int64), sure=sure)
 
 
-def _sorted(rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> _Sorted:
+def _lanes(boxes: CellBoxes, start: Any) -> tuple[Any, ...]:
+    """Return the rows of boxes that have lines.
+
+    Returns
+    -------
+    The first line of each row, the one behind its last, the triangle, and whether this holds the center.
+    """
+    heights = boxes.box[3] - boxes.box[2] + 1
+    before = np.cumsum(heights, dtype=np.int64) - heights
+    rows = int(heights.sum())
+    # The box of each row: boxes are counted at their first rows.
+    begins = dr.zeros(UInt32, rows)
+    dr.scatter(begins, dr.opaque(UInt32, 1), UInt32(before.astype(np.uint32)))
+    dr.eval(begins)
+    box = dr.prefix_sum(begins) + begins - 1
+    left, right, top, base = (
+        dr.gather(UInt32, UInt32(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
+    )
+    stride: Any = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
+    cell: Any = (dr.arange(UInt32, rows) - base + top) * stride
+    first, last = dr.gather(UInt32, start, cell + left), dr.gather(UInt32, start, cell + right + 1)
+    dr.eval(first, last, box)
+    # Rows without lines would idle beside those that walk.
+    lane: Any = dr.compress(first < last)
+    at = dr.gather(UInt32, box, lane)
+    return (
+        dr.gather(UInt32, first, lane),
+        dr.gather(UInt32, last, lane),
+        dr.gather(UInt32, UInt32(boxes.number.astype(np.uint32)), at),
+        dr.gather(Bool, Bool(boxes.holds), at),
+    )
+
+
+def _sorted(boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> _Sorted:
     """Return the lines through points, sorted by the cells of the film."""
-    width, height = rows.pencil.resolution
+    width, height = boxes.pencil.resolution
     stride = dr.opaque(Int32, width + 2)
     # Gathered, not loaded: Dr.Jit compiles anew for every mix of alignments of arrays that lanes load.
     at = dr.arange(UInt32, len(position))
-    x, y, z, known_to = (
+    points = [
         dr.gather(Float64, Float64(np.ascontiguousarray(values)), at) for values in (*position.T, tolerance)
-    )
-    numbers = [dr.opaque(Float64, value) for value in film_numbers(rows.pencil)]
-    lines = PointLines.of(x, y, z, known_to, numbers, dr.sqrt)
+    ]
+    numbers = [dr.opaque(Float64, value) for value in film_numbers(boxes.pencil)]
+    lines = PointLines.of(points, numbers, dr.sqrt)
     sides = [dr.opaque(Float64, float(side)) for side in (width, height)]
     column, row = (
         Int32(dr.round(dr.clip(place, -1.0, side))) + 1
         for place, side in zip((lines.column, lines.row), sides, strict=True)
     )
-    cell = UInt32(row * stride + column)
+    cell: Any = UInt32(row * stride + column)
     # Counting sort: the order of the lines within a cell means nothing.
-    count = dr.opaque(UInt32, 0, cells(rows.pencil) + 1)
+    count: Any = dr.opaque(UInt32, 0, cells(boxes.pencil) + 1)
     rank = dr.scatter_inc(count, cell)
-    dx, dy, end = lines.dx, lines.dy, lines.end
-    dr.eval(dx, dy, end, cell, rank, count)
-    start = dr.prefix_sum(count)
-    target = dr.gather(UInt32, start, cell) + rank
-    number = dr.gather(UInt32, UInt32(np.ascontiguousarray(own, dtype=np.int32).view(np.uint32)), at)
-    sorted_lines = []
-    for kind, values in ((Float64, dx), (Float64, dy), (Float64, end), (UInt32, number), (UInt32, at)):
-        out = dr.empty(kind, len(position))
-        dr.scatter(out, values, target)
-        sorted_lines.append(out)
-    dr.eval(*sorted_lines)
-    return _Sorted(
-        dx=sorted_lines[0],
-        dy=sorted_lines[1],
-        end=sorted_lines[2],
-        own=sorted_lines[3],
-        point=sorted_lines[4],
-        start=start,
-    )
+    own_number = dr.gather(Int32, Int32(np.ascontiguousarray(own, dtype=np.int32)), at)
+    together = Array4f64(lines.dx, lines.dy, lines.end, Float64(own_number))
+    dr.eval(together, cell, rank, count)
+    start: Any = dr.prefix_sum(count)
+    place: Any = dr.gather(UInt32, start, cell)
+    target = place + rank
+    sorted_lines, point = dr.empty(Float64, 4 * len(position)), dr.empty(UInt32, len(position))
+    # Four numbers at a time, one beside the other: a walk reads a line at once.
+    dr.scatter(sorted_lines, together, target)
+    dr.scatter(point, at, target)
+    dr.eval(sorted_lines, point)
+    return _Sorted(lines=sorted_lines, point=point, start=start)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from xfrustum.reference.devices.arithmetic import NUMPY
-from xfrustum.reference.sight.boxes import CellRows, cells
+from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
 from xfrustum.scenes.arrays import Floats, Numbers
 
@@ -27,15 +27,20 @@ class NumpySearch:
     def __init__(self, triangles: Floats) -> None:
         self._triangles = triangles
 
-    def before(self, rows: CellRows, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them; see `JitSearch.before`."""
-        lines = PointLines.of(*position.T, tolerance, film_numbers(rows.pencil), np.sqrt)
-        (width, height), center = rows.pencil.resolution, rows.pencil.center
+        lines = PointLines.of((*position.T, tolerance), film_numbers(boxes.pencil), np.sqrt)
+        (width, height), center = boxes.pencil.resolution, boxes.pencil.center
         column, row = np.rint(np.clip(lines.column, -1, width)), np.rint(np.clip(lines.row, -1, height))
         cell = (row.astype(np.int64) + 1) * (width + 2) + column.astype(np.int64) + 1
         order = np.argsort(cell, kind="stable")
-        start = np.concatenate(([0], np.cumsum(np.bincount(cell, minlength=cells(rows.pencil)))))
-        first, last = start[rows.first], start[rows.last + 1]
+        start = np.concatenate(([0], np.cumsum(np.bincount(cell, minlength=cells(boxes.pencil)))))
+        # One entry for each row of each box.
+        left, right, top, bottom = boxes.box.astype(np.int64)
+        heights = bottom - top + 1
+        box = np.repeat(np.arange(len(top)), heights)
+        base = (np.arange(len(box)) + np.repeat(top - (np.cumsum(heights) - heights), heights)) * (width + 2)
+        first, last = start[base + left[box]], start[base + right[box] + 1]
         some = np.flatnonzero(first < last)
         ends = np.cumsum((last - first)[some])
         done = 0
@@ -46,12 +51,12 @@ class NumpySearch:
             length = (last - first)[part]
             at = np.repeat(part, length)
             point = order[np.arange(len(at)) + np.repeat(first[part] - (np.cumsum(length) - length), length)]
-            number = rows.number[at]
+            number = boxes.number[box[at]]
             corners = [tuple(corner.T) for corner in self._triangles[number].transpose(1, 0, 2)]
-            reached = (rows.pencil.s_range[0], lines.end[point])
+            reached = (boxes.pencil.s_range[0], lines.end[point])
             with np.errstate(over="ignore", invalid="ignore"):
                 possible, sure = meeting(
-                    Surfaces.of(corners, center, rows.holds[at], NUMPY),
+                    Surfaces.of(corners, center, boxes.holds[box[at]], NUMPY),
                     lines.dx[point],
                     lines.dy[point],
                     reached,
