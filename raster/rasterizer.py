@@ -188,6 +188,18 @@ class Rasterizer(ContextOwner):
         )
         return Drawn(image=image, times=times)
 
+    def draw_only(self, aperture: Aperture, settings: DoubleFrustum) -> None:
+        """Draw the picture of `render` without color, wait for the device, and read nothing back.
+
+        This is to measure what reading costs.
+        """
+        settings.check_against(self.scene.frustum)
+        with self._context:
+            target = self._target(self.scene.frustum.resolution, settings.depth)
+            passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
+            self._draw(target, passes, settings, color=False)
+            GL.glFinish()
+
     def render_color(
         self, aperture: Aperture, settings: DoubleFrustum, sampling: Sampling = SINGLE_SAMPLE
     ) -> Singles:

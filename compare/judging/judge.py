@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.judging.engine import Engine, JudgedFrame, Wanted
@@ -24,6 +24,8 @@ from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,8 +176,11 @@ class Judge:
         def finish(frame: JudgedFrame) -> JudgedDrawing:
             return _drawing(frame, images)
 
-        engine = Engine(self.reference, self.drawing, wanted, finish)
-        return self._stream(engine, apertures, tuple(settings), images)
+        return self._stream(self.engine(wanted, finish), apertures, tuple(settings), images)
+
+    def engine(self, wanted: Wanted, finish: Callable[[JudgedFrame], Found]) -> Engine[Found]:
+        """Return what a stream is made of: an engine that keeps what `finish` returns of each frame."""
+        return Engine(self.reference, self.drawing, wanted, finish)
 
     def _stream(
         self,

@@ -1,6 +1,10 @@
 """Benchmarks, as ratios within one run.
 
 scaling/           How time and memory grow with triangles, pixels and apertures
+judge              How fast are hogels judged? Hogels per second, CPU seconds by stage, and ratios
+judge_contestants  Contestants for a race to judged hogels: streams, loops, and what they cannot do without
+judge_stream       Many hogels judged in a process of its own, as a stream or in a loop: seconds, and the
+                   most memory it had
 plate              How fast are many hogels at once, next to loops that anybody would write? Hogels per
                    second, and ratios
 plate_contestants  Contestants for a race over one row of a plate: many hogels at once, and loops that

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare import ErrorMaps
 from xfrustum.compare.attribution.budget import Budget
-from xfrustum.compare.judging.engine import Engine, JudgedFrame, Wanted
+from xfrustum.compare.judging.engine import JudgedFrame, Wanted
 from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
@@ -84,7 +84,7 @@ class SettingMeasurer:
         shaded = is_shaded(scene)
         # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
         wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=True, apart=True)
-        self._engine = Engine(judge.reference, judge.drawing, wanted, self._measured)
+        self._engine = judge.engine(wanted, self._measured)
         self._watch = Stopwatch()
 
     @property

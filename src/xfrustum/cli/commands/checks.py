@@ -129,6 +129,52 @@ def bench_truth(
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
+@bench.command("judge")
+@click.argument("scenes", metavar="[SCENE]...", nargs=-1)
+@click.option("--resolution", type=options.Sizes(), help="W = H of each race.  [default: 128,256,512,1024]")
+@click.option("--triangles", type=click.IntRange(1), help="Also globes of so many triangles.")
+@click.option("--hogels", type=click.IntRange(1), default=6, show_default=True, help="Judged in each run.")
+@click.option(
+    "--stream",
+    "streamed",
+    type=click.IntRange(1),
+    help="Also so many hogels of 256 x 256 of the first SCENE, with the memory that they take.",
+)
+@_timed_option(5)
+@options.quiet_option
+@options.json_option
+def bench_judge(
+    *,
+    scenes: tuple[str, ...],
+    resolution: tuple[int, ...] | None,
+    triangles: int | None,
+    hogels: int,
+    streamed: int | None,
+    repeat: int,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Measure how fast hogels are judged, beside loops and bare renderers, and CPU seconds by stage.
+
+    Without SCENE and --triangles: the built-in car, and globes of a million triangles.
+    """
+    from dataclasses import replace
+
+    from xfrustum.reports.benchmarks import judge as benchmarks
+    from xfrustum.reports.benchmarks.judge_contestants import globes_through_a_plate
+    from xfrustum.reports.benchmarks.judge_stream import benchmark_stream
+
+    names = scenes or ("car",)
+    count = triangles or (None if scenes else 1_000_000)
+    opened = [options.open_scene(name) for name in names]
+    opened += [] if count is None else [globes_through_a_plate(count)]
+    sizes = resolution or benchmarks.RESOLUTIONS
+    measured = benchmarks.benchmark_judge(opened, sizes, hogels, repeat, progress=not quiet)
+    if streamed is not None:
+        measured = replace(measured, stream=benchmark_stream(names[0], streamed))
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
+
+
 @bench.command("plate")
 @click.argument("scene", default="car")
 @_side_option(128)
