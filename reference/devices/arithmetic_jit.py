@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic import Arithmetic, Table
 
-__all__ = ["JIT", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device"]
+__all__ = ["JIT", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device", "on_lanes"]
 
 _KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt32, "bool": Bool}
 
@@ -34,9 +34,13 @@ def on_device(values: NDArray[Any]) -> Any:
     return _KINDS[str(flat.dtype)](flat)
 
 
+def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:
+    """Return the columns of rows (N, ..), looked up by index."""
+    return _table(rows)(index)
+
+
 def _table(rows: NDArray[Any]) -> Table:
-    # A copy: Dr.Jit does not take memory that NumPy calls read-only.
-    flat, count = on_device(np.array(rows)), rows.size // max(len(rows), 1)
+    flat, count = on_device(rows), rows.size // max(len(rows), 1)
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 
