@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -12,6 +11,7 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Float64, Int32, UInt32, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.lines_jit import interleaved, pixel_directions
 from xfrustum.reference.shading.light import Seen
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Numbers, Singles
@@ -70,7 +70,7 @@ class JitPictures:
             # Gathered, because kernels do not depend on the alignment of arrays that are gathered from.
             triangle = dr.gather(Int32, on_device(decided.triangle), lane)
             s = dr.gather(Float64, on_device(decided.s), lane)
-            direction = self._directions(pencil, rows, lane)
+            direction = pixel_directions(pencil, rows)
             center = JIT.constants(pencil.center)
             position = [at + s * along for at, along in zip(center, direction, strict=True)]
             covered, number = triangle != NOTHING, dr.maximum(triangle, 0)
@@ -80,10 +80,10 @@ class JitPictures:
             # Gray has one channel.
             light = [Float32(dr.select(covered, part, 0.0)) for part in self._light.radiance(seen)]
             arrays = {
-                "object": _interleaved(lane, [dr.select(covered, of_triangle, NOTHING)]),
-                "position": _interleaved(lane, position),
-                "normal": _interleaved(lane, [dr.select(covered, part, np.nan) for part in normal]),
-                "color": _interleaved(lane, light if len(light) == 3 else light * 3),
+                "object": interleaved([dr.select(covered, of_triangle, NOTHING)], size),
+                "position": interleaved(position, size),
+                "normal": interleaved([dr.select(covered, part, np.nan) for part in normal], size),
+                "color": interleaved(light if len(light) == 3 else light * 3, size),
             }
             dr.eval(*arrays.values())
             read = {name: array.numpy().reshape(*shape, -1) for name, array in arrays.items()}
@@ -93,26 +93,3 @@ class JitPictures:
             normal=read["normal"],
             color=read["color"],
         )
-
-    @staticmethod
-    def _directions(pencil: Pencil, rows: range, lane: Any) -> list[Any]:
-        """Return d of each lane's line."""
-        width = dr.opaque(UInt32, pencil.resolution[0])
-        start = dr.opaque(UInt32, rows.start)
-        # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
-        row = UInt32(dr.floor((Float64(lane) + 0.5) / Float64(width)))
-        dx, dy = on_device(np.array(pencil.dx)), on_device(np.array(pencil.dy))
-        return [
-            dr.gather(Float64, dx, lane - row * width),
-            dr.gather(Float64, dy, row + start),
-            Float64(-1.0),
-        ]
-
-
-def _interleaved(lane: Any, coordinates: list[Any]) -> Any:
-    """Return coordinates side by side for each lane, as NumPy's arrays of vectors have them."""
-    count = len(coordinates)
-    found = dr.empty(type(coordinates[0]), dr.width(lane) * count)
-    for k, values in enumerate(coordinates):
-        dr.scatter(found, values, lane * count + k)
-    return found

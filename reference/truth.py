@@ -12,7 +12,7 @@ from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, p
 from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.certify.runner_up import RunnersUp
-from xfrustum.reference.certify.sides import sorted_by_side
+from xfrustum.reference.certify.sides import Sides, sorted_by_side
 from xfrustum.reference.convergence import TOLERANCE, Converged, converged
 from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel, in_turn
 from xfrustum.reference.lines.facing import drawn_triangles
@@ -35,6 +35,9 @@ from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+
+KEPT_TRIANGLES = 1 << 20
+"""Most triangles that a reference keeps sorted for all apertures, in some 150 bytes each."""
 
 
 class Reference:
@@ -101,8 +104,7 @@ class Reference:
         if averages(self.scene.sampling if sampling is None else sampling):
             image = stacked(list(self.trace_bands(aperture, sampling)))
         else:
-            pencil = crossed_frustum(self.scene.frustum, aperture)
-            image = self._whole(aperture, Certifier(self.scene.triangles, pencil))
+            image = self._whole(aperture, self._kept_sides)
         return replace(image, rendering=self.rendering(sampling))
 
     def trace_bands(self, aperture: Aperture, sampling: Sampling | None = None) -> Iterator[HogelImage]:
@@ -125,19 +127,26 @@ class Reference:
         if averages(self.scene.sampling):
             yield from map(self.trace, apertures)
             return
-        middle = crossed_frustum(self.scene.frustum, self.scene.plate.middle)
-        sides = list(sorted_by_side(self.scene.triangles, middle))
+        sides = self._kept_sides or self._sorted_sides()
         for aperture in apertures:
-            pencil = crossed_frustum(self.scene.frustum, aperture)
-            image = self._whole(aperture, Certifier(self.scene.triangles, pencil, sides))
-            yield replace(image, rendering=self.rendering())
+            yield replace(self._whole(aperture, sides), rendering=self.rendering())
 
-    def _whole(self, aperture: Aperture, certifier: Certifier) -> HogelImage:
+    @cached_property
+    def _kept_sides(self) -> list[Sides] | None:
+        """The triangles sorted for all apertures; None where they would take too much memory to be kept."""
+        return self._sorted_sides() if len(self.scene.faces) <= KEPT_TRIANGLES else None
+
+    def _sorted_sides(self) -> list[Sides]:
+        middle = crossed_frustum(self.scene.frustum, self.scene.plate.middle)
+        return list(sorted_by_side(self.scene.triangles, middle))
+
+    def _whole(self, aperture: Aperture, sides: Iterable[Sides] | None) -> HogelImage:
         """Decide a whole true image."""
-        band, resolution = partial(self._band, aperture, certifier), certifier.pencil.resolution
+        pencil = crossed_frustum(self.scene.frustum, aperture)
+        band = partial(self._band, aperture, Certifier(self.scene.triangles, pencil, sides))
         if compiled():
-            return stacked(list(in_turn(band, resolution)))
-        return stacked(list(in_parallel(band, resolution, least_pixels=BUSY_PIXELS)))
+            return stacked(list(in_turn(band, pencil.resolution)))
+        return stacked(list(in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)))
 
     def _band(self, aperture: Aperture, certifier: Certifier, rows: range) -> HogelImage:
         """Decide some rows of a true image."""

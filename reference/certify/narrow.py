@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.rows import Rows
-from xfrustum.reference.lines.cone import ROUNDING, Cones
+from xfrustum.reference.lines.cone import ROUNDING, Planes
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
 from xfrustum.scenes.arrays import Floats, Indices, Numbers
@@ -79,20 +78,14 @@ class RowPlanes:
 
 
 def row_planes(
-    components: Callable[[NDArray[Any]], Sequence[Any]],
-    cones: Cones,
-    dy: Any,
-    ends: Sequence[Any],
-    select: Callable[[Any, Any, Any], Any],
+    planes: Planes, within: Any, dy: Any, ends: Sequence[Any], select: Callable[[Any, Any, Any], Any]
 ) -> RowPlanes:
     """Return the planes of triangles along rows.
 
     Parameters
     ----------
-    components
-        Takes a table of the triangles (.., T), and returns each of its components for all rows.
-    cones
-        The triangles.
+    planes, within
+        Planes of each row's triangle, and whether the triangle surely lies within the pencil's range.
     dy
         Slopes of the rows.
     ends
@@ -100,12 +93,11 @@ def row_planes(
     select
         `numpy.where` or `drjit.select`.
     """
-    normal, magnitude = components(cones.normal), components(cones.normal_magnitude)
-    (within,), (plane,), (plane_bound,) = map(components, (cones.within, cones.plane, cones.plane_bound))
+    normal, magnitude = planes.normal, planes.normal_magnitude
     first, last = counted_range(within, ends, select)
     return RowPlanes(
-        plane=plane,
-        plane_bound=plane_bound,
+        plane=planes.plane,
+        plane_bound=planes.plane_bound,
         normal_x=normal[0],
         magnitude_x=magnitude[0],
         level=normal[1] * dy - normal[2],
@@ -172,13 +164,13 @@ def surely_counts(s: Any, error: Any, first: Any, last: Any) -> Any:
     return (s - error >= first) & (s + error <= last) & (error <= abs(s))
 
 
-def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
+def settled(rows: Rows, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
     """Return pairs with doubtful coverage decided by edge functions, without those that surely do not meet.
 
     Parameters
     ----------
-    cones, cone
-        The triangles, and (N,) the triangle of each pair as an index into them.
+    rows, cone
+        Rows of the triangles, and (N,) the triangle of each pair as an index into their arrays.
     found
         Pairs whose s is possible, `sure` where they are known to meet.
     """
@@ -187,13 +179,14 @@ def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
         return found
     # Bounds on the smallest and the largest of the three edge functions: [low, surely_low] holds the
     # smallest value, [surely_high, high] the largest.
-    c, cone = cones, cone[doubtful]
+    different, lane = np.unique(cone[doubtful], return_inverse=True)
+    c = rows.cones(pencil, different)
     row, column = np.divmod(found.pixel[doubtful], pencil.resolution[0])
     dx, dy = pencil.dx[column], pencil.dy[row]
-    low, high = np.full(len(cone), np.inf), np.full(len(cone), -np.inf)
+    low, high = np.full(len(lane), np.inf), np.full(len(lane), -np.inf)
     surely_low, surely_high = low.copy(), high.copy()
     for k in range(3):
-        edge, magnitude = c.edge[k][:, cone], c.edge_magnitude[k][:, cone]
+        edge, magnitude = ([part[lane] for part in parts[k]] for parts in (c.edge, c.edge_magnitude))
         value = edge[0] * dx + edge[1] * dy - edge[2]
         bound = ROUNDING * (np.abs(dx) * magnitude[0] + np.abs(dy) * magnitude[1] + magnitude[2])
         low, high = np.minimum(low, value - bound), np.maximum(high, value + bound)
@@ -206,7 +199,7 @@ def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
     inside[doubtful] = ~((surely_high > 0) & (surely_low < 0))
     # Surely inside: all are surely positive, or all surely negative, and s counts.
     sure = found.sure.copy()
-    first, last = counted_range(c.within[cone], pencil.s_range, np.where)
+    first, last = counted_range(c.within[lane], pencil.s_range, np.where)
     counts = surely_counts(found.s[doubtful], found.error[doubtful], first, last)
     sure[doubtful] = ((low > 0) | (high < 0)) & counts
     return Pairs(pixel=found.pixel, triangle=found.triangle, s=found.s, error=found.error, sure=sure)[inside]

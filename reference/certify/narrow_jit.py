@@ -15,7 +15,6 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.narrow import (
     RowPlanes,
@@ -27,17 +26,23 @@ from xfrustum.reference.certify.narrow import (
 )
 from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.certify.spans import FilmRow, columns_between, slopes_inside
-from xfrustum.reference.devices.arithmetic_jit import JIT, Bool, Float64, Int32, UInt32
+from xfrustum.reference.devices.arithmetic_jit import (
+    JIT,
+    Bool,
+    Float64,
+    Int32,
+    UInt32,
+    on_device,
+    on_lanes,
+)
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.lines.cone import Cones, Viewpoint
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 _DOUBTFUL_WEIGHT = 2
 """Count of a pair that is not surely met, so that it leaves its pixel open even if it is alone."""
-
-_ARRAYS = {"float64": Float64, "int32": Int32, "int64": UInt32, "bool": Bool}
-"""Dr.Jit's arrays for each NumPy type of the tables in `Rows` and `Cones`; int64 holds triangle numbers."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +88,7 @@ class JitNarrowPhase:
             self._limit = dr.opaque(Float64, np.inf, self._pixels)
             self._dx, self._dy = Float64(np.array(pencil.dx)), Float64(np.array(pencil.dy))
             self._film = FilmRow(**{k: dr.opaque(Float64, v) for k, v in vars(FilmRow.of(pencil)).items()})
-            self._ends = tuple(dr.opaque(Float64, s) for s in pencil.s_range)
+            self._seen_from = Viewpoint.of(pencil, JIT)
             self._width, self._start = (dr.opaque(UInt32, n) for n in (pencil.resolution[0], self._base))
 
     def add(self, rows: Rows) -> None:
@@ -115,44 +120,30 @@ class JitNarrowPhase:
             return Sifted(triangle=number.numpy(), s=distance.numpy(), contested=contested)
 
     def _cut(self, rows: Rows) -> Lanes:
-        # Dr.Jit reads NumPy's memory in place and compiles anew for every mix of alignments of arrays that
-        # lanes load directly. Gathers do not depend on alignment.
-        c, size = rows.cones, len(rows.row)
-        walk = UInt32(np.concatenate((rows.cone, rows.row, rows.orientation + 1)).astype(np.uint32))
+        size = len(rows.row)
+        walk = on_device(np.concatenate((rows.cone, rows.row, rows.orientation + 1)))
         lane, stride = dr.arange(UInt32, size), dr.opaque(UInt32, size)
-        triangles = dr.opaque(UInt32, len(c.number))
-        cone, row, sign = (dr.gather(UInt32, walk, lane + k * stride) for k in range(3))
-
-        def components(table: NDArray[Any]) -> list[Any]:
-            """Return each component of a table (.., T) in every lane."""
-            kind, values = _ARRAYS[str(table.dtype)], np.ascontiguousarray(table).ravel()
-            flat = kind(values.astype(np.uint32) if kind is UInt32 else values)
-            count = table.size // len(c.number)
-            return [dr.gather(kind, flat, cone + k * triangles) for k in range(count)]
+        cone, row, sign = (dr.gather(Int32, walk, lane + k * stride) for k in range(3))
+        (number,), (holds,) = (on_lanes(table, cone) for table in (rows.number, rows.holds_center))
+        coordinates = on_lanes(rows.corners, cone)
+        c = Cones.of(JIT, [coordinates[k : k + 3] for k in (0, 3, 6)], self._seen_from, holds)
 
         # Cut the rows by the edges, then by the triangles' boxes of pixels.
-        edge, magnitude = components(c.edge), components(c.edge_magnitude)
         dy = dr.gather(Float64, self._dy, row)
-        low, high, surely_from, surely_to = slopes_inside(
-            [(edge[k : k + 3], magnitude[k : k + 3]) for k in (0, 3, 6)],
-            Float64(sign) - 1.0,
-            dy,
-            self._film,
-            JIT,
-        )
+        edges = zip(c.edge, c.edge_magnitude, strict=True)
+        low, high, surely_from, surely_to = slopes_inside(edges, Float64(sign) - 1.0, dy, self._film, JIT)
         low, high = columns_between(low, high, self._film, JIT)
-        box = components(rows.columns)
+        box = on_lanes(rows.columns.T, cone)
         first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
         empty = first > last
-        (holds,), (number,) = components(c.holds_center), components(c.number)
         lanes = Lanes(
             rows=rows,
-            planes=row_planes(components, c, dy, self._ends, dr.select),
+            planes=row_planes(c.planes, c.within, dy, self._seen_from.ends, dr.select),
             surely_from=dr.select(holds, -np.inf, surely_from),
             surely_to=dr.select(holds, np.inf, surely_to),
             first=UInt32(dr.select(empty, 1, first)),
             last=UInt32(dr.select(empty, 0, last)),
-            base=row * self._width - self._start,
+            base=UInt32(row) * self._width - self._start,
             number=number,
         )
         dr.schedule(*vars(lanes.planes).values())
@@ -179,7 +170,7 @@ class JitNarrowPhase:
             pixel = lanes.base + column
             weight = dr.select(sure, UInt32(1), UInt32(_DOUBTFUL_WEIGHT))
             dr.scatter_reduce(dr.ReduceOp.Add, rivals, weight, pixel, possible, mode=dr.ReduceMode.Direct)
-            dr.scatter(number, Int32(lanes.number), pixel, possible)
+            dr.scatter(number, lanes.number, pixel, possible)
             dr.scatter(distance, s, pixel, possible)
 
         walk(lanes, count)
@@ -221,12 +212,12 @@ class JitNarrowPhase:
         rows, cone = lanes.rows, lanes.rows.cone[at]
         found = Pairs(
             pixel=rows.row[at] * self._pencil.resolution[0] + column,
-            triangle=rows.cones.number[cone],
+            triangle=rows.number[cone],
             s=s,
             error=error,
             sure=sure,
         )
-        return settled(rows.cones, cone, found, self._pencil)
+        return settled(rows, cone, found, self._pencil)
 
 
 def walk(lanes: Lanes, visit: Callable[[Any], None]) -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.reference.certify.narrow import (
     RowPlanes,
@@ -20,7 +18,7 @@ from xfrustum.reference.certify.narrow import (
 from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.certify.spans import FilmRow, columns_between, slopes_inside
 from xfrustum.reference.devices.arithmetic import NUMPY
-from xfrustum.reference.lines.cone import Cones
+from xfrustum.reference.lines.cone import Cones, Planes
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
 from xfrustum.scenes.arrays import Floats, Indices
@@ -39,16 +37,19 @@ class Spans:
 
     Attributes
     ----------
+    rows
+        The rows before they were cut.
     cones
-        The triangles.
+        Their triangles.
     cone
-        (S,) the triangle of each row, as an index into `cones`.
+        (S,) the triangle of each row, as an index into the triangles.
     row, first, last
         (S,) row, and first and last column, inclusive.
     surely_from, surely_to
         (S,) slopes dx between which coverage is certain; no slope where from > to.
     """
 
+    rows: Rows
     cones: Cones
     cone: Indices
     row: Indices
@@ -60,11 +61,11 @@ class Spans:
     @classmethod
     def of(cls, rows: Rows, pencil: Pencil) -> Spans:
         """Cut the rows of triangles by their edges."""
-        c, cone, film = rows.cones, rows.cone, FilmRow.of(pencil)
+        c, cone, film = rows.cones(pencil), rows.cone, FilmRow.of(pencil)
 
-        def edges() -> Iterator[tuple[Floats, Floats]]:
-            for k in range(3):
-                yield c.edge[k][:, cone], c.edge_magnitude[k][:, cone]
+        def edges() -> Iterator[tuple[list[Floats], list[Floats]]]:
+            for edge, magnitude in zip(c.edge, c.edge_magnitude, strict=True):
+                yield [part[cone] for part in edge], [part[cone] for part in magnitude]
 
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low, high, surely_from, surely_to = slopes_inside(
@@ -74,8 +75,9 @@ class Spans:
         first = np.maximum(np.ceil(first).astype(np.int64), rows.columns[0][cone])
         last = np.minimum(np.floor(last).astype(np.int64), rows.columns[1][cone])
         some = first <= last
-        holds = c.holds_center[cone]
+        holds = rows.holds_center[cone]
         return cls(
+            rows=rows,
             cones=c,
             cone=cone[some],
             row=rows.row[some],
@@ -87,11 +89,14 @@ class Spans:
 
     def planes(self, pencil: Pencil) -> RowPlanes:
         """Return the planes of the triangles along these rows."""
-
-        def components(table: NDArray[Any]) -> list[Any]:
-            return list(np.atleast_2d(table)[:, self.cone])
-
-        return row_planes(components, self.cones, pencil.dy[self.row], pencil.s_range, np.where)
+        own, lane = self.cones.planes, self.cone
+        planes = Planes(
+            normal=[part[lane] for part in own.normal],
+            normal_magnitude=[part[lane] for part in own.normal_magnitude],
+            plane=own.plane[lane],
+            plane_bound=own.plane_bound[lane],
+        )
+        return row_planes(planes, self.cones.within[lane], pencil.dy[self.row], pencil.s_range, np.where)
 
 
 class NumpyNarrowPhase:
@@ -149,10 +154,10 @@ class NumpyNarrowPhase:
         sure = (dx >= spans.surely_from[span]) & (dx <= spans.surely_to[span])
         found = Pairs(
             pixel=spans.row[span] * self._pencil.resolution[0] + column,
-            triangle=spans.cones.number[spans.cone[span]],
+            triangle=spans.rows.number[spans.cone[span]],
             s=s,
             error=error,
             sure=sure & surely_counts(s, error, row.first, row.last),
         )
         possible = (found.farthest >= row.first) & (found.nearest <= row.last)
-        return settled(spans.cones, spans.cone[span[possible]], found[possible], self._pencil)
+        return settled(spans.rows, spans.cone[span[possible]], found[possible], self._pencil)

@@ -32,7 +32,8 @@ class Arithmetic:
     maximum, minimum, isfinite, sqrt, floor, arctan2, hypot
         What NumPy calls so.
     power
-        Function of base, exponent and mask: the power where the mask is true, else zero.
+        Function of base, exponent, mask and digits: the power where the mask is true, else zero. Where all
+        exponents are whole numbers, `digits` is the number of binary digits of the largest; else it is None.
     whole
         Function that turns doubles without a fraction into indices.
     table
@@ -49,7 +50,7 @@ class Arithmetic:
     floor: Callable[[Any], Any]
     arctan2: Callable[[Any, Any], Any]
     hypot: Callable[[Any, Any], Any]
-    power: Callable[[Any, Any, Any], Any]
+    power: Callable[[Any, Any, Any, int | None], Any]
     whole: Callable[[Any], Any]
     table: Callable[[NDArray[Any]], Table]
     constants: Callable[[Sequence[float]], list[Any]]
@@ -70,7 +71,7 @@ def difference(a: Coordinates, b: Coordinates) -> list[Any]:
     return [one - other for one, other in zip(a, b, strict=True)]
 
 
-def _power(base: Floats, exponent: Floats | float, where: Mask) -> Floats:
+def _power(base: Floats, exponent: Floats | float, where: Mask, digits: int | None) -> Floats:
     # Powers are slow: only those that are wanted are computed.
     return np.power(base, exponent, out=np.zeros(len(base)), where=where)
 

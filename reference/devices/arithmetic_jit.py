@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic import Arithmetic, Table
 
-__all__ = ["JIT", "Array4f64", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device"]
+__all__ = ["JIT", "Array4f64", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device", "on_lanes"]
 
 _KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt32, "bool": Bool}
 
@@ -34,9 +34,13 @@ def on_device(values: NDArray[Any]) -> Any:
     return _KINDS[str(flat.dtype)](flat)
 
 
+def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:
+    """Return the columns of rows (N, ..), looked up by index."""
+    return _table(rows)(index)
+
+
 def _table(rows: NDArray[Any]) -> Table:
-    # A copy: Dr.Jit does not take memory that NumPy calls read-only.
-    flat, count = on_device(np.array(rows)), rows.size // max(len(rows), 1)
+    flat, count = on_device(rows), rows.size // max(len(rows), 1)
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 
@@ -45,7 +49,18 @@ LEAST_LOGARITHM = -1000.0
 for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
 
 
-def _power(base: Any, exponent: Any, where: Any) -> Any:
+MOST_DIGITS = 10
+"""Most binary digits of whole exponents for which squarings are faster than a logarithm. Their roundings add
+up to 2^10 2^-53 at most, far below those of a float32."""
+
+
+def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
+    if digits is not None and digits <= MOST_DIGITS:
+        whole, power = UInt32(exponent), Float64(1.0)
+        for digit in range(digits):
+            power = dr.select((whole >> digit) & 1 == 1, power * base, power)
+            base = base * base
+        return dr.select(where, power, 0.0)
     logarithm = exponent * dr.log2(dr.select(where, base, 1.0))
     return dr.select(where, dr.exp2(dr.maximum(logarithm, LEAST_LOGARITHM)), 0.0)
 

@@ -15,12 +15,15 @@ product under- or overflows; coordinates between 1e-75 and 1e75, and zero, are s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from xfrustum.reference.devices.arithmetic import Arithmetic, Coordinates, cross, difference
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats
 
 UNIT_ROUNDOFF = 2.0**-53
 """Largest relative error of one rounded operation in double precision, u."""
@@ -33,20 +36,14 @@ EDGES = ((0, 1), (1, 2), (2, 0))
 """First and second corner of each edge of a triangle."""
 
 
-def cross(a: Floats, b: Floats) -> Floats:
-    """Return a x b of vectors (3, T)."""
-    return np.stack((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
+def cross_magnitude(a: Coordinates, b: Coordinates) -> list[Any]:
+    """Return the sums of absolute products in a x b, to which its rounding errors are relative."""
+    (ax, ay, az), (bx, by, bz) = ([abs(part) for part in vector] for vector in (a, b))
+    return [ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx]
 
 
-def cross_magnitude(a: Floats, b: Floats) -> Floats:
-    """Return the sums of absolute products in a x b (3, T), to which its rounding errors are relative."""
-    a, b = np.abs(a), np.abs(b)
-    return np.stack((a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]))
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    product = a * b
-    return np.asarray(product[0] + product[2] + product[1])
+def _dot(a: Coordinates, b: Coordinates) -> Any:
+    return a[0] * b[0] + a[2] * b[2] + a[1] * b[1]
 
 
 def s_bounds(z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
@@ -60,77 +57,111 @@ def s_bounds(z: Floats, pencil: Pencil) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cones:
-    """Some triangles as seen from a pencil's center, with the magnitudes that bound their rounding errors.
+class Viewpoint:
+    """The center of a pencil and the ends of its range, as numbers of NumPy or Dr.Jit.
 
     Attributes
     ----------
-    number
-        (T,) triangle numbers.
-    edge, edge_magnitude
-        (3, 3, T) q_i x q_j of the edges 01, 12, 20, by edge and coordinate, and the sums of
-        absolute products in it.
-    normal, normal_magnitude
-        (3, T) n, not normalized, and the sums of absolute products in it.
-    plane, plane_bound
-        (T,) q_0 . n, and the bound of its rounding error.
-    holds_center
-        (T,) whether the center lies exactly in the closed triangle: then every line meets it at s = 0.
-    within
-        (T,) whether all corners, and hence all of the triangle, surely lie in the pencil's range.
+    center
+        The three coordinates of the common point.
+    ends
+        First and last s.
+    slack
+        Relative error of s of a corner, see `s_bounds`.
     """
 
-    number: Indices
-    edge: Floats
-    edge_magnitude: Floats
-    normal: Floats
-    normal_magnitude: Floats
-    plane: Floats
-    plane_bound: Floats
-    holds_center: Mask
-    within: Mask
+    center: Coordinates
+    ends: Sequence[Any]
+    slack: Any
+
+    @classmethod
+    def of(cls, pencil: Pencil, by: Arithmetic) -> Viewpoint:
+        """Return the viewpoint of a pencil."""
+        (slack,) = by.constants([0.0 if pencil.center[2] == 0 else 2 * UNIT_ROUNDOFF])
+        return cls(center=by.constants(pencil.center), ends=by.constants(pencil.s_range), slack=slack)
 
 
-def cones(
-    triangles: Floats,
-    number: Indices,
-    pencil: Pencil,
-    holds_center: Mask | None = None,
-) -> Cones:
-    """Return the triangles with the given numbers as cones.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Planes:
+    """The planes of some triangles, one lane each; vectors are lists of coordinates.
 
-    Parameters
+    Attributes
     ----------
-    triangles
-        (F, 3, 3) corners of all triangles of a scene.
-    number
-        (T,) numbers of the triangles that are wanted.
-    pencil
-        Lines through the center.
-    holds_center
-        (T,) whether each is known to contain the center; None where none does.
+    normal, normal_magnitude
+        n, not normalized, and the sums of absolute products in it.
+    plane, plane_bound
+        q_0 . n, and the bound of its rounding error.
     """
-    if holds_center is None:
-        holds_center = np.zeros(len(number), dtype=np.bool_)
-    # Corner, coordinate, triangle: the corners p_i, and q_i relative to the center. One rounding each.
-    points = np.ascontiguousarray(triangles[number].transpose(1, 2, 0))
-    corners = points - np.asarray(pencil.center)[:, None]
-    # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
-    first, second = points[1] - points[0], points[2] - points[0]
-    normal, normal_magnitude = cross(first, second), cross_magnitude(first, second)
-    low, high = s_bounds(corners[:, 2], pencil)
-    # The plane's distance, and its bound from the sum of all absolute products in q_0 . n. Where the center
-    # lies in the triangle both are exactly zero.
-    plane = _dot(corners[0], normal)
-    plane_bound = ROUNDING * _dot(np.abs(corners[0]), normal_magnitude)
-    return Cones(
-        number=number,
-        edge=np.stack([cross(corners[i], corners[j]) for i, j in EDGES]),
-        edge_magnitude=np.stack([cross_magnitude(corners[i], corners[j]) for i, j in EDGES]),
-        normal=normal,
-        normal_magnitude=normal_magnitude,
-        plane=np.where(holds_center, 0.0, plane),
-        plane_bound=np.where(holds_center, 0.0, plane_bound),
-        holds_center=holds_center,
-        within=(low >= pencil.s_range[0]) & (high <= pencil.s_range[1]),
-    )
+
+    normal: Coordinates
+    normal_magnitude: Coordinates
+    plane: Any
+    plane_bound: Any
+
+    @classmethod
+    def of(cls, by: Arithmetic, points: Sequence[Coordinates], center: Coordinates, holds: Any) -> Planes:
+        """Return the planes of triangles.
+
+        Parameters
+        ----------
+        by
+            Arithmetic of the corners.
+        points
+            Corners, each with three coordinates.
+        center
+            Point that all lines pass through.
+        holds
+            Whether the triangles are known to contain the center.
+        """
+        # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
+        first, second = difference(points[1], points[0]), difference(points[2], points[0])
+        normal, magnitude = cross(first, second), cross_magnitude(first, second)
+        # The plane's distance, and its bound from the sum of all absolute products in q_0 . n. Where the
+        # center lies in the triangle both are exactly zero.
+        corner = difference(points[0], center)
+        plane, plane_bound = _dot(corner, normal), ROUNDING * _dot([abs(part) for part in corner], magnitude)
+        return cls(
+            normal=normal,
+            normal_magnitude=magnitude,
+            plane=by.select(holds, 0.0, plane),
+            plane_bound=by.select(holds, 0.0, plane_bound),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cones:
+    """Some triangles as seen from a pencil's center, with the magnitudes that bound their rounding errors.
+
+    There is one lane for each triangle, in the arrays of NumPy or Dr.Jit.
+
+    Attributes
+    ----------
+    edge, edge_magnitude
+        q_i x q_j of the edges 01, 12, 20, each with three coordinates, and the sums of absolute products in
+        it.
+    planes
+        Planes of the triangles.
+    within
+        Whether all corners, and hence all of the triangle, surely lie in the pencil's range.
+    """
+
+    edge: Sequence[Coordinates]
+    edge_magnitude: Sequence[Coordinates]
+    planes: Planes
+    within: Any
+
+    @classmethod
+    def of(cls, by: Arithmetic, points: Sequence[Coordinates], seen_from: Viewpoint, holds: Any) -> Cones:
+        """Return triangles as cones; parameters are those of `Planes.of`."""
+        # The corners q_i relative to the center. One rounding each.
+        corners = [difference(point, seen_from.center) for point in points]
+        heights = [corner[2] for corner in corners]
+        low = -by.maximum(by.maximum(heights[0], heights[1]), heights[2])
+        high = -by.minimum(by.minimum(heights[0], heights[1]), heights[2])
+        low, high = low - seen_from.slack * abs(low), high + seen_from.slack * abs(high)
+        return cls(
+            edge=[cross(corners[i], corners[j]) for i, j in EDGES],
+            edge_magnitude=[cross_magnitude(corners[i], corners[j]) for i, j in EDGES],
+            planes=Planes.of(by, points, seen_from.center, holds),
+            within=(low >= seen_from.ends[0]) & (high <= seen_from.ends[1]),
+        )

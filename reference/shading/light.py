@@ -117,6 +117,9 @@ class LightModel:
         ]
         self._coefficients = by.table(np.array(rows, dtype=np.float64))
         self._uniform = by.constants(rows[0])
+        exponents = [material.exponent for material in materials]
+        whole = all(float(exponent).is_integer() for exponent in exponents)
+        self._digits = int(max(exponents)).bit_length() if whole else None
         self._lights = [
             (by.constants(light.direction), by.constants(light.color[:channels]))
             for light in appearance.lights
@@ -195,7 +198,7 @@ class LightModel:
         if Effect.SPECULAR in self._effects:
             # A cosine rounded to more than one would overflow under a large exponent.
             along = by.minimum(2.0 * lit.facing * cosine - dot(lit.eye, toward), 1.0)
-            highlight = by.power(along, lit.exponent, (cosine > 0.0) & (along > 0.0))
+            highlight = by.power(along, lit.exponent, (cosine > 0.0) & (along > 0.0), self._digits)
             color = [
                 own + specular * light * highlight
                 for own, specular, light in zip(color, lit.terms["specular"], intensity, strict=True)

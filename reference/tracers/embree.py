@@ -6,6 +6,7 @@ The answer is a proposal. Positions are computed from the triangle in double pre
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 
@@ -31,16 +32,21 @@ class EmbreeTracer:
     ----------
     scene
         Scene whose triangle numbers are returned.
+
+    Attributes
+    ----------
+    scale
+        Factor by which lengths are multiplied before they are rounded to float32.
     """
 
     name = "embree"
 
     def __init__(self, scene: Scene) -> None:
-        self._scale = unit_scale(scene.vertices)
+        self.scale = unit_scale(scene.vertices)
         self._embree = EmbreeScene(robust=True)
         self._empty = len(scene.faces) == 0
         if not self._empty:
-            vertices = (scene.vertices * self._scale).astype(np.float32)
+            vertices = (scene.vertices * self.scale).astype(np.float32)
             TriangleMesh(self._embree, vertices, scene.faces.astype(np.int32))
             # The structure is built on the first ray; two threads must not both build it.
             self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
@@ -52,24 +58,36 @@ class EmbreeTracer:
 
     def first_hits(self, origins: Floats, directions: Floats, until: Floats | None = None) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
-        hits = np.full(len(origins), NOTHING, dtype=np.int32)
-        if self._empty or len(origins) == 0:
-            return hits
 
-        def trace(start: int) -> None:
-            part = slice(start, start + RAYS_PER_CALL)
+        def trace(part: slice) -> Numbers:
             ends = {} if until is None else {"dists": self._scaled(until[part])}
-            hits[part] = self._embree.run(
+            found: Numbers = self._embree.run(
                 self._scaled(origins[part]), directions[part].astype(np.float32), **ends
             )
+            return found
 
-        if len(origins) <= RAYS_PER_CALL:
-            trace(0)
+        return self._in_parts(trace, len(origins))
+
+    def first_along(self, origins: Singles, directions: Singles) -> Numbers:
+        """Return the first triangle of each ray, (N,), from origins that are scaled by `scale`."""
+        return self._in_parts(lambda part: self._embree.run(origins[part], directions[part]), len(origins))
+
+    def _in_parts(self, trace: Callable[[slice], Numbers], rays: int) -> Numbers:
+        hits = np.full(rays, NOTHING, dtype=np.int32)
+        if self._empty or rays == 0:
+            return hits
+
+        def fill(start: int) -> None:
+            part = slice(start, start + RAYS_PER_CALL)
+            hits[part] = trace(part)
+
+        if rays <= RAYS_PER_CALL:
+            fill(0)
             return hits
         with ThreadPoolExecutor(worker_count()) as pool:
-            list(pool.map(trace, range(0, len(origins), RAYS_PER_CALL)))
+            list(pool.map(fill, range(0, rays, RAYS_PER_CALL)))
         return hits
 
     def _scaled(self, lengths: Floats) -> Singles:
         scaled = np.empty(lengths.shape, dtype=np.float32)
-        return np.multiply(lengths, self._scale, out=scaled, casting="same_kind")
+        return np.multiply(lengths, self.scale, out=scaled, casting="same_kind")

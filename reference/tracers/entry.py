@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from xfrustum.reference.devices.arithmetic import NUMPY, Arithmetic, Coordinates
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
 
@@ -30,22 +33,39 @@ def ray_origins(scene: Scene, center: Floats, directions: Floats, first: float) 
     """
     if not len(scene.vertices):
         return center + first * directions
+    origins = np.empty_like(directions)
+    # A line parallel to two sides of the box or steeper than doubles can hold is no cause for alarm.
+    with np.errstate(over="ignore"):
+        # Axis by axis: numpy is several times slower along rows of three.
+        along = np.ascontiguousarray(directions.T)
+        for axis, values in enumerate(entries(NUMPY, scene, center, along, first)):
+            origins[:, axis] = values
+    return origins
+
+
+def entries(by: Arithmetic, scene: Scene, center: Coordinates, along: Coordinates, first: Any) -> list[Any]:
+    """Return the origins of `ray_origins`, coordinate by coordinate; the scene has vertices.
+
+    Parameters
+    ----------
+    by
+        Arithmetic of the lines.
+    scene, first
+        As for `ray_origins`.
+    center, along
+        The common point, and the directions d.
+    """
     low, high = scene.bounds
     clearance = CLEARANCE * float(np.linalg.norm(high - low))
-    low, high = low - clearance, high + clearance
-    front = float(center[2] - high[2])
-    s = np.full(len(directions), front)
-    # Axis by axis: numpy is several times slower along rows of three.
+    low, high = by.constants((low - clearance).tolist()), by.constants((high + clearance).tolist())
+    front = center[2] - high[2]
+    s = front
     for axis in range(2):
-        along = np.ascontiguousarray(directions[:, axis])
-        side = np.where(along > 0, low[axis], high[axis]) - center[axis]
-        with np.errstate(over="ignore"):
-            # A line parallel to these two sides of the box lies between them everywhere or nowhere: they
-            # do not bound s.
-            s = np.maximum(s, np.divide(side, along, out=np.full(len(s), -np.inf), where=along != 0))
+        side = by.select(along[axis] > 0.0, low[axis], high[axis]) - center[axis]
+        # A line parallel to these two sides of the box lies between them everywhere or nowhere: they do not
+        # bound s.
+        bounded = along[axis] != 0.0
+        s = by.maximum(s, by.select(bounded, side / by.select(bounded, along[axis], 1.0), -np.inf))
     # A line beside the box meets nothing, wherever it starts.
-    s = np.maximum(np.where(np.isfinite(s), s, front), first)
-    origins = np.empty_like(directions)
-    for axis in range(3):
-        origins[:, axis] = center[axis] + s * directions[:, axis]
-    return origins
+    s = by.maximum(by.select(by.isfinite(s), s, front), first)
+    return [at + s * direction for at, direction in zip(center, along, strict=True)]

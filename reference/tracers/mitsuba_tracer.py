@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from xfrustum.reference.devices.arithmetic import Coordinates
 from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
@@ -27,6 +28,11 @@ class MitsubaTracer:
     ----------
     scene
         Scene whose triangle numbers are returned.
+
+    Attributes
+    ----------
+    scale
+        Factor by which lengths are multiplied before they are rounded to float32.
     """
 
     name = "mitsuba"
@@ -37,10 +43,10 @@ class MitsubaTracer:
         # The classes are kept, so that this tracer outlives a change of Mitsuba's variant.
         self._ray, self._point, self._vector = mi.Ray3f, mi.Point3f, mi.Vector3f
         self._int, self._float = mi.Int, mi.Float
-        self._scale = unit_scale(scene.vertices)
+        self.scale = unit_scale(scene.vertices)
         self._scene = None
         if len(scene.faces):
-            self._scene = robust_scene(scene, self._scale)
+            self._scene = robust_scene(scene, self.scale)
 
     @property
     def versions(self) -> dict[str, str]:
@@ -55,11 +61,29 @@ class MitsubaTracer:
         trace = self._one_by_one if self._backend.scalar else self._together
         for start in range(0, len(origins), RAYS_PER_CALL):
             part = slice(start, start + RAYS_PER_CALL)
-            ends = None if until is None else (until[part] * self._scale).astype(np.float32)
+            ends = None if until is None else (until[part] * self.scale).astype(np.float32)
             hits[part] = trace(
-                (origins[part] * self._scale).astype(np.float32), directions[part].astype(np.float32), ends
+                (origins[part] * self.scale).astype(np.float32), directions[part].astype(np.float32), ends
             )
         return hits
+
+    @property
+    def on_llvm(self) -> bool:
+        """Whether rays are traced in kernels on the processors, as Dr.Jit's arrays of the reference are."""
+        return self._scene is not None and self._backend.variant.startswith("llvm")
+
+    def first_along(self, origin: Coordinates, direction: Coordinates) -> Any:
+        """Return the first triangle of each ray on Dr.Jit, of which nothing is traced yet.
+
+        Parameters
+        ----------
+        origin, direction
+            Coordinates in single precision; the origins are scaled by `scale`.
+        """
+        assert self._scene is not None
+        ray = self._ray(self._point(*map(self._float, origin)), self._vector(*map(self._float, direction)))
+        met = self._scene.ray_intersect_preliminary(ray, coherent=True)
+        return self._backend.drjit.select(met.is_valid(), self._int(met.prim_index), NOTHING)
 
     def _together(self, origins: Singles, directions: Singles, ends: Singles | None) -> Numbers:
         dr = self._backend.drjit

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
+from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.planes import plane_places, triangle_normals
+from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.entry import ray_origins
+from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
 from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
@@ -39,6 +43,8 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
     numbers
         (P, rows, W) triangle numbers, `NOTHING` where there is no hit or the first lies beyond the reach.
     """
+    if compiled() and len(scene.faces) and (isinstance(tracer, EmbreeTracer) or _on_llvm(tracer)):
+        return np.stack([_compiled(tracer, scene, pencil, rows) for pencil in pencils])
     some = slice(rows.start, rows.stop)
     lines = [pencil.directions(some).reshape(-1, 3) for pencil in pencils]
     origins = [
@@ -86,6 +92,18 @@ class SecondOpinion:
             (number,) = proposed(self.tracer(), self.scene, [self.pencil], self.rows[part])
             overruled[part] = (number != self.triangle[part]) & (self.certainty[part] != Certainty.TIE)
         return overruled
+
+
+def _on_llvm(tracer: Tracer) -> bool:
+    return isinstance(tracer, MitsubaTracer) and tracer.on_llvm
+
+
+def _compiled(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> Numbers:
+    # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
+    module = import_module("xfrustum.reference.tracers.proposals_jit")
+    trace = module.traced_by_embree if isinstance(tracer, EmbreeTracer) else module.traced_in_kernel
+    numbers: Numbers = trace(tracer, scene, pencil, rows)
+    return numbers
 
 
 def uncertified(tracer: Tracer, scene: Scene, pencil: Pencil, rows: range) -> FirstSurfaces:

@@ -1,0 +1,30 @@
+"""Lines of pixels and vectors of pixels on Dr.Jit, one lane for each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+
+from xfrustum.reference.devices.arithmetic_jit import Float64, UInt32, on_device
+from xfrustum.reference.lines.lines import Pencil
+
+
+def pixel_directions(pencil: Pencil, rows: range) -> list[Any]:
+    """Return the three coordinates of d of every pixel in some rows, row by row; see `Pencil.directions`."""
+    lane = dr.arange(UInt32, len(rows) * pencil.resolution[0])
+    width, start = dr.opaque(UInt32, pencil.resolution[0]), dr.opaque(UInt32, rows.start)
+    # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
+    row = UInt32(dr.floor((Float64(lane) + 0.5) / Float64(width)))
+    dx, dy = on_device(pencil.dx), on_device(pencil.dy)
+    return [dr.gather(Float64, dx, lane - row * width), dr.gather(Float64, dy, row + start), Float64(-1.0)]
+
+
+def interleaved(coordinates: Sequence[Any], size: int) -> Any:
+    """Return coordinates of all lanes side by side for each lane, as NumPy's arrays of vectors have them."""
+    lane, count = dr.arange(UInt32, size), len(coordinates)
+    found = dr.empty(type(coordinates[0]), size * count)
+    for k, values in enumerate(coordinates):
+        dr.scatter(found, values, lane * count + k)
+    return found
