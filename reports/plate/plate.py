@@ -13,9 +13,9 @@ from typing import Any
 from tqdm import tqdm
 
 from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.plate.claims import Claims
 from xfrustum.reports.plate.store import PlateStore, open_store
 from xfrustum.scenes.model.effects import Effect, Question, needed
 from xfrustum.scenes.model.look import look_hash

@@ -23,8 +23,8 @@ from zarr.codecs import ZstdCodec
 from zarr.core.buffer import Buffer, default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
+from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.plate.chunks import is_whole
-from xfrustum.reports.plate.claims import Claims
 from xfrustum.scenes.disk.durable import Aside, clear, remove_abandoned, sync_folder, write_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
