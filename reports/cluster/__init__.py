@@ -7,4 +7,5 @@ job       What a worker does with a block: the session of its process, and block
 parts     A folder of Parquet parts, one for each block, each there whole or not at all
 run       Blocks done by a cluster or in this process, those that are not finished yet, with one bar for all
 ticket    A scene as it travels to workers: by path and content hash
+worker    The set-up of worker processes, which Dask calls: the module that `dask worker --preload` names
 """

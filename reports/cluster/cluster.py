@@ -63,6 +63,10 @@ DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
 """Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
 
 
+WORKER_MODULE = "xfrustum.reports.cluster.worker"
+"""Module that prepares a worker process."""
+
+
 class _Machine(LocalCluster):  # type: ignore[misc,unused-ignore]  # its base is untyped
     """Worker processes of this machine, each with its share of the threads and a device by its index."""
 
@@ -76,6 +80,7 @@ class _Machine(LocalCluster):  # type: ignore[misc,unused-ignore]  # its base is
             # Workers hold one block at a time and no results; libraries in C take what they need.
             memory_limit=0,
             silence_logs=logging.CRITICAL,
+            preload=WORKER_MODULE,
         )
 
     def new_worker_spec(self) -> dict[Any, Any]:

@@ -108,6 +108,10 @@ class Desk:
         self._job = self._session = None
         self._stack.close()
 
+    def __del__(self) -> None:
+        # A worker ends when its cluster does, and its thread takes the desk with it.
+        self.close()
+
     def __enter__(self) -> Self:
         return self
 
@@ -117,25 +121,43 @@ class Desk:
         self.close()
 
 
-_desk = Desk()
+class _Desks(threading.local):
+    """The desk of each thread, which is closed in this thread when the thread ends."""
+
+    def __init__(self) -> None:
+        self.desk = Desk()
+
+
+_desks = _Desks()
 _renderer: ThreadPoolExecutor | None = None
 _lock = threading.Lock()
 
 
-def _in_renderer(function: Callable[..., Answer], *arguments: Any) -> Answer:
+def _in_renderer(function: Callable[[], Answer]) -> Answer:
     """Call a function in the one thread of this process that uses renderers, and wait for it."""
     global _renderer  # noqa: PLW0603 - a process has one
     with _lock:
         if _renderer is None:
             _renderer = ThreadPoolExecutor(1, thread_name_prefix="renderer")
-    return _renderer.submit(function, *arguments).result()
+    return _renderer.submit(function).result()
 
 
 def do_block(job: Job, number: int) -> None:
     """Make a block in a worker process; the task of a cluster. See `Desk.do`."""
-    _in_renderer(_desk.do, job, number)
+    _in_renderer(lambda: _desks.desk.do(job, number))
 
 
 def ask_session(job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
     """Call a function with the session of a job in a worker process, and return its small answer."""
-    return _in_renderer(lambda: question(_desk.session(job), *arguments))
+    return _in_renderer(lambda: question(_desks.desk.session(job), *arguments))
+
+
+def close_desk() -> None:
+    """Close the session of this process, where it has one, in the thread that opened it."""
+    if _renderer is not None:
+        _in_renderer(_close_mine)
+
+
+def _close_mine() -> None:
+    """Close the desk of this thread."""
+    _desks.desk.close()

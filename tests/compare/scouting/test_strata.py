@@ -18,7 +18,7 @@ SEEDS = 400
 """Simulated surveys of each kind."""
 
 FAILURES = 0.05 + 3.1 * math.sqrt(0.05 * 0.95 / SEEDS)
-"""Share of them whose bounds may fail: bounds that fail with the probability 0.05 exceed it in one of 1000 tests."""
+"""Share of them whose bounds may fail: a risk of 0.05 exceeds it in one test of 1000."""
 
 
 def plate(columns: int, rows: int) -> Plate:
@@ -93,9 +93,7 @@ def test_bounds_hold_at_every_look_of_somebody_who_stops_as_soon_as_one_pleases(
     wrong[np.random.default_rng(2).permutation(1000)[:55]] = True
     lies, first = 0, clean_sample(0.05, 1000, risk_of_look(0))
     for seed in range(SEEDS):
-        sample = GrowingSample(
-            plate=plate(40, 25), first=clean_sample(0.05, 1000, risk_of_look(0)), seed=seed
-        )
+        sample = GrowingSample(plate=plate(40, 25), first=first, seed=seed)
         for look in range(sample.looks):
             places = sample.places(look)
             bound = share_beyond(int(wrong[places].sum()), len(places), 1000, risk_of_look(look))
