@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from types import TracebackType
 from typing import Self
 
-import numpy as np
-
-from xfrustum.compare.attribution.budget import Budget, Cause, ChainStart, charged
-from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
-from xfrustum.compare.metrics.error_maps import ErrorMaps
-from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
-from xfrustum.compare.prediction.predict import Predictor
-from xfrustum.raster import Rasterizer
+from xfrustum.compare.attribution.budget import Cause
+from xfrustum.compare.judging.engine import Engine, JudgedFrame, Wanted
+from xfrustum.compare.judging.threads import DrawingThread
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.scene import Scene
@@ -29,6 +29,8 @@ from xfrustum.scenes.plate.plate import Aperture
 class StageTimes:
     """Wall seconds of the stages of one drawing; no stage is a part of another.
 
+    Stages that run side by side share the time that passes: while k of them run, each is given 1/k of it.
+
     Attributes
     ----------
     trace
@@ -38,7 +40,7 @@ class StageTimes:
     compare, predict
         Judging and predicting the frame.
     causes
-        Charging its wrong pixels to causes: its share of what the frames of the same cameras have in common.
+        Charging its wrong pixels to causes. What the frames of one hogel have in common is not in it.
         This stage and `predict` take no time where causes were not asked for.
     """
 
@@ -47,6 +49,12 @@ class StageTimes:
     compare: float
     predict: float
     causes: float
+
+    @classmethod
+    def of(cls, frame: JudgedFrame) -> StageTimes:
+        """Return the seconds of a frame."""
+        taken = {"predict": 0.0, "causes": 0.0, **frame.lap.seconds}
+        return cls(trace=frame.hogel.trace_s, **taken)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +73,8 @@ class JudgedDrawing:
         What each link of the chain does, as the rows of `report --json` have it; None unless that was asked.
     unexplained
         Number of wrong pixels charged to rounding whose cause is not known; None likewise.
+    predicted
+        The error by closed forms; None likewise.
     times
         Wall seconds by stage.
     """
@@ -74,6 +84,7 @@ class JudgedDrawing:
     image: HogelImage | None
     causes: tuple[Cause, ...] | None
     unexplained: int | None
+    predicted: Prediction | None
     times: StageTimes
 
 
@@ -97,7 +108,7 @@ class JudgedHogel:
 
 
 class Judge:
-    """A reference and a rasterizer of one scene, which judge what the one draws by what the other traces.
+    """A reference and a rasterizer of one scene: what the one draws is judged by what the other traces.
 
     A context manager: leaving it frees the rasterizer.
 
@@ -107,6 +118,17 @@ class Judge:
         Scene that is traced and drawn.
     tracer
         Name of the tracer that gives the truth a second opinion.
+    reference
+        Reference of the scene, where there is one already; `tracer` then does not matter.
+    effects
+        Effects that are simulated; None for those that the scene calls for.
+
+    Attributes
+    ----------
+    scene, reference
+        The scene, and what traces it.
+    drawing
+        The thread that draws it.
 
     Raises
     ------
@@ -114,11 +136,18 @@ class Judge:
         There is no such tracer, or no usable OpenGL.
     """
 
-    def __init__(self, scene: Scene, tracer: str = "embree") -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        tracer: str = "embree",
+        *,
+        reference: Reference | None = None,
+        effects: frozenset[Effect] | None = None,
+    ) -> None:
         one_of(scene, Scene, "scene")
         self.scene = scene
-        self.reference = Reference(scene, tracer)
-        self._rasterizer = Rasterizer(scene)
+        self.reference = Reference(scene, tracer, effects) if reference is None else reference
+        self.drawing = DrawingThread(scene, effects)
 
     def __enter__(self) -> Self:
         return self
@@ -129,8 +158,8 @@ class Judge:
         self.release()
 
     def release(self) -> None:
-        """Free the rasterizer."""
-        self._rasterizer.release()
+        """Free the rasterizer, and end its thread."""
+        self.drawing.release()
 
     def stream(
         self,
@@ -142,107 +171,71 @@ class Judge:
     ) -> Iterator[JudgedHogel]:
         """Yield many hogels, judged, in the order of their apertures.
 
+        While the caller looks at one hogel, others are drawn in a thread of their own, traced in another, and
+        judged in as many as there are processors. Memory does not grow with the number of apertures.
+        Everything found is what judging each hogel alone finds, bit for bit. An exception of any thread comes
+        to the caller, and closing the iterator early ends the work.
+
         Parameters
         ----------
         apertures
-            Apertures of the hogels.
+            Apertures of the hogels, taken in the caller's thread, some ahead of what has been yielded.
         settings
             Settings that each hogel is drawn with.
         images
-            Whether truths, drawings and error maps are kept.
+            Whether truths, drawings in color and error maps are kept.
         radiance
             Whether colors are compared; None for scenes that say how they look.
         causes
-            Whether wrong pixels are charged to causes.
+            Whether errors are predicted and wrong pixels charged to causes.
 
         Raises
         ------
         InputError
-            The settings make no sense for the scene's frustum.
+            There are no settings, or they make no sense for the scene's frustum.
         """
+        if not settings:
+            raise InputError("nothing to judge: give at least one setting")
         for one in settings:
             one_of(one, DoubleFrustum, "settings")
             one.check_against(self.scene.frustum)
         colors = is_shaded(self.scene) if radiance is None else radiance
-        asked = _Asked(images=images, radiance=colors, causes=causes)
-        return self._judged(apertures, tuple(settings), asked)
+        wanted = Wanted(color=images or colors, radiance=colors, causes=causes)
 
-    def _judged(
-        self, apertures: Iterable[Aperture], settings: tuple[DoubleFrustum, ...], asked: _Asked
-    ) -> Iterator[JudgedHogel]:
-        begun = time.perf_counter()
-        for truth in self.reference.stream(apertures):
-            trace_s = time.perf_counter() - begun
-            charging = _Charging(self.reference, self._rasterizer, truth) if asked.causes else None
-            yield JudgedHogel(
-                aperture=truth.camera.aperture,
-                truth=truth if asked.images else None,
-                drawings=tuple(self._drawing(truth, one, asked, charging, trace_s) for one in settings),
-            )
-            begun = time.perf_counter()
+        def finish(frame: JudgedFrame) -> JudgedDrawing:
+            return _drawing(frame, images)
 
-    def _drawing(
+        engine = Engine(self.reference, self.drawing, wanted, finish)
+        return self._stream(engine, apertures, tuple(settings), images)
+
+    def _stream(
         self,
-        truth: HogelImage,
-        settings: DoubleFrustum,
-        asked: _Asked,
-        charging: _Charging | None,
-        trace_s: float,
-    ) -> JudgedDrawing:
-        clock = [time.perf_counter()]
-        color = asked.images or asked.radiance
-        drawn = self._rasterizer.render(truth.camera.aperture, settings, normals=False, color=color)
-        clock.append(time.perf_counter())
-        comparison = compare_images(truth, drawn, self.reference, radiance=asked.radiance)
-        clock.append(time.perf_counter())
-        budget = charging.budget(drawn, comparison.maps) if charging else None
-        clock.append(time.perf_counter())
-        raster, compare, causes = np.diff(clock).tolist()
-        return JudgedDrawing(
-            settings=settings,
-            comparison=comparison if asked.images else comparison.numbers,
-            image=drawn if asked.images else None,
-            causes=None if budget is None else budget.causes,
-            unexplained=None if budget is None else int(budget.explanation.unexplained.sum()),
-            times=StageTimes(trace=trace_s, raster=raster, compare=compare, predict=0.0, causes=causes),
-        )
+        engine: Engine[JudgedDrawing],
+        apertures: Iterable[Aperture],
+        settings: tuple[DoubleFrustum, ...],
+        images: bool,
+    ) -> Iterator[JudgedHogel]:
+        different = len(set(settings))
+        with closing(engine.frames(apertures, settings)) as frames:
+            while found := list(islice(frames, different)):
+                hogel = found[0].hogel
+                drawings = {one.settings: one.found for one in found}
+                yield JudgedHogel(
+                    aperture=hogel.aperture,
+                    truth=hogel.truth if images else None,
+                    drawings=tuple(drawings[one] for one in settings),
+                )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """What a stream is asked for; see `Judge.stream`."""
-
-    images: bool
-    radiance: bool
-    causes: bool
-
-
-class _Charging:
-    """What charging the wrong pixels of one hogel's drawings to causes needs, found once for all of them."""
-
-    def __init__(self, reference: Reference, rasterizer: Rasterizer, truth: HogelImage) -> None:
-        self._reference, self._rasterizer, self._truth = reference, rasterizer, truth
-        self._bits = int(rasterizer.device["subpixel_bits"])
-        gaps = reference.gaps(truth.camera.aperture)
-        self._predictor = Predictor(truth, gaps, reference.scene.frustum, self._bits)
-        self._models: dict[DoubleFrustum, HogelImage] = {}
-        self._starts: dict[DoubleFrustum, ChainStart] = {}
-
-    def budget(self, drawn: HogelImage, maps: ErrorMaps) -> Budget:
-        """Charge the wrong pixels of one drawing."""
-        settings = drawn.camera.settings
-        assert settings is not None, "the rasterizer says with which settings it drew"
-        start = self._start(with_exact_depth(settings))
-        budget = charged(start, drawn, self._predictor.links(settings), maps)
-        budget.causes  # noqa: B018 - found when first asked for
-        return budget
-
-    def _start(self, exact: DoubleFrustum) -> ChainStart:
-        if exact not in self._starts:
-            aperture = self._truth.camera.aperture
-            models = traced_models(self._reference, aperture, exact, self._models, shaded=False)
-            drawn = self._rasterizer.render(aperture, exact, normals=False, color=False)
-            self._starts[exact] = ChainStart(
-                reference=self._reference, images=(self._truth, *models, drawn), subpixel_bits=self._bits
-            )
-        return self._starts[exact]
+def _drawing(frame: JudgedFrame, images: bool) -> JudgedDrawing:
+    """Return what a stream yields of a frame."""
+    budget = frame.budget
+    return JudgedDrawing(
+        settings=frame.settings,
+        comparison=frame.comparison if images else frame.comparison.numbers,
+        image=frame.image if images else None,
+        causes=None if budget is None else budget.causes,
+        unexplained=None if budget is None else int(budget.explanation.unexplained.sum()),
+        predicted=frame.prediction,
+        times=StageTimes.of(frame),
+    )

@@ -16,8 +16,7 @@ records                Records as tables: columns and their types follow from th
 summaries              What results print with `--json`: each result has a record, and its summary is the
                        record as JSON
 templates_environment  The one place where templates are filled in: HTML pages, SVG and Markdown
-timing                 The one place that takes time: wall seconds per named stage, and what repetitions
-                       come to
+timing                 Wall seconds per named stage, which `compare` takes, and what repetitions come to
 turns                  Pictures that are made in turns until their times are told apart, within a bounded
                        time
 """

@@ -1,14 +1,24 @@
-"""The one place that takes time: wall seconds per named stage, and what repetitions come to."""
+"""Wall seconds per named stage, which `compare` takes, and what repetitions come to."""
 
 from __future__ import annotations
 
 import statistics
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import comb
+
+from xfrustum.compare.judging.stopwatch import SharedStopwatch, Stopwatch
+
+__all__ = [
+    "CONFIDENCE",
+    "FEWEST_DIFFERENCES",
+    "FEWEST_REPETITIONS",
+    "SharedStopwatch",
+    "Stopwatch",
+    "Timing",
+    "median_interval",
+    "race",
+]
 
 CONFIDENCE = 0.95
 """Least probability with which an interval of six or more repetitions holds the true median. With fewer,
@@ -21,72 +31,6 @@ FEWEST_REPETITIONS = 5
 """Fewest repetitions by which two times are told apart. By chance alone the intervals of two equally long
 times are separated once in 126 times with five repetitions of each, and more rarely with more: as often as
 so unequal an order of ten equal ones is drawn (Mann and Whitney 1947)."""
-
-
-class Stopwatch:
-    """Seconds per named stage; a stage entered again adds up.
-
-    Attributes
-    ----------
-    seconds
-        Wall seconds per stage, in the order in which the stages were first entered.
-    """
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the wall time of the block to the stage, also when the block raises."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.record(name, time.perf_counter() - start)
-
-    def record(self, name: str, seconds: float) -> None:
-        """Add seconds that another clock measured, such as a timer query of the GPU."""
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
-
-    def add(self, seconds: Mapping[str, float]) -> None:
-        """Add the stages of another stopwatch."""
-        for name, value in seconds.items():
-            self.record(name, value)
-
-
-class SharedStopwatch:
-    """Wall seconds of tasks that run side by side in threads, shared among them.
-
-    While k tasks run, each is given 1/k of the time that passes. So the seconds of all tasks add up to
-    the wall time in which at least one of them ran, however many processors there are.
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._running: list[tuple[Stopwatch, str]] = []
-        self._last = 0.0
-
-    @contextmanager
-    def stage(self, watch: Stopwatch, name: str) -> Iterator[None]:
-        """Give the block's share of the wall time to a stage of a stopwatch, also when the block raises."""
-        task = (watch, name)
-        with self._lock:
-            self._share()
-            self._running.append(task)
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._share()
-                self._running.remove(task)
-
-    def _share(self) -> None:
-        """Share the time since the last beginning or end of a task among those that ran in it."""
-        now = self._clock()
-        for watch, name in self._running:
-            watch.record(name, (now - self._last) / len(self._running))
-        self._last = now
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:

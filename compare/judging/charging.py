@@ -1,0 +1,100 @@
+"""What charging the wrong pixels of one hogel's drawings to causes needs, found once for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+from threading import Lock
+
+from xfrustum.compare.attribution.budget import ChainStart
+from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.compare.metrics.displacement import displacement
+from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
+from xfrustum.compare.prediction.predict import Predictor
+from xfrustum.reference import Reference
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+PREPARED = (("exact", "steps", "surface_charge"), ("rounding",))
+"""Properties of a `ChainStart` that are found side by side before the first frame is charged."""
+
+
+class Charging:
+    """The predictor of one hogel, and the chains of its pairs of cameras up to the frame with exact depth.
+
+    Its tasks run in the threads that judge; each waits only for tasks that were begun before it.
+
+    Parameters
+    ----------
+    reference
+        Reference that traces the models.
+    truth
+        The hogel's true image.
+    subpixel_bits
+        Subpixel bits of the device that draws.
+    machine, watch
+        Machine whose time is shared, and stopwatch of what the hogel's drawings have in common.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        truth: Future[HogelImage],
+        subpixel_bits: int,
+        machine: Machine,
+        watch: Stopwatch,
+    ) -> None:
+        self._reference, self._truth, self._bits = reference, truth, subpixel_bits
+        self._machine, self._watch = machine, watch
+        self._tracing, self._moving = Lock(), Lock()
+        self._models: dict[DoubleFrustum, HogelImage] = {}
+        self._moved: Floats | None = None
+
+    def predictor(self, settings: DoubleFrustum) -> Predictor:
+        """Return the predictor of the hogel, with what all of its predictions share computed."""
+        truth = self._truth.result()
+        with self._machine.stage(self._watch, "predict"):
+            gaps = self._reference.gaps(truth.camera.aperture)
+            predictor = Predictor(truth, gaps, self._reference.scene.frustum, self._bits)
+            predictor.predict(settings)
+        return predictor
+
+    def start(self, exact: HogelImage) -> ChainStart:
+        """Return the chain of a frame's cameras up to that frame, whose depth is exact."""
+        truth = self._truth.result()
+        settings = exact.camera.settings
+        assert settings is not None, "the rasterizer says with which settings it drew"
+        with self._machine.stage(self._watch, "causes"):
+            models = self._traced(truth, settings)
+            return ChainStart(
+                reference=self._reference,
+                images=(truth, *models, exact),
+                subpixel_bits=self._bits,
+                truth_moved=self._truth_moved(truth),
+            )
+
+    def prepare(self, pool: Executor, start: Future[ChainStart]) -> tuple[Future[None], ...]:
+        """Have the properties in `PREPARED` found side by side."""
+        return tuple(pool.submit(self._find, start, parts) for parts in PREPARED)
+
+    def _find(self, start: Future[ChainStart], parts: Sequence[str]) -> None:
+        ready = start.result()
+        with self._machine.stage(self._watch, "causes"):
+            for part in parts:
+                getattr(ready, part)
+
+    def _traced(self, truth: HogelImage, settings: DoubleFrustum) -> tuple[HogelImage, ...]:
+        exact = with_exact_depth(settings)
+        with self._tracing:
+            if any(known.near != exact.near for known in self._models):
+                # Camera geometries share the models of a near; those of others are not needed again.
+                self._models.clear()
+            return traced_models(self._reference, truth.camera.aperture, exact, self._models, shaded=False)
+
+    def _truth_moved(self, truth: HogelImage) -> Floats:
+        """Return the displacement (H, W, 2) of the truth itself, which is rounding."""
+        with self._moving:
+            if self._moved is None:
+                self._moved = displacement(truth, truth.camera)
+            return self._moved

@@ -1,0 +1,388 @@
+"""The one engine that draws and judges many hogels: drawing, tracing and judging overlap.
+
+Frames are drawn in one thread and truths are traced in another, both in order and not far ahead; as many
+threads as there are processors judge them. Results come in order. Everything found is what judging each
+hogel alone finds, bit for bit: threads decide when a number is computed, not how.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
+from xfrustum.compare.judging.charging import Charging
+from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
+from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.compare.judging.threads import DrawingThread, TracingThread
+from xfrustum.compare.metrics.comparison import Comparison, compare_images
+from xfrustum.compare.metrics.error_maps import JudgedImage
+from xfrustum.compare.prediction.chain import with_exact_depth
+from xfrustum.compare.prediction.predict import Prediction, Predictor
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reference.devices.threads import worker_count
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+Found = TypeVar("Found")
+
+MAX_BATCH_PIXELS = 1 << 20
+"""Largest number of pixels of the frames that are drawn at a time, without others between them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What is wanted of each drawing.
+
+    Attributes
+    ----------
+    color
+        Whether frames are drawn in color; where not, no colors are compared.
+    radiance, perceptual
+        Whether colors are compared, and how different the pictures look; see `compare_images`.
+    causes
+        Whether errors are predicted and wrong pixels charged to causes.
+    apart
+        Whether truths and frames are made while nothing else runs, so that their times are those that each
+        takes by itself. Everything takes longer then.
+    """
+
+    color: bool = False
+    radiance: bool = False
+    perceptual: bool = False
+    causes: bool = False
+    apart: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TracedHogel:
+    """A hogel whose truth is traced.
+
+    Attributes
+    ----------
+    number
+        Number of the hogel in the stream.
+    aperture, truth
+        Its aperture and its certified image.
+    trace_s
+        Seconds of tracing.
+    """
+
+    number: int
+    aperture: Aperture
+    truth: HogelImage
+    trace_s: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedFrame:
+    """A frame with all that was found of it.
+
+    Attributes
+    ----------
+    hogel
+        Hogel that it shows.
+    settings, image
+        Settings that it was drawn with, and the image.
+    comparison
+        How it differs from the truth.
+    prediction, budget
+        Errors by closed forms, and wrong pixels charged to causes; None where that was not wanted.
+    lap
+        Seconds of the frame's stages: `raster`, `compare`, `predict` and `causes`.
+    gpu_s
+        Part of `raster` in which the device drew, by its own clock.
+    """
+
+    hogel: TracedHogel
+    settings: DoubleFrustum
+    image: HogelImage
+    comparison: Comparison
+    prediction: Prediction | None
+    budget: Budget | None
+    lap: Stopwatch
+    gpu_s: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judged(Generic[Found]):
+    """What was made of one frame, with its hogel and its settings.
+
+    Attributes
+    ----------
+    hogel, settings
+        Hogel that the frame shows, and settings that it was drawn with.
+    found
+        What `finish` has returned.
+    """
+
+    hogel: TracedHogel
+    settings: DoubleFrustum
+    found: Found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Frame:
+    """A frame that is drawn."""
+
+    image: HogelImage
+    lap: Stopwatch
+    gpu_s: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Batch:
+    """Frames of the same cameras, and a frame of theirs with exact depth where causes are wanted."""
+
+    frames: tuple[_Frame, ...]
+    exact: HogelImage | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Hogel:
+    """A hogel that is being traced."""
+
+    number: int
+    aperture: Aperture
+    truth: Future[HogelImage]
+    lap: Stopwatch
+
+    @cached_property
+    def traced(self) -> TracedHogel:
+        """The hogel, as soon as it is traced."""
+        truth = self.truth.result()
+        trace_s = self.lap.seconds["trace"]
+        return TracedHogel(number=self.number, aperture=self.aperture, truth=truth, trace_s=trace_s)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Charged:
+    """What charging a hogel's frames of the same cameras waits for."""
+
+    predictor: Future[Predictor]
+    start: Future[ChainStart]
+    prepared: tuple[Future[None], ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Task:
+    """One frame that is to be judged, with what judging it waits for.
+
+    Attributes
+    ----------
+    hogel, batch, place
+        Hogel that the frame shows, the frames that are drawn together, and its place among these.
+    beside
+        Frame of the same cameras that is judged first; None where there is no other, or causes are wanted.
+    charged
+        What charging it to causes waits for; None where causes are not wanted.
+    """
+
+    hogel: _Hogel
+    batch: Future[_Batch]
+    place: int
+    beside: Future[JudgedImage] | None
+    charged: _Charged | None
+
+
+class Engine(Generic[Found]):
+    """Draws and judges many hogels.
+
+    Parameters
+    ----------
+    reference, drawing
+        The two renderers of a scene.
+    wanted
+        What is wanted of each drawing.
+    finish
+        Function that is called with each frame in the thread that has judged it. What it returns is kept, and
+        the frame is not.
+
+    Attributes
+    ----------
+    machine
+        Machine whose time all tasks share.
+    watch
+        Seconds, by stage, of what the drawings of a hogel have in common beside its truth.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        drawing: DrawingThread,
+        wanted: Wanted,
+        finish: Callable[[JudgedFrame], Found],
+    ) -> None:
+        self.machine = Machine(apart=wanted.apart)
+        self.watch = Stopwatch()
+        self._reference, self._drawing, self._wanted, self._finish = reference, drawing, wanted, finish
+        self._pixels = math.prod(reference.scene.frustum.resolution)
+        self._batch_size = max(1, min(2 * worker_count(), MAX_BATCH_PIXELS // self._pixels))
+
+    def frames(
+        self, apertures: Iterable[Aperture], settings: Sequence[DoubleFrustum]
+    ) -> Generator[Judged[Found], None, None]:
+        """Yield what is found of each drawing, hogel by hogel, those of the same cameras together.
+
+        Apertures are taken in the thread of the caller, some hogels ahead of what it has been given.
+        """
+        groups = grouped(settings, self._batch_size)
+        most = images_under_way(self._pixels)
+        if len(settings) > 1 and self._batch_size > 1:
+            # Threads go on with one batch while the next one is drawn.
+            most = max(most, self._batch_size + worker_count())
+        with workers("judging") as pool, workers("tracing", 1) as thread:
+            tracing = TracingThread(self._reference, thread, self.machine, streamed=not self._wanted.apart)
+            drawn: deque[Future[_Batch]] = deque()
+            tasks = (
+                task
+                for hogel in _traced(tracing, apertures)
+                for task in self._tasks(hogel, groups, pool, drawn)
+            )
+            try:
+                yield from in_order(pool, self._judged, tasks, most)
+            finally:
+                for one in drawn:
+                    one.cancel()
+
+    def _tasks(
+        self,
+        hogel: _Hogel,
+        groups: Sequence[Sequence[Sequence[DoubleFrustum]]],
+        pool: Executor,
+        drawn: deque[Future[_Batch]],
+    ) -> Iterator[_Task]:
+        """Have the frames of a hogel drawn, batch by batch, and yield the task of each."""
+        charging = self._charging(hogel) if self._wanted.causes else None
+        predictor: Future[Predictor] | None = None
+        for group in groups:
+            beside: Future[JudgedImage] | None = None
+            charged: _Charged | None = None
+            for part in group:
+                exact = charging is not None and charged is None
+                batch = self._drawing.submit(partial(self._draw, hogel.aperture, part, exact))
+                while drawn and drawn[0].done():
+                    drawn.popleft()
+                drawn.append(batch)
+                if charging and charged is None:
+                    predictor = predictor or pool.submit(charging.predictor, part[0])
+                    start = pool.submit(_start, charging, batch)
+                    prepared = charging.prepare(pool, start)
+                    charged = _Charged(predictor=predictor, start=start, prepared=prepared)
+                elif not charging and beside is None and sum(map(len, group)) > 1:
+                    beside = pool.submit(self._first, hogel, batch)
+                for place in range(len(part)):
+                    yield _Task(hogel=hogel, batch=batch, place=place, beside=beside, charged=charged)
+
+    def _charging(self, hogel: _Hogel) -> Charging:
+        bits = int(self._drawing.device["subpixel_bits"])
+        return Charging(self._reference, hogel.truth, bits, self.machine, self.watch)
+
+    def _draw(
+        self, aperture: Aperture, settings: Sequence[DoubleFrustum], exact: bool, rasterizer: Rasterizer
+    ) -> _Batch:
+        """Draw frames of the same cameras, and where it is asked for one of theirs with exact depth."""
+        with self.machine.undisturbed():
+            frames = [self._frame(aperture, one, rasterizer) for one in settings]
+            control = with_exact_depth(settings[0])
+            found = [frame.image for frame, one in zip(frames, settings, strict=True) if one == control]
+            if exact and not found:
+                with self.machine.timed(self.watch, "causes"):
+                    found = [rasterizer.render(aperture, control, normals=False, color=False)]
+        return _Batch(frames=tuple(frames), exact=found[0] if found else None)
+
+    def _frame(self, aperture: Aperture, settings: DoubleFrustum, rasterizer: Rasterizer) -> _Frame:
+        lap = Stopwatch()
+        with self.machine.timed(lap, "raster"):
+            drawn = rasterizer.draw(aperture, settings, normals=False, color=self._wanted.color)
+        return _Frame(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
+
+    def _first(self, hogel: _Hogel, batch: Future[_Batch]) -> JudgedImage:
+        """Judge the first of several frames of the same cameras, beside which the others are judged."""
+        truth, frame = hogel.truth.result(), batch.result().frames[0]
+        with self.machine.stage(frame.lap, "compare"):
+            return JudgedImage.of(truth, frame.image, self._reference)
+
+    def _judged(self, task: _Task) -> Judged[Found]:
+        """Predict the errors of a frame, compare it with the truth, and charge what is wrong to causes."""
+        hogel, frame = task.hogel.traced, task.batch.result().frames[task.place]
+        settings = frame.image.camera.settings
+        assert settings is not None, "the rasterizer says with which settings it drew"
+        stage = partial(self.machine.stage, frame.lap)
+        beside = task.beside.result() if task.beside else None
+        prediction = budget = None
+        if task.charged:
+            predictor = task.charged.predictor.result()
+            with stage("predict"):
+                prediction = predictor.predict(settings)
+            with stage("causes"):
+                links = predictor.links(settings)
+            task.charged.prepared[0].result()
+            start = task.charged.start.result()
+            beside = start.exact
+        with stage("compare"):
+            comparison = compare_images(
+                hogel.truth,
+                frame.image,
+                self._reference,
+                radiance=self._wanted.radiance,
+                perceptual=self._wanted.perceptual,
+                judged=beside,
+            )
+        if task.charged:
+            task.charged.prepared[1].result()
+            with stage("causes"):
+                budget = charged(start, frame.image, links, comparison.maps)
+                budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage
+        judged = JudgedFrame(
+            hogel=hogel,
+            settings=settings,
+            image=frame.image,
+            comparison=comparison,
+            prediction=prediction,
+            budget=budget,
+            lap=frame.lap,
+            gpu_s=frame.gpu_s,
+        )
+        return Judged(hogel=hogel, settings=settings, found=self._finish(judged))
+
+
+def _traced(tracing: TracingThread, apertures: Iterable[Aperture]) -> Iterator[_Hogel]:
+    for number, aperture in enumerate(apertures):
+        one_of(aperture, Aperture, "aperture")
+        lap = Stopwatch()
+        yield _Hogel(number=number, aperture=aperture, truth=tracing.submit(aperture, lap), lap=lap)
+
+
+def _start(charging: Charging, batch: Future[_Batch]) -> ChainStart:
+    exact = batch.result().exact
+    assert exact is not None, "the first batch of each pair of cameras has it"
+    return charging.start(exact)
+
+
+def grouped(settings: Sequence[DoubleFrustum], size: int) -> list[list[list[DoubleFrustum]]]:
+    """Return settings in groups whose cameras are the same, each in parts of about one size.
+
+    Settings of a group share the traced links of the chain. Geometries of one near follow one another, for
+    they share some of these links too. A smaller remainder would leave processors idle, so that the parts of
+    one pair of cameras are equal.
+    """
+    cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
+    nears = list(dict.fromkeys(setting.near for setting in settings))
+    for setting in sorted(dict.fromkeys(settings), key=lambda one: nears.index(one.near)):
+        cameras.setdefault(with_exact_depth(setting), []).append(setting)
+    return [
+        [[group[i] for i in part] for part in np.array_split(np.arange(len(group)), parts)]
+        for group in cameras.values()
+        for parts in [max(1, round(len(group) / size))]
+    ]

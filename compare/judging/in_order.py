@@ -1,0 +1,72 @@
+"""Tasks that run side by side, a bounded number at a time, and whose results come in order."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+from xfrustum.reference.devices.threads import worker_count
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+MAX_CONCURRENT_PIXELS = 1 << 23
+"""Largest number of pixels of all images that are judged or wait for it, unless two images have more. An
+image takes about 200 bytes a pixel with its truth and its error maps, so that this is 1.6 GB."""
+
+FEWEST_PIXELS = 1 << 19
+"""Pixels of images that are under way where each is small: two groups of those that are traced together."""
+
+
+def images_under_way(pixels: int) -> int:
+    """Return how many images of so many pixels are judged or wait for it at a time."""
+    wanted = max(worker_count() + 1, FEWEST_PIXELS // pixels)
+    return max(2, min(wanted, MAX_CONCURRENT_PIXELS // pixels))
+
+
+@contextmanager
+def workers(name: str, count: int | None = None) -> Iterator[ThreadPoolExecutor]:
+    """Open threads, as many as there are processors unless told otherwise; leaving ends them.
+
+    What has not begun by then is cancelled, and what has begun is waited for.
+    """
+    pool = ThreadPoolExecutor(worker_count() if count is None else count, thread_name_prefix=name)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def in_order(
+    pool: Executor, function: Callable[[Item], Result], items: Iterable[Item], most: int
+) -> Iterator[Result]:
+    """Yield what a function makes of each item, in the order of the items.
+
+    Items are taken in the thread of the caller, a bounded number ahead of what it has been given. An
+    exception of a task comes to the caller in the place of its result.
+
+    Parameters
+    ----------
+    pool
+        Threads in which the function runs.
+    function
+        Function of one item.
+    items
+        Items, as many as one likes.
+    most
+        Largest number of items whose results the caller has not been given yet.
+    """
+    waiting: deque[Future[Result]] = deque()
+    try:
+        for item in items:
+            waiting.append(pool.submit(function, item))
+            while waiting and (len(waiting) >= most or waiting[0].done()):
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for one in waiting:
+            one.cancel()

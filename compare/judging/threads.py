@@ -1,0 +1,106 @@
+"""The two threads beside those that judge: one that draws all hogels, and one that traces them in order."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+Result = TypeVar("Result")
+
+
+class DrawingThread:
+    """A rasterizer in a thread of its own: an OpenGL context is made and used in one thread only.
+
+    Parameters
+    ----------
+    scene
+        Scene that is uploaded.
+    effects
+        Effects that are simulated; None for those that the scene calls for.
+
+    Raises
+    ------
+    InputError
+        There is no usable OpenGL, or the scene is too large for it.
+    """
+
+    def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="drawing")
+        self._released = False
+        try:
+            self._rasterizer = self._thread.submit(Rasterizer, scene, effects).result()
+        except BaseException:
+            self._thread.shutdown(cancel_futures=True)
+            raise
+
+    @property
+    def device(self) -> dict[str, str]:
+        """Names of the device that draws."""
+        return self._rasterizer.device
+
+    def submit(self, task: Callable[[Rasterizer], Result]) -> Future[Result]:
+        """Have the thread do something with the rasterizer, after all that it was asked before."""
+        return self._thread.submit(task, self._rasterizer)
+
+    def release(self) -> None:
+        """Free the rasterizer, and end the thread; again, it does nothing."""
+        if not self._released:
+            self._released = True
+            try:
+                self._thread.submit(self._rasterizer.release).result()
+            finally:
+                self._thread.shutdown()
+
+
+class TracingThread:
+    """A reference that traces apertures in order, in some thread, as one stream.
+
+    Apertures that wait when the stream takes the next ones are traced together; it never waits for more.
+
+    Parameters
+    ----------
+    reference
+        Reference that traces.
+    thread
+        Executor with one thread.
+    machine
+        Machine whose time is shared.
+    streamed
+        Whether apertures are traced as one stream; else one by one, each alone where the machine allows it.
+    """
+
+    def __init__(
+        self, reference: Reference, thread: ThreadPoolExecutor, machine: Machine, *, streamed: bool
+    ) -> None:
+        self._reference, self._thread, self._machine, self._streamed = reference, thread, machine, streamed
+        self._given: deque[Aperture] = deque()
+        self._truths: Iterator[HogelImage] = iter(())
+
+    def submit(self, aperture: Aperture, watch: Stopwatch) -> Future[HogelImage]:
+        """Have an aperture traced; the stopwatch is given the time."""
+        self._given.append(aperture)
+        return self._thread.submit(self._next, watch)
+
+    def _next(self, watch: Stopwatch) -> HogelImage:
+        with self._machine.undisturbed(), self._machine.timed(watch, "trace"):
+            if not self._streamed:
+                return self._reference.trace(self._given.popleft())
+            truth = next(self._truths, None)
+            if truth is None:
+                self._truths = self._reference.stream(self._waiting())
+                truth = next(self._truths)
+            return truth
+
+    def _waiting(self) -> Iterator[Aperture]:
+        while self._given:
+            yield self._given.popleft()

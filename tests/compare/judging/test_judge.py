@@ -1,0 +1,217 @@
+"""Many hogels drawn and judged at once: the numbers that each has alone, in order, and threads that end."""
+
+from __future__ import annotations
+
+import _thread
+import threading
+from collections.abc import Iterator
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from tests.support.views import view
+from xfrustum import Judge, JudgedHogel
+from xfrustum.compare import Comparison, compare_images
+from xfrustum.compare.attribution.budget import make_budget
+from xfrustum.compare.judging import engine, in_order
+from xfrustum.compare.prediction.chain import make_chain
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, InputError, Scene
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.model.hogel_image import HogelImage
+
+FILM = (32, 24)
+INDICES = [(40, 30), (0, 0), (80, 60), (29, 12), (40, 30), (3, 55), (41, 30)]
+SETTINGS = (
+    DoubleFrustum(near=2.0),
+    DoubleFrustum(near=0.02, depth=DepthFormat.D16),
+    DoubleFrustum(near=0.02),
+    DoubleFrustum(near=2.0),
+)
+
+
+def apertures_of(scene: Scene, indices: list[tuple[int, int]] = INDICES) -> list[Aperture]:
+    return [scene.plate.aperture(*index) for index in indices]
+
+
+def assert_same_arrays(one: object, other: object) -> None:
+    for field in fields(one):  # type: ignore[arg-type]
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(a, np.ndarray):
+            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), field.name
+        else:
+            assert a == b, field.name
+
+
+def threads() -> set[str]:
+    """Names of the threads of judges that run now."""
+    names = {thread.name for thread in threading.enumerate()}
+    return {name for name in names if name.startswith(("judging", "tracing", "drawing"))}
+
+
+def endless(scene: Scene) -> Iterator[Aperture]:
+    while True:
+        yield scene.plate.middle
+
+
+@pytest.mark.parametrize("name", ["asymmetric-recentered", "grating"])
+def test_a_stream_finds_what_judging_each_hogel_alone_finds(name: str) -> None:
+    """To the last bit, whatever ran at the same time. `grating` says how it looks: colors are compared."""
+    scene = replace(view(name, FILM), sampling=Sampling())
+    shaded = name == "grating"
+    apertures = apertures_of(scene)[:4]
+    with Judge(scene) as judge:
+        found = list(judge.stream(iter(apertures), SETTINGS, images=True))
+    assert [hogel.aperture for hogel in found] == apertures
+    reference = Reference(scene)
+    with Rasterizer(scene) as rasterizer:
+        for hogel in found:
+            truth = reference.trace(hogel.aperture)
+            assert hogel.truth is not None
+            assert_same_arrays(hogel.truth, truth)
+            assert [one.settings for one in hogel.drawings] == list(SETTINGS)
+            for one in hogel.drawings:
+                image = rasterizer.render(hogel.aperture, one.settings, normals=False)
+                assert one.image is not None and isinstance(one.comparison, Comparison)
+                assert_same_arrays(one.image, image)
+                alone = compare_images(truth, image, reference, radiance=shaded)
+                assert one.comparison.numbers == alone.numbers
+                assert_same_arrays(one.comparison.maps, alone.maps)
+                assert (alone.radiance is not None) == shaded
+
+
+def test_numbers_alone_are_the_same_and_keep_no_image() -> None:
+    scene = view("asymmetric-recentered", FILM)
+    apertures = apertures_of(scene)[:2]
+    with Judge(scene) as judge:
+        with_images = list(judge.stream(apertures, SETTINGS, images=True))
+        without = list(judge.stream(apertures, SETTINGS))
+    for one, other in zip(with_images, without, strict=True):
+        assert other.truth is None
+        for kept, bare in zip(one.drawings, other.drawings, strict=True):
+            assert bare.image is None and not isinstance(bare.comparison, Comparison)
+            assert isinstance(kept.comparison, Comparison) and bare.comparison == kept.comparison.numbers
+
+
+def test_causes_are_those_of_a_budget_made_for_each_drawing() -> None:
+    scene = view("asymmetric-recentered", FILM)
+    apertures = apertures_of(scene)[:2]
+    with Judge(scene) as judge:
+        found = list(judge.stream(apertures, SETTINGS, causes=True))
+    reference = Reference(scene)
+    wrong = 0
+    with Rasterizer(scene) as rasterizer:
+        for hogel in found:
+            for one in hogel.drawings:
+                budget = make_budget(
+                    reference, make_chain(reference, rasterizer, hogel.aperture, one.settings)
+                )
+                assert one.causes == budget.causes
+                assert one.unexplained == int(budget.explanation.unexplained.sum())
+                wrong += sum(cause.surface for cause in one.causes or ())
+    assert wrong
+
+
+def test_hogels_are_taken_a_bounded_number_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that memory does not grow with the number of apertures."""
+    monkeypatch.setattr(engine, "images_under_way", lambda pixels: 3)
+    scene = view("asymmetric", (16, 16))
+    taken = 0
+
+    def counted() -> Iterator[Aperture]:
+        nonlocal taken
+        for aperture in endless(scene):
+            taken += 1
+            yield aperture
+
+    with Judge(scene) as judge:
+        stream = judge.stream(counted(), SETTINGS[:1])
+        for given in range(1, 20):
+            next(stream)
+            assert taken <= given + 3
+
+
+def test_large_images_are_fewer_under_way_than_small_ones() -> None:
+    counts = [in_order.images_under_way(side * side) for side in (64, 256, 1024, 4096, 16384)]
+    assert counts == sorted(counts, reverse=True) and counts[-1] == 2
+
+
+def test_closing_a_stream_ends_its_threads() -> None:
+    scene = view("asymmetric", (16, 16))
+    with Judge(scene) as judge:
+        stream = judge.stream(endless(scene), SETTINGS, causes=True)
+        assert isinstance(next(stream), JudgedHogel)
+        stream.close()  # type: ignore[attr-defined]  # it is a generator
+        assert threads() == {"drawing_0"}
+        # The judge goes on.
+        assert len(list(judge.stream([scene.plate.middle], SETTINGS))) == 1
+    assert not threads()
+
+
+@pytest.mark.parametrize("broken", ["draw", "stream", "aperture", "compare"])
+def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
+    broken: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = view("asymmetric", (16, 16))
+
+    def fails(*_: object, **__: object) -> object:
+        raise ArithmeticError(broken)
+
+    def apertures() -> Iterator[Aperture]:
+        yield scene.plate.middle
+        if broken == "aperture":
+            fails()
+        yield from endless(scene)
+
+    if broken == "draw":
+        monkeypatch.setattr(Rasterizer, "draw", fails)
+    if broken == "stream":
+        monkeypatch.setattr(Reference, "stream", fails)
+    if broken == "compare":
+        monkeypatch.setattr(engine, "compare_images", fails)
+    with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:
+        list(judge.stream(apertures(), SETTINGS[:2], causes=True))
+    assert not threads()
+
+
+def test_ctrl_c_ends_a_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = view("asymmetric", (16, 16))
+
+    once = iter([_thread.interrupt_main])
+
+    def interrupted(*images: HogelImage, **how: object) -> Comparison:
+        for interrupt in once:
+            interrupt()
+        return compare_images(*images, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(engine, "compare_images", interrupted)
+    with pytest.raises(KeyboardInterrupt), Judge(scene) as judge:
+        list(judge.stream(endless(scene), SETTINGS[:1]))
+    assert not threads()
+
+
+def test_settings_that_make_no_sense_are_refused_before_anything_is_drawn() -> None:
+    scene = view("asymmetric", (16, 16))
+    with Judge(scene) as judge:
+        with pytest.raises(InputError, match="near"):
+            judge.stream([scene.plate.middle], [DoubleFrustum(near=1e9)])
+        with pytest.raises(InputError, match="nothing to judge"):
+            judge.stream([scene.plate.middle], [])
+
+
+def test_a_tracer_that_there_is_none_of_is_refused() -> None:
+    with pytest.raises(InputError, match="tracer"):
+        Judge(view("asymmetric", (16, 16)), tracer="nobody")
+    assert not threads()
+
+
+def test_times_are_those_of_stages() -> None:
+    scene = view("asymmetric", (16, 16))
+    with Judge(scene) as judge:
+        (plain,) = judge.stream([scene.plate.middle], SETTINGS[:1])
+        (charged,) = judge.stream([scene.plate.middle], SETTINGS[:1], causes=True)
+    taken = plain.drawings[0].times
+    assert min(taken.trace, taken.raster, taken.compare) > 0 == taken.predict == taken.causes
+    assert min(vars(charged.drawings[0].times).values()) > 0
