@@ -1,5 +1,7 @@
 """Benchmarks, as ratios within one run.
 
+cluster/           How surveys scale: workers of this machine, a scheduler with many simulated workers,
+                   and sizes on paper
 scaling/           How time and memory grow with triangles, pixels and apertures
 plate              How fast are many hogels at once, next to loops that anybody would write? Hogels per
                    second, and ratios

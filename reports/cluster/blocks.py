@@ -17,28 +17,36 @@ from itertools import accumulate
 from xfrustum.compare.scouting.strata import GrowingSample
 from xfrustum.scenes.arrays import Indices
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
+from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
-PIXELS_PER_BLOCK = 1 << 21
-"""Pixels that are drawn and judged in a block, about: 10 s of one core at a fifth of a million pixels a
-second, while a task costs the scheduler a millisecond."""
+PIXELS_PER_BLOCK = 1 << 22
+"""Pixels that are drawn and judged in a block, those that a hogel costs anyway included: 10 to 60 s of one
+core, while a task costs the scheduler a few milliseconds."""
+
+PIXELS_PER_HOGEL = 1 << 16
+"""Pixels that take as long as what a hogel costs however small it is: on the car, whose triangles are all
+transformed for each drawing and each link of its error budget, about as many as 256 x 256."""
 
 MIN_BLOCKS = 16
 """Number of blocks that even a small sample is cut into where it has as many hogels, so that there is
 something for several workers to do."""
 
 
-def hogels_per_block(hogels: int, pixels_per_hogel: int) -> int:
+def hogels_per_block(hogels: int, frustum: Frustum, settings: int) -> int:
     """Return how many hogels a block has; it depends on the work alone, never on the number of workers.
 
     Parameters
     ----------
     hogels
         Number of all hogels.
-    pixels_per_hogel
-        Pixels that are drawn and judged for one hogel, over all settings.
+    frustum
+        Frustum whose resolution they have.
+    settings
+        Number of settings that each is judged with.
     """
-    return max(1, min(PIXELS_PER_BLOCK // max(pixels_per_hogel, 1), math.ceil(hogels / MIN_BLOCKS)))
+    cost = (math.prod(frustum.resolution) + PIXELS_PER_HOGEL) * settings
+    return max(1, min(PIXELS_PER_BLOCK // cost, math.ceil(hogels / MIN_BLOCKS)))
 
 
 class Blocks(ABC):

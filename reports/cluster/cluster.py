@@ -40,6 +40,9 @@ MIN_TASKS = 4
 POLL_S = 0.25
 """Longest time in seconds until the client looks after a signal, or after the connection."""
 
+ASK_POLL_S = 0.02
+"""Seconds between two looks at whether a question is answered."""
+
 COUNT_S = 5.0
 """Seconds after which workers are counted again: they may come and go."""
 
@@ -63,6 +66,9 @@ DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
 """Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
 
 
+DEAD_S = 3.0
+"""Seconds without a process after which a worker is replaced; Dask starts the next one at once, or never."""
+
 WORKER_MODULE = "xfrustum.reports.cluster.worker"
 """Module that prepares a worker process."""
 
@@ -72,6 +78,7 @@ class _Machine(LocalCluster):  # type: ignore[misc,unused-ignore]  # its base is
 
     def __init__(self, threads: int, devices: tuple[int, ...]) -> None:
         self._threads, self._devices = threads, devices
+        self._dead_since: dict[Any, float] = {}
         super().__init__(
             n_workers=0,
             threads_per_worker=1,
@@ -90,6 +97,20 @@ class _Machine(LocalCluster):  # type: ignore[misc,unused-ignore]  # its base is
         if self._devices:
             environment[DEVICE_VARIABLE] = str(self._devices[int(name) % len(self._devices)])
         return {name: {**spec, "options": {**spec["options"], "env": environment}}}
+
+    def replace_dead(self) -> None:
+        """Start a new worker for each whose process has been dead for longer than a restart takes.
+
+        Dask restarts a worker that dies, but not one that dies again while it starts.
+        """
+        now = time.monotonic()
+        for name, nanny in list(self.workers.items()):
+            if not isinstance(nanny, Nanny) or nanny.pid is not None:
+                self._dead_since.pop(name, None)
+            elif now - self._dead_since.setdefault(name, now) > DEAD_S:
+                self._dead_since.pop(name)
+                self.worker_spec.pop(name, None)
+                self.scale(len(self.worker_spec) + 1)
 
     def kill(self) -> None:
         """End all workers at once, whatever they are doing: what is not finished leaves no trace."""
@@ -126,7 +147,13 @@ def machine_cluster(workers: int, threads: int, devices: tuple[int, ...] = ()) -
         try:
             cluster.scale(workers)
             with _connected(cluster) as client:
-                yield Workers(client=client, address=None, count=workers, dashboard=cluster.dashboard_link)
+                yield Workers(
+                    client=client,
+                    address=None,
+                    count=workers,
+                    dashboard=cluster.dashboard_link,
+                    tend=cluster.replace_dead,
+                )
         except BaseException:
             cluster.kill()
             raise
@@ -185,12 +212,15 @@ class Workers:
         Number of workers that were asked for; None where nobody knows beforehand.
     dashboard
         Address of the page on which to watch them.
+    tend
+        Called now and then; replaces workers that are lost for good.
     """
 
     client: Client
     address: str | None
     count: int | None
     dashboard: str
+    tend: Callable[[], object] = lambda: None
     _threads: int = 0
     _counted_at: float = field(default=float("-inf"))
     _lost_at: float | None = None
@@ -256,10 +286,12 @@ class Workers:
         """Return what a worker answers to a question about a job; see `ask_session`."""
         for _ in range(MAX_ATTEMPTS):
             future = self.client.submit(ask_session, job, question, *arguments, pure=False)
+            while future.status == "pending":
+                time.sleep(ASK_POLL_S)
+                self._look_after_connection({}, deque())
             try:
                 answer: Answer = future.result()
             except (KilledWorker, CancelledError):
-                self._look_after_connection({}, deque())
                 continue
             return answer
         raise InputError(
@@ -282,6 +314,7 @@ class Workers:
         InputError
             The scheduler has not come back in `RECONNECT_S`.
         """
+        self.tend()
         if self.client.status not in ("closed", "closing"):
             if self.client.status == "running":
                 self._lost_at = None

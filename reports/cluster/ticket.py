@@ -11,6 +11,8 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.opening.catalogue import open_scene
+from xfrustum.scenes.plate.frustum import Frustum
+from xfrustum.scenes.plate.plate import Plate
 
 SHOWN_DIGITS = 12
 """Digits of a hash that a message shows."""
@@ -26,8 +28,8 @@ class SceneTicket:
         Absolute path of a scene file, or name of a built-in scene.
     content, look
         Hashes of geometry and of what colors depend on.
-    sampling, transport
-        Sampling and light transport of the scene, which options may have changed.
+    plate, frustum, sampling, transport
+        Parts of the scene that options may have changed.
     version
         Version of the program, which decides the numbers too.
     """
@@ -35,6 +37,8 @@ class SceneTicket:
     source: str
     content: str
     look: str
+    plate: Plate
+    frustum: Frustum
     sampling: Sampling
     transport: Transport
     version: str
@@ -47,6 +51,8 @@ class SceneTicket:
             source=str(place.resolve()) if scene.source and place.exists() else scene.source,
             content=scene.content_hash,
             look=look_hash(scene),
+            plate=scene.plate,
+            frustum=scene.frustum,
             sampling=scene.sampling,
             transport=scene.transport,
             version=metadata.version("xfrustum"),
@@ -65,7 +71,13 @@ class SceneTicket:
             raise InputError(
                 f"a worker has xfrustum {version}, the command {self.version}: install one version everywhere"
             )
-        scene = replace(open_scene(self.source), sampling=self.sampling, transport=self.transport)
+        scene = replace(
+            open_scene(self.source),
+            plate=self.plate,
+            frustum=self.frustum,
+            sampling=self.sampling,
+            transport=self.transport,
+        )
         found = {"content": scene.content_hash, "look": look_hash(scene)}
         for name, mine in found.items():
             wanted = getattr(self, name)

@@ -30,7 +30,6 @@ from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Plate
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
 ROWS = "survey.parquet"
@@ -69,27 +68,26 @@ class Chosen:
         if self.until is not None and not 0 < real(self.until) < 1:
             raise InputError(f"--until must be a share between 0 and 100 %, not {self.until}")
 
-    def blocks(self, plate: Plate, pixels_per_hogel: int, settings: int) -> Blocks:
+    def blocks(self, scene: Scene, settings: int) -> Blocks:
         """Return the blocks of these hogels.
 
         Parameters
         ----------
-        plate
-            The plate.
-        pixels_per_hogel
-            Pixels that are judged for one hogel, over all settings.
+        scene
+            Scene of the plate.
         settings
             Number of settings, each of which is claimed something of.
         """
+        plate, frustum = scene.plate, scene.frustum
         hogels = math.prod(plate.hogels)
         first = self.sample
         if self.until is not None:
             first = clean_sample(self.until, hogels, risk_of_look(0, confidence_of_each(settings)))
         if first is None or first >= hogels:
-            return Tiles.of(plate, hogels_per_block(hogels, pixels_per_hogel))
+            return Tiles.of(plate, hogels_per_block(hogels, frustum, settings))
         sample = GrowingSample(plate=plate, first=first, seed=self.seed)
         looks = 1 if self.until is None else sample.looks
-        return SampleBlocks(sample=sample, size=hogels_per_block(first, pixels_per_hogel), looks=looks)
+        return SampleBlocks(sample=sample, size=hogels_per_block(first, frustum, settings), looks=looks)
 
 
 def survey(  # noqa: PLR0913 - one keyword for each option of the command
@@ -163,12 +161,11 @@ def _job(
 ) -> tuple[Surveyed, tuple[DoubleFrustum | None, ...]]:
     """Return the work, described in its folder, and the settings that are judged."""
     ticket, parts = SceneTicket.of(scene), Parts(out=out.absolute(), name=ROWS)
-    pixels = math.prod(scene.frustum.resolution)
     work: dict[str, Any]
     job: Surveyed
     if isinstance(settings, ForeignPlate):
         foreign = ForeignPlate(**{**vars(settings), "pattern": str(Path(settings.pattern).absolute())})
-        blocks = chosen.blocks(scene.plate, pixels, 1)
+        blocks = chosen.blocks(scene, 1)
         job = ForeignJob(ticket=ticket, plate=foreign, tolerance_px=tolerance_px, blocks=blocks, parts=parts)
         several: tuple[DoubleFrustum | None, ...] = (None,)
         work = {"images": foreign}
@@ -178,7 +175,7 @@ def _job(
             raise InputError("a survey needs at least one setting; give --near or --nears")
         for one in drawn:
             one.check_against(scene.frustum)
-        blocks = chosen.blocks(scene.plate, pixels * len(drawn), len(drawn))
+        blocks = chosen.blocks(scene, len(drawn))
         job = HogelsJob(
             ticket=ticket,
             settings=drawn,

@@ -17,7 +17,7 @@ from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_
 from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.run import Engine, Part, open_team, run_blocks
 from xfrustum.reports.cluster.ticket import SceneTicket
-from xfrustum.scenes import InputError, Plate, open_scene
+from xfrustum.scenes import Frustum, InputError, Plate, open_scene
 
 SIDES = st.integers(1, 30)
 
@@ -33,6 +33,10 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     out = tmp_path_factory.mktemp("undisturbed")
     all_done(ToyJob.at(out))
     return parts_of(out)
+
+
+def frustum(side: int) -> Frustum:
+    return Frustum(resolution=(side, side), reach=(1.0, 1.0), fov=(1.0, 1.0))
 
 
 def indices(blocks: Blocks, look: int) -> list[tuple[int, int]]:
@@ -64,15 +68,17 @@ def test_blocks_of_samples_have_every_hogel_that_a_look_adds_once(
 
 
 def test_blocks_of_ten_million_hogels_are_cut_without_being_listed() -> None:
-    tiles = Tiles.of(Plate(size=(800.0, 600.0), hogels=(4000, 2500)), hogels_per_block(10**7, 512**2))
+    tiles = Tiles.of(
+        Plate(size=(800.0, 600.0), hogels=(4000, 2500)), hogels_per_block(10**7, frustum(512), 1)
+    )
     assert tiles.hogels(0) == 10**7
     assert len(tiles.apertures(tiles.numbers(0)[-1])) > 0
 
 
 def test_blocks_depend_on_the_work_and_not_on_who_does_it() -> None:
-    assert hogels_per_block(4941, 128**2) == 128
-    assert hogels_per_block(300, 128**2) == 19
-    assert hogels_per_block(10**6, 10**9) == 1
+    sizes = (4941, 128, 1), (4941, 128, 5), (300, 128, 1), (10**6, 4096, 1)
+    found = [hogels_per_block(count, frustum(side), settings) for count, side, settings in sizes]
+    assert found == [51, 10, 19, 1]
 
 
 def test_what_is_finished_stays_and_the_rest_is_made(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:

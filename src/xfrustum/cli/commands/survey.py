@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,21 @@ class PartOf(click.ParamType[tuple[int, int]]):
         return int(match[1]), int(match[2])
 
 
+class Resolution(click.ParamType[tuple[int, int]]):
+    """Width and height separated by a comma."""
+
+    name = "W,H"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return both."""
+        sizes = options.Sizes().convert(value, param, ctx)
+        if len(sizes) != 2:
+            self.fail(f"{value!r} is not a width and a height such as 128,128", param, ctx)
+        return sizes[0], sizes[1]
+
+
 class Devices(click.ParamType[tuple[int, ...]]):
     """Indices of devices separated by commas."""
 
@@ -64,6 +80,7 @@ class Devices(click.ParamType[tuple[int, ...]]):
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Start of the random numbers."
 )
 @options.tracer_option
+@click.option("--resolution", type=Resolution(), help="Pixels of each hogel.  [default: the scene's]")
 @click.option("--images", help="Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'.")
 @click.option(
     "--encoding",
@@ -88,6 +105,7 @@ def survey(
     tolerance_px: float,
     seed: int,
     tracer: str,
+    resolution: tuple[int, int] | None,
     images: str | None,
     encoding: str | None,
     accept: tuple[str, ...] | None,
@@ -109,6 +127,8 @@ def survey(
     from xfrustum.reports.survey.survey import survey as surveyed
 
     opened = options.open_scene(scene)
+    if resolution is not None:
+        opened = replace(opened, frustum=replace(opened.frustum, resolution=resolution))
     asked = _asked(settings, images, encoding, accept)
     found = surveyed(
         opened,
