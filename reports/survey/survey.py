@@ -26,6 +26,7 @@ from xfrustum.reports.survey.foreign import ForeignJob, ForeignPlate
 from xfrustum.reports.survey.hogels import HogelsJob, Pictures, worst_pictures
 from xfrustum.reports.survey.page import FILES, Pictured, write_survey
 from xfrustum.reports.survey.tally import Tally, tallies
+from xfrustum.reports.verification.verification import check_files
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -165,6 +166,7 @@ def _job(
     job: Surveyed
     if isinstance(settings, ForeignPlate):
         foreign = ForeignPlate(**{**vars(settings), "pattern": str(Path(settings.pattern).absolute())})
+        check_files(scene, foreign.pattern)
         blocks = chosen.blocks(scene, 1)
         job = ForeignJob(ticket=ticket, plate=foreign, tolerance_px=tolerance_px, blocks=blocks, parts=parts)
         several: tuple[DoubleFrustum | None, ...] = (None,)

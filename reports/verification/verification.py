@@ -272,6 +272,12 @@ class _Run:
         return judge(self.reference, asked, image, points, judging, explained=explained)
 
 
+def check_files(scene: Scene, pattern: str) -> None:
+    """Raise InputError where a pattern names no file of any hogel, or is none."""
+    reference = Reference(scene)
+    Files(pattern=pattern, reference=reference, encoding=Encoding.RGB).check(scene.plate.apertures())
+
+
 class HogelVerifier:
     """Judge of single hogels of a renderer, after the diagnosis of a sample all over its plate.
 

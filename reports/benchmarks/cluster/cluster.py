@@ -265,7 +265,8 @@ def _simulated_line(run: SimulatedRun) -> str:
         f"  {run.workers:>3} workers, {run.blocks:,} blocks of {digits(run.block_s)} s: "
         f"{run.wall_s:.1f} s{over}; {run.tasks_per_s:.0f} blocks per second; each takes "
         f"{run.scheduler_ms:.2f} ms of the scheduler and {run.client_ms:.2f} ms of the client; scheduler "
-        f"{run.scheduler_mib:.0f} MiB ({run.scheduler_growth_mib:+.1f}), client {run.client_growth_mib:+.1f} MiB"
+        f"{run.scheduler_mib:.0f} MiB ({run.scheduler_growth_mib:+.1f}), client "
+        f"{run.client_growth_mib:+.1f} MiB"
     )
 
 
