@@ -1,6 +1,7 @@
 """The verdict: sweeps over settings, tables, figures and the page that a person opens.
 
 benchmarks/       Benchmarks, as ratios within one run
+cluster/          Whole plates in blocks of hogels, done by one process or by the workers of a Dask cluster
 commands/         What the smaller commands make: budget, plan, compare, trace, figure 7
 common/           What all reports share: outputs, progress, times, pages, numbers in words
 cost/             What accuracy costs in time
@@ -12,6 +13,7 @@ plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scouting/         What people see of the scout of a plate: chosen apertures with their reasons, and a map
 splitting_study/  The study of when the frusta must be split
+survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
 trade_off/        Error against time
 verification/     The verification of foreign renderers: sources, verdict, files
 """

@@ -31,7 +31,13 @@ from xfrustum.compare.planning.plan import Plan, no_plan, predicted_plan
 from xfrustum.compare.planning.reason import disproved
 from xfrustum.compare.planning.search import DepthBuffer
 from xfrustum.compare.planning.views import Requirement, View, Views
-from xfrustum.compare.scouting.sample import CONFIDENCE, RandomSample, sample_hogels, share_at_most
+from xfrustum.compare.scouting.sample import (
+    CONFIDENCE,
+    RandomSample,
+    confidence_of_each,
+    sample_hogels,
+    share_at_most,
+)
 from xfrustum.compare.scouting.scout import Look, Scout
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -268,7 +274,7 @@ class PlatePlanner:
         known = len(chosen) + hopeless
         everything = known + len(sample) == columns * rows
         # The sample speaks for the hogels that nothing was known of.
-        each = CONFIDENCE ** (1 / MAX_SAMPLES)
+        each = confidence_of_each(MAX_SAMPLES)
         unchosen = beyond / max(len(sample), 1) if everything else share_at_most(beyond, len(sample), each)
         share = (chosen_beyond + hopeless + unchosen * (columns * rows - known)) / (columns * rows)
         return PlateResult(

@@ -50,6 +50,14 @@ class RandomSample:
         return replace(self, seed=self.seed + 1)
 
 
+def confidence_of_each(claims: int, confidence: float = CONFIDENCE) -> float:
+    """Return the confidence of each of several claims that hold together with some confidence (Sidak 1967).
+
+    This is exact for independent claims and safe for those that tend to hold or fail together.
+    """
+    return float(confidence ** (1 / claims))
+
+
 def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> float:
     """Return the upper bound of a share from a random sample (Clopper and Pearson 1934).
 

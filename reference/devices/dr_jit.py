@@ -20,6 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from xfrustum.reference.devices.threads import thread_limit
 from xfrustum.scenes.errors import InputError
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -91,7 +92,11 @@ def backend() -> Backend:
             f"Mitsuba's variant {chosen} is set on LLVM {llvm}, which would abort the process: set "
             f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take scalar_rgb"
         )
-    return Backend(mitsuba=mitsuba, drjit=importlib.import_module("drjit"), variant=chosen, llvm=llvm)
+    drjit = importlib.import_module("drjit")
+    limit = thread_limit()
+    if limit is not None:
+        drjit.set_thread_count(limit)
+    return Backend(mitsuba=mitsuba, drjit=drjit, variant=chosen, llvm=llvm)
 
 
 @cache

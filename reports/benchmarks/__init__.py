@@ -1,5 +1,7 @@
 """Benchmarks, as ratios within one run.
 
+cluster/           How surveys scale: workers of this machine, a scheduler with many simulated workers,
+                   and sizes on paper
 scaling/           How time and memory grow with triangles, pixels and apertures
 judge              How fast are hogels judged? Hogels per second, CPU seconds by stage, and ratios
 judge_contestants  Contestants for a race to judged hogels: streams, loops, and what they cannot do without

@@ -5,7 +5,6 @@ blocks       Blocks of a plate drawn by any process: a plan that fits into a mes
 camera       The camera of any hogel of a plate, from the attributes that its store has
 chunks       Is a chunk of a plate all there? From the layout of its Zstandard frame, without decompressing
              it
-claims       Claims: which process draws which hogel, where several draw one plate at once
 description  The description of a plate: everything that decides its pixels, and must agree to go on with a
              store
 layout       What a plate's store holds: its arrays and their labels, and the blocks of hogels that are their

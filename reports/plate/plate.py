@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 from tqdm import tqdm
 
+from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.plate.claims import Claims
 from xfrustum.reports.plate.description import described, document_of
 from xfrustum.reports.plate.layout import Block, BlockPart, Layout, default_side
 from xfrustum.reports.plate.measures import JudgedSource, measures_of

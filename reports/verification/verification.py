@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -207,17 +207,7 @@ class _Run:
     def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
         sample = sampled(self.asked, self.reference.scene)
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
-            for aperture in sample:
-                self.kept[aperture] = self._had(aperture)
-                bar.update()
-            images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
-            found = find_out(self.reference, images, nominal, self.limits.judging)
-            conventions = [name for name in accept if name != ENCODING]
-            question = _Question(
-                asked=declared(nominal, found.diagnosis.model, conventions),
-                found=found,
-                read_as_found=ENCODING in accept and found.encoding.reading is not None,
-            )
+            question = self.question(sample, nominal, accept, bar.update)
             worst, hogels = WorstHogels(), []
             most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
             with workers("judging") as pool:
@@ -231,7 +221,7 @@ class _Run:
             scene=self.reference.scene,
             source=self.source.name,
             limits=self.limits,
-            diagnosis=found.diagnosis,
+            diagnosis=question.found.diagnosis,
             hogels=tuple(hogels),
             worst=worst,
         )
@@ -242,11 +232,39 @@ class _Run:
             kept = aperture in self.kept
             yield aperture, self.kept.pop(aperture) if kept else self._had(aperture)
 
+    def question(
+        self,
+        sample: Sequence[Aperture],
+        nominal: DrawnModel,
+        accept: tuple[str, ...],
+        done: Callable[[], object] = lambda: None,
+    ) -> _Question:
+        """Diagnose a sample of hogels, and return what all are judged by; `done` is called after each."""
+        for aperture in sample:
+            self.kept[aperture] = self._had(aperture)
+            done()
+        images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
+        found = find_out(self.reference, images, nominal, self.limits.judging)
+        conventions = [name for name in accept if name != ENCODING]
+        return _Question(
+            asked=declared(nominal, found.diagnosis.model, conventions),
+            found=found,
+            read_as_found=ENCODING in accept and found.encoding.reading is not None,
+        )
+
     def _had(self, aperture: Aperture) -> HogelImage | Problem:
         try:
             return self.source.image(aperture)
         except Problem as problem:
             return problem
+
+    def hogel(self, aperture: Aperture, question: _Question, worst: WorstHogels) -> Hogel:
+        """Judge one hogel, and keep its pictures where it is among the worst."""
+        image = self.kept.pop(aperture, None) or self._had(aperture)
+        judged, figures = self._hogel(question, (aperture, image))
+        if figures is not None:
+            worst.add(judged.aperture, *figures)
+        return judged
 
     def _hogel(
         self, question: _Question, one: tuple[Aperture, HogelImage | Problem]
@@ -276,6 +294,74 @@ class _Run:
     ) -> Figures:
         points = shown_points(self.reference.scene, found, image)
         return judge(self.reference, asked, image, points, judging, explained=explained)
+
+
+def check_files(scene: Scene, pattern: str) -> None:
+    """Raise InputError where a pattern names no file of any hogel, or is none."""
+    reference = Reference(scene)
+    Files(pattern=pattern, reference=reference, encoding=Encoding.RGB).check(scene.plate.apertures())
+
+
+class HogelVerifier:
+    """Judge of single hogels of a renderer, after the diagnosis of a sample all over its plate.
+
+    Parameters
+    ----------
+    scene
+        Scene that was to be drawn.
+    pattern, encoding
+        Files named by {i} and {j}, and what pictures mean.
+    limits
+        Limits that every hogel is held to.
+    near, accept
+        As for `verify`.
+
+    Attributes
+    ----------
+    diagnosis
+        What was found wrong with the renderer.
+
+    Raises
+    ------
+    InputError
+        None of the files exists, or an option is not usable.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        pattern: str,
+        *,
+        encoding: Encoding | str | None = None,
+        limits: Limits | None = None,
+        near: float | None = None,
+        accept: Sequence[str] = (),
+    ) -> None:
+        meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
+        reference, asked = Reference(scene), scene.plate.apertures()
+        source = Files(pattern=pattern, reference=reference, encoding=meant)
+        source.check(asked)
+        self._run = _Run(reference=reference, source=source, asked=asked, limits=limits or Limits())
+        self._question = self._run.question(
+            sampled(asked, scene), _nominal(scene, near, accept), tuple(accept)
+        )
+        # Few hogels of the sample are this process's own: all are read anew.
+        self._run.kept.clear()
+        self.diagnosis = self._question.found.diagnosis
+
+    def aperture(self, column: int, row: int) -> Aperture:
+        """Return an aperture of the plate."""
+        return self._run.reference.scene.plate.aperture(column, row)
+
+    def hogel(self, aperture: Aperture) -> Hogel:
+        """Judge one hogel."""
+        return self._run.hogel(aperture, self._question, WorstHogels())
+
+    def pictures(self, aperture: Aperture) -> dict[str, str]:
+        """Return pictures of one hogel as data URLs; none where it is missing."""
+        worst = WorstHogels()
+        self._run.hogel(aperture, self._question, worst)
+        return worst.kept[0].pictures if worst.kept else {}
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:

@@ -26,6 +26,7 @@ from xfrustum.cli.commands import plan as cli_plan
 from xfrustum.cli.commands import plate as cli_plate
 from xfrustum.cli.commands import scene as cli_scene
 from xfrustum.cli.commands import study as cli_study
+from xfrustum.cli.commands import survey as cli_survey
 from xfrustum.cli.commands import verify as cli_verify
 from xfrustum.cli.failure import report_unexpected
 from xfrustum.cli.files import ADVICE, check_encoding, in_words
@@ -346,6 +347,7 @@ for _command in (
     cli_scene.check,
     cli_scene.new,
     cli_study.study,
+    cli_survey.survey,
     cli_verify.verify,
 ):
     cli.add_command(_command)

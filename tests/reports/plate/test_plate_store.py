@@ -19,9 +19,9 @@ import zarr
 
 from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, tree
 from xfrustum.cli.main import main
+from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.chunks import is_whole
-from xfrustum.reports.plate.claims import Claims
 from xfrustum.reports.plate.plate import PlateFiles, write_plate
 from xfrustum.scenes import InputError
 
@@ -214,7 +214,7 @@ def test_a_claim_is_one_processs_until_it_lets_go_or_ends(tmp_path: Path) -> Non
     program = f"""
 import time
 from pathlib import Path
-from xfrustum.reports.plate.claims import Claims
+from xfrustum.reports.cluster.claims import Claims
 claims = Claims(Path({str(path)!r}))
 print(claims.take(7), claims.take(10**12), flush=True)
 time.sleep(600)

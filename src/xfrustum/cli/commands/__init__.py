@@ -8,5 +8,6 @@ plan     The command that plans the settings that keep what is required
 plate    The command that draws whole plates
 scene    Commands about scene files: `new` writes one that fits a mesh, `check` looks for mistakes in one
 study    Commands that study many scenes and settings instead of one
+survey   The command that judges hogels all over a plate
 verify   The command that judges renderers of other people
 """

@@ -203,6 +203,26 @@ def bench_table1(*, resolution: int, repeat: int, quiet: bool, as_json: bool) ->
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
+@bench.command("cluster")
+@click.argument("scene", default="car")
+@_side_option(128)
+@click.option(
+    "--hogels", type=click.IntRange(8), default=64, show_default=True, help="Hogels that are timed."
+)
+@click.option("--quick", is_flag=True, help="Fewer blocks and workers, to see that everything runs.")
+@options.quiet_option
+@options.json_option
+def bench_cluster(
+    *, scene: str, resolution: int, hogels: int, quick: bool, quiet: bool, as_json: bool
+) -> None:
+    """Measure surveys with 1 and 2 workers, and the scheduler with 64 and 512 simulated ones."""
+    from xfrustum.reports.benchmarks.cluster import cluster as benchmarks
+
+    opened = options.open_scene(scene)
+    measured = benchmarks.benchmark_cluster(opened, resolution, hogels, quick=quick, progress=not quiet)
+    options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
+
+
 @bench.command("scaling")
 @click.option("--quick", is_flag=True, help="Small sizes, measured once, to see that everything runs.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for a page of curves.")

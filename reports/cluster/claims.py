@@ -1,4 +1,4 @@
-"""Claims: which process draws which hogel, where several draw one plate at once."""
+"""Claims: which process does which piece of work, where several work on one store at once."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ _NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP, errno.ENOSY
 
 
 class Claims:
-    """Locks on single bytes of one file, byte n for hogel n; the system drops those of a dead process.
+    """Locks on single bytes of one file, byte n for piece n; the system drops those of a dead process.
 
-    A context manager: leaving it lets go of all. Locks belong to this object and not to the process, so
-    that nothing else that opens and closes the file disturbs them. Where a file system or a file that may
-    not be written knows no locks, every claim is granted: hogels may be drawn twice, and are the same.
+    A piece is a hogel, or a block of hogels. A context manager: leaving it lets go of all. Locks belong to
+    this object and not to the process, so that nothing else that opens and closes the file disturbs them.
+    Where a file system or a file that may not be written knows no locks, every claim is granted: pieces may
+    be made twice, and are the same.
 
     Parameters
     ----------
     path
-        A file that all who draw the plate have in common, and that is never replaced.
+        A file that all who work on the store have in common, and that is never replaced.
 
     Raises
     ------
@@ -44,7 +45,7 @@ class Claims:
             self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
 
     def take(self, number: int) -> bool:
-        """Claim a hogel and return whether nobody else has."""
+        """Claim a piece and return whether nobody else has."""
         try:
             self._lock(fcntl.F_OFD_SETLK, fcntl.F_WRLCK, number)
         except BlockingIOError:
@@ -52,12 +53,12 @@ class Claims:
         return True
 
     def wait(self, number: int) -> None:
-        """Wait until nobody else claims a hogel any more."""
+        """Wait until nobody else claims a piece any more."""
         self._lock(fcntl.F_OFD_SETLKW, fcntl.F_WRLCK, number)
         self.release(number)
 
     def release(self, number: int) -> None:
-        """Let go of a hogel."""
+        """Let go of a piece."""
         self._lock(fcntl.F_OFD_SETLK, fcntl.F_UNLCK, number)
 
     def _lock(self, command: int, kind: int, number: int) -> None:

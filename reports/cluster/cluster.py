@@ -1,0 +1,361 @@
+"""Clusters of Dask workers: one of this machine, started and stopped here, or one that exists.
+
+Nothing is gathered: a task returns nothing, and the client looks for the block in the store. Few tasks more
+than there are workers are submitted at a time, so that neither the client nor the scheduler holds more the
+larger a plate is. Where a scheduler dies its tasks are lost and nothing else: those of unfinished blocks are
+submitted again to the next one at its address.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import queue
+import secrets
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import dask
+from distributed import Client, Future, KilledWorker, LocalCluster, Nanny
+from distributed.utils import CancelledError
+
+from xfrustum.reports.cluster.job import Job, ask_session, do_block
+from xfrustum.scenes.errors import InputError
+from xfrustum.terminal import messages
+
+Answer = TypeVar("Answer")
+
+TASKS_PER_THREAD = 2
+"""Tasks under way for each thread of the workers: one that runs, and one that waits at the worker."""
+
+MIN_TASKS = 4
+"""Tasks under way where there are few workers, or none yet."""
+
+POLL_S = 0.25
+"""Longest time in seconds until the client looks after a signal, or after the connection."""
+
+ASK_POLL_S = 0.02
+"""Seconds between two looks at whether a question is answered."""
+
+COUNT_S = 5.0
+"""Seconds after which workers are counted again: they may come and go."""
+
+CONNECT_S = 10
+"""Seconds in which a scheduler must answer."""
+
+RECONNECT_S = 600.0
+"""Seconds that a scheduler may take to come back, such as a job that is queued again."""
+
+MAX_ATTEMPTS = 20
+"""Times that a block is given out again after the workers that had it died: more are no accident."""
+
+CLOSE_S = 10.0
+"""Seconds that workers have to end."""
+
+THREAD_VARIABLES = ("XFRUSTUM_THREADS", "LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Environment variables that bound the threads of a process: the reference's, those of Mesa's software
+renderer, and those of linear algebra."""
+
+DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
+"""Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
+
+
+DEAD_S = 3.0
+"""Seconds without a process after which a worker is replaced; Dask starts the next one at once, or never."""
+
+WORKER_MODULE = "xfrustum.reports.cluster.worker"
+"""Module that prepares a worker process."""
+
+
+class _Machine(LocalCluster):  # type: ignore[misc,unused-ignore]  # its base is untyped
+    """Worker processes of this machine, each with its share of the threads and a device by its index."""
+
+    def __init__(self, threads: int, devices: tuple[int, ...]) -> None:
+        self._threads, self._devices = threads, devices
+        self._dead_since: dict[Any, float] = {}
+        super().__init__(
+            n_workers=0,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+            # Workers hold one block at a time and no results; libraries in C take what they need.
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+            preload=WORKER_MODULE,
+        )
+
+    def new_worker_spec(self) -> dict[Any, Any]:
+        """Return name and description of the next worker."""
+        ((name, spec),) = super().new_worker_spec().items()
+        environment = {variable: str(self._threads) for variable in THREAD_VARIABLES}
+        if self._devices:
+            environment[DEVICE_VARIABLE] = str(self._devices[int(name) % len(self._devices)])
+        return {name: {**spec, "options": {**spec["options"], "env": environment}}}
+
+    def replace_dead(self) -> None:
+        """Start a new worker for each whose process has been dead for longer than a restart takes.
+
+        Dask restarts a worker that dies, but not one that dies again while it starts.
+        """
+        now = time.monotonic()
+        for name, nanny in list(self.workers.items()):
+            if not isinstance(nanny, Nanny) or nanny.pid is not None:
+                self._dead_since.pop(name, None)
+            elif now - self._dead_since.setdefault(name, now) > DEAD_S:
+                self._dead_since.pop(name)
+                self.worker_spec.pop(name, None)
+                self.scale(len(self.worker_spec) + 1)
+
+    def kill(self) -> None:
+        """End all workers at once, whatever they are doing: what is not finished leaves no trace."""
+        for nanny in list(self.workers.values()):
+            if isinstance(nanny, Nanny):
+                nanny.auto_restart = False
+                pid = nanny.pid
+                if pid is not None:
+                    with suppress(ProcessLookupError):
+                        os.kill(pid, signal.SIGKILL)
+
+
+@contextmanager
+def machine_cluster(workers: int, threads: int, devices: tuple[int, ...] = ()) -> Iterator[Workers]:
+    """Start worker processes on this machine, and stop them in the end.
+
+    Parameters
+    ----------
+    workers
+        Number of processes.
+    threads
+        Number of threads that the libraries of each may use.
+    devices
+        Indices of EGL devices, which workers take in turn; the first device for all where there are none.
+    """
+    settings = {
+        "distributed.worker.multiprocessing-method": "spawn",
+        "distributed.scheduler.allowed-failures": MAX_ATTEMPTS,
+        # Profiles of Python's stack are of no use here, and take time.
+        "distributed.worker.profile.enabled": False,
+    }
+    with dask.config.set(settings):
+        cluster = _Machine(threads, devices)
+        try:
+            cluster.scale(workers)
+            with _connected(cluster) as client:
+                yield Workers(
+                    client=client,
+                    address=None,
+                    count=workers,
+                    dashboard=cluster.dashboard_link,
+                    tend=cluster.replace_dead,
+                )
+        except BaseException:
+            cluster.kill()
+            raise
+        finally:
+            cluster.close(timeout=CLOSE_S)
+
+
+@contextmanager
+def foreign_cluster(address: str) -> Iterator[Workers]:
+    """Connect to a scheduler that exists; its workers are left as they are.
+
+    Raises
+    ------
+    InputError
+        No scheduler answers there.
+    """
+    client = _client(address)
+    workers = Workers(client=client, address=address, count=None, dashboard=client.dashboard_link)
+    try:
+        yield workers
+    finally:
+        workers.client.close(timeout=CONNECT_S)
+
+
+@contextmanager
+def _connected(cluster: LocalCluster) -> Iterator[Client]:
+    client = Client(cluster, timeout=CONNECT_S, set_as_default=False)
+    try:
+        yield client
+    finally:
+        client.close(timeout=CONNECT_S)
+
+
+def _client(address: str) -> Client:
+    try:
+        return Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"--scheduler {address}: no scheduler answers there ({reason}); start one with `dask scheduler`, "
+            "and give its address, such as tcp://host:8786"
+        ) from error
+
+
+@dataclass(kw_only=True)
+class Workers:
+    """The workers of a cluster, as a client sees them.
+
+    Attributes
+    ----------
+    client
+        Connection to their scheduler.
+    address
+        Address of the scheduler; None of one that this process has started.
+    count
+        Number of workers that were asked for; None where nobody knows beforehand.
+    dashboard
+        Address of the page on which to watch them.
+    tend
+        Called now and then; replaces workers that are lost for good.
+    """
+
+    client: Client
+    address: str | None
+    count: int | None
+    dashboard: str
+    tend: Callable[[], object] = lambda: None
+    _threads: int = 0
+    _counted_at: float = field(default=float("-inf"))
+    _lost_at: float | None = None
+
+    @property
+    def workers(self) -> int:
+        """Number of worker processes."""
+        return self.count or self._threads or 1
+
+    def finished(
+        self, job: Job, numbers: Iterator[int], work: Callable[[Job, int], Any] = do_block
+    ) -> Iterator[int]:
+        """Have blocks done, and yield the number of each whose task has come to an end, in any order.
+
+        A block whose task has ended may be in the hands of somebody else: the store tells.
+
+        Parameters
+        ----------
+        job
+            Job that the blocks belong to.
+        numbers
+            Numbers of the blocks; they are asked for as they are submitted.
+        work
+            Function that a worker calls with the job and a number.
+        """
+        run = secrets.token_hex(4)
+        again: deque[int] = deque()
+        attempts: dict[int, int] = {}
+        under_way: dict[str, tuple[int, Future]] = {}
+        ended: queue.SimpleQueue[str] = queue.SimpleQueue()
+        serial = itertools.count()
+        try:
+            while True:
+                while len(under_way) < self._window():
+                    number = again.popleft() if again else next(numbers, None)
+                    if number is None:
+                        break
+                    key = f"{job.name}-{run}-{number}-{next(serial)}"
+                    future = self.client.submit(work, job, number, key=key, pure=False)
+                    under_way[key] = (number, future)
+                    future.add_done_callback(lambda one: ended.put(one.key))
+                if not under_way:
+                    return
+                try:
+                    number, future = under_way.pop(ended.get(timeout=POLL_S))
+                except queue.Empty:
+                    self._look_after_connection(under_way, again)
+                    continue
+                if _succeeded(future):
+                    attempts.pop(number, None)
+                    yield number
+                else:
+                    attempts[number] = attempts.get(number, 0) + 1
+                    if attempts[number] > MAX_ATTEMPTS:
+                        _give_up(job, number)
+                    again.append(number)
+        finally:
+            if under_way and self.client.status == "running":
+                with suppress(Exception):  # the scheduler may be gone, and then nothing is to be cancelled
+                    self.client.cancel([future for _, future in under_way.values()], force=True)
+
+    def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
+        """Return what a worker answers to a question about a job; see `ask_session`."""
+        for _ in range(MAX_ATTEMPTS):
+            future = self.client.submit(ask_session, job, question, *arguments, pure=False)
+            while future.status == "pending":
+                time.sleep(ASK_POLL_S)
+                self._look_after_connection({}, deque())
+            try:
+                answer: Answer = future.result()
+            except (KilledWorker, CancelledError):
+                continue
+            return answer
+        raise InputError(
+            f"--scheduler {self.address}: {MAX_ATTEMPTS} workers died one after the other; look at their logs"
+        )
+
+    def _window(self) -> int:
+        """Return how many tasks are under way at a time."""
+        if time.monotonic() - self._counted_at > COUNT_S and self.client.status == "running":
+            with suppress(OSError, TimeoutError, CancelledError):
+                self._threads = sum(self.client.nthreads().values())
+            self._counted_at = time.monotonic()
+        return max(MIN_TASKS, TASKS_PER_THREAD * max(self._threads, self.count or 0))
+
+    def _look_after_connection(self, under_way: dict[str, tuple[int, Future]], again: deque[int]) -> None:
+        """Connect anew where the client has given up; its tasks are lost, and their blocks come again.
+
+        Raises
+        ------
+        InputError
+            The scheduler has not come back in `RECONNECT_S`.
+        """
+        self.tend()
+        if self.client.status not in ("closed", "closing"):
+            if self.client.status == "running":
+                self._lost_at = None
+            return
+        now = time.monotonic()
+        if self._lost_at is None:
+            self._lost_at = now
+            messages().write(f"xfrustum: note: the scheduler {self.address} is gone; waiting for it\n")
+        again.extend(number for number, _ in under_way.values())
+        under_way.clear()
+        if self.address is None or now - self._lost_at > RECONNECT_S:
+            raise InputError(
+                f"--scheduler {self.address}: is gone and has not come back; start it again and repeat the "
+                "command, which goes on where it was"
+            )
+        with suppress(InputError):
+            self.client = _client(self.address)
+            self._lost_at = None
+
+
+def _succeeded(future: Future) -> bool:
+    """Return whether a task ended well; False where it was lost with its worker or its scheduler.
+
+    Raises whatever the task raised.
+    """
+    status = future.status
+    if status == "finished":
+        future.release()
+        return True
+    if status == "error":
+        error = future.exception()
+        future.release()
+        if not isinstance(error, KilledWorker):
+            assert error is not None
+            raise error
+    return False
+
+
+def _give_up(job: Job, number: int) -> None:
+    column, row = job.blocks.apertures(number)[0].index
+    raise InputError(
+        f"block {number} (from aperture {column},{row}): its workers died {MAX_ATTEMPTS} times; look at "
+        "their memory and logs"
+    )

@@ -1,0 +1,229 @@
+"""Blocks done by a cluster or in this process, those that are not finished yet, with one bar for all."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+from xfrustum.reports.cluster.job import Desk, Job
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.scene import Scene
+
+Answer = TypeVar("Answer")
+
+ELSEWHERE_POLL_S = 0.2
+"""Seconds between two looks at blocks that somebody else is making."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One of several equal parts of the work, for job arrays.
+
+    Attributes
+    ----------
+    number, count
+        Number of the part, from 1, and number of all parts.
+
+    Raises
+    ------
+    InputError
+        There is no such part.
+    """
+
+    number: int = 1
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.number <= self.count:
+            raise InputError(f"part {self.number}/{self.count}: parts run from 1/{self.count}")
+
+    @property
+    def everything(self) -> bool:
+        """Whether it is the whole work."""
+        return self.count == 1
+
+    def of(self, numbers: range) -> range:
+        """Return the blocks that belong to it: every so many, for neighbors cost alike."""
+        return numbers[self.number - 1 :: self.count]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Engine:
+    """Where blocks are done.
+
+    Attributes
+    ----------
+    scheduler
+        Address of a scheduler that exists; None for processes of this machine.
+    workers
+        Number of these processes, 1 for this process itself; None for as many as it may use processors.
+    devices
+        Indices of EGL devices, which these processes take in turn.
+    part
+        Part of the blocks that are done here, without any engine.
+
+    Raises
+    ------
+    InputError
+        A number is not positive, or what is asked for does not go together.
+    """
+
+    scheduler: str | None = None
+    workers: int | None = None
+    devices: tuple[int, ...] = ()
+    part: Part = field(default_factory=Part)
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers must be at least 1, not {self.workers}")
+        if self.scheduler is not None and self.workers is not None:
+            raise InputError("--scheduler has workers of its own: leave out --workers")
+        if not self.part.everything and (self.scheduler or (self.workers or 1) > 1):
+            raise InputError("--part is done by one process: leave out --scheduler and --workers")
+
+    def process_count(self, blocks: int) -> int:
+        """Return how many processes of this machine do so many blocks."""
+        if not self.part.everything:
+            return 1
+        return max(1, min(_processors() if self.workers is None else self.workers, blocks))
+
+
+class Team(Protocol):
+    """Who does blocks: the workers of a cluster, or this process."""
+
+    @property
+    def workers(self) -> int:
+        """Number of processes that do blocks."""
+
+    def finished(self, job: Job, numbers: Iterator[int]) -> Iterator[int]:
+        """Have blocks done, and yield each as its turn has come to an end."""
+
+    def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
+        """Return what a session of the job answers to a question."""
+
+
+class _Alone:
+    """The process itself, which does one block after the other."""
+
+    workers = 1
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+
+    def finished(self, job: Job, numbers: Iterator[int]) -> Iterator[int]:
+        for number in numbers:
+            self._desk.do(job, number)
+            yield number
+
+    def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
+        return question(self._desk.session(job), *arguments)
+
+
+@contextmanager
+def open_team(
+    engine: Engine, blocks: int, scene: Scene, told: Callable[[str], object] = lambda line: None
+) -> Iterator[Team]:
+    """Provide who does the blocks, until the end of a `with` block.
+
+    Parameters
+    ----------
+    engine
+        Where blocks are done.
+    blocks
+        Number of blocks to be done at first, which bounds the number of processes.
+    scene
+        Scene of the jobs, for this process.
+    told
+        Called with the address of the dashboard, in words.
+
+    Raises
+    ------
+    InputError
+        No scheduler answers.
+    """
+    processes = engine.process_count(blocks)
+    if engine.scheduler is None and processes == 1:
+        with Desk(scene) as desk:
+            yield _Alone(desk)
+        return
+    # Dask takes a second to load, which no other command may pay for.
+    from xfrustum.reports.cluster.cluster import foreign_cluster, machine_cluster  # noqa: PLC0415
+
+    if engine.scheduler is not None:
+        cluster = foreign_cluster(engine.scheduler)
+    else:
+        cluster = machine_cluster(processes, max(1, _processors() // processes), engine.devices)
+    with cluster as workers:
+        told(f"dashboard: {workers.dashboard}")
+        yield workers
+
+
+def run_blocks(
+    job: Job, numbers: Iterable[int], team: Team, hogels: int, what: str, *, progress: bool = False
+) -> None:
+    """Have all blocks done that are not finished, and wait for those that somebody else is making.
+
+    Parameters
+    ----------
+    job, numbers
+        Job, and numbers of its blocks.
+    team
+        Who does them.
+    hogels
+        Number of hogels of these blocks, for the bar.
+    what
+        Name of the work, for the bar.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        See `Job.open`, and `Team`.
+    """
+    with progress_bar(hogels, what, "hogel", shown=progress) as bar:
+
+        def count(number: int) -> None:
+            bar.update(len(job.blocks.apertures(number)) if progress else 1)
+
+        def unfinished(some: Iterable[int]) -> Iterator[int]:
+            for number in some:
+                if job.finished(number):
+                    count(number)
+                else:
+                    yield number
+
+        waiting: Iterable[int] = numbers
+        while True:
+            elsewhere = []
+            for number in team.finished(job, unfinished(waiting)):
+                if job.finished(number):
+                    count(number)
+                else:
+                    elsewhere.append(number)
+            if not elsewhere:
+                return
+            waiting = _free(job, elsewhere)
+
+
+def _free(job: Job, elsewhere: list[int]) -> list[int]:
+    """Wait until some blocks that others were making are finished, or given up; return these blocks all."""
+    while True:
+        with job.claims() as claims:
+            for number in elsewhere:
+                if job.finished(number):
+                    return elsewhere
+                if claims.take(number):
+                    claims.release(number)
+                    return elsewhere
+        time.sleep(ELSEWHERE_POLL_S)
+
+
+def _processors() -> int:
+    """Return the number of processors that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,174 @@
+"""Figures of a survey: maps over the plate, distributions, and error by depth of content."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import plotly.graph_objects as go
+from scipy.spatial import cKDTree
+
+from xfrustum.reports.common.figure_style import log_axis, look, style
+from xfrustum.reports.common.formatting import digits
+from xfrustum.reports.scouting.map import LABEL, MAP_PIXELS, MARK
+from xfrustum.reports.survey.answer import Survey
+from xfrustum.reports.survey.rows import depth_ends
+from xfrustum.reports.survey.tally import MAP_COLUMNS, P99, Tally
+from xfrustum.scenes.arrays import Floats
+
+MARKED_HOGELS = 3
+"""Number of the worst hogels that are marked on the map of displacement: more would cover it."""
+
+DISTRIBUTION_MARGIN = 3.0
+"""Factor by which the axis of displacement reaches beyond the smallest and the largest value."""
+
+
+def map_figures(found: Survey) -> list[go.Figure]:
+    """Draw each measure of the best setting that is not zero everywhere over the plate."""
+    tally = found.tallies[found.best]
+    figures = []
+    for name, values in tally.maps.items():
+        if np.nanmax(values, initial=0.0) > 0:
+            figure = _map(values, found.scene.plate.hogels, words_of(name), logarithmic=name == P99)
+            if name == P99:
+                _mark(figure, tally, found.scene.plate.hogels)
+            figures.append(figure)
+    return figures
+
+
+def words_of(column: str) -> str:
+    """Return a column in words: those of causes by their names."""
+    if column in MAP_COLUMNS:
+        return MAP_COLUMNS[column]
+    cause = column.removeprefix("cause_").removesuffix("_surface").replace("_", " ")
+    return f"wrong surfaces by {cause}, pixels"
+
+
+def distribution_figure(found: Survey) -> go.Figure:
+    """Draw the share of hogels that are displaced by more than each tolerance, a curve for each setting."""
+    figure = go.Figure()
+    ends: list[float] = []
+    for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
+        tolerances, shares = tally.share_beyond()
+        drawn = [place for place, share in enumerate(shares) if share > 0]
+        ends += [tolerances[place] for place in drawn if shares[place] < 1]
+        color, _ = look(number)
+        figure.add_scatter(
+            x=tolerances,
+            y=shares,
+            mode="lines",
+            line={"color": color, "shape": "hv"},
+            name="image" if settings is None else f"near {digits(settings.near)}",
+        )
+    figure.add_vline(x=found.tolerance_px, line={"color": MARK, "dash": "dot"})
+    style(figure)
+    low = min((*ends, found.tolerance_px)) / DISTRIBUTION_MARGIN
+    high = max((*ends, found.tolerance_px)) * DISTRIBUTION_MARGIN
+    figure.update_xaxes(
+        **log_axis([low, high]), range=[np.log10(low), np.log10(high)], title_text="displacement (p99), px"
+    )
+    figure.update_yaxes(title_text="share of judged hogels beyond", tickformat=".0%", rangemode="tozero")
+    figure.update_layout(height=380)
+    return figure
+
+
+def depth_figure(found: Survey) -> go.Figure | None:
+    """Draw displacement by depth of content, rms and largest; None where nothing was measured by depth."""
+    if not any(tally.depth_pixels.any() for tally in found.tallies):
+        return None
+    figure = go.Figure()
+    reach, ends = found.scene.frustum.longest_reach, depth_ends()
+    names = [f"{digits(low * reach)}-{digits(high * reach)}" for low, high in pairwise(ends)]
+    for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
+        color, marker = look(number)
+        label = "" if settings is None or len(found.settings) == 1 else f"near {digits(settings.near)}: "
+        shown = tally.depth_pixels > 0
+        for word, values, dash in (
+            ("rms", tally.depth_rms_px, "solid"),
+            ("largest", tally.depth_max_px, "dot"),
+        ):
+            figure.add_scatter(
+                x=names,
+                y=[
+                    float(value) if is_shown and value > 0 else None
+                    for value, is_shown in zip(values, shown, strict=True)
+                ],
+                mode="lines+markers",
+                marker={"symbol": marker},
+                line={"color": color, "dash": dash},
+                name=f"{label}{word}",
+            )
+    style(figure)
+    figure.update_xaxes(title_text=f"|z| of the content, {found.scene.units}", type="category")
+    figure.update_yaxes(type="log", dtick=1, exponentformat="power", title_text="displacement, px")
+    figure.update_layout(height=380)
+    return figure
+
+
+def _map(values: Floats, hogels: tuple[int, int], title: str, *, logarithmic: bool) -> go.Figure:
+    """Draw a number over the plate; cells without a judged hogel have the color of the nearest with one."""
+    filled = _filled(values)
+    shown = np.log10(np.where(filled > 0, filled, np.nan)) if logarithmic else filled
+    rows, columns = values.shape
+    figure = go.Figure()
+    figure.add_heatmap(
+        x=(np.arange(columns) + 0.5) * hogels[0] / columns - 0.5,
+        y=(np.arange(rows) + 0.5) * hogels[1] / rows - 0.5,
+        z=[[None if np.isnan(value) else float(value) for value in line] for line in shown],
+        customdata=filled,
+        hovertemplate="column %{x:.0f}, row %{y:.0f}: %{customdata:.3g}<extra></extra>",
+        colorscale="Viridis",
+        colorbar={"thickness": 12, "outlinewidth": 0, **(_powers(shown) if logarithmic else {})},
+    )
+    style(figure)
+    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
+    figure.update_layout(height=120 + round(MAP_PIXELS * min(max(hogels[1] / hogels[0], 0.3), 1.5)))
+    figure.update_xaxes(title_text="column", range=[-0.5, hogels[0] - 0.5], showgrid=False)
+    figure.update_yaxes(title_text="row", range=[hogels[1] - 0.5, -0.5], showgrid=False)
+    return figure
+
+
+def _filled(values: Floats) -> Floats:
+    """Return a map whose cells without a value have that of the nearest cell with one."""
+    known = np.argwhere(np.isfinite(values))
+    if not len(known) or len(known) == values.size:
+        return values
+    _, nearest = cKDTree(known).query(np.argwhere(np.ones_like(values)))
+    return np.asarray(values[tuple(known[nearest].T)]).reshape(values.shape)
+
+
+def _powers(logarithms: Floats) -> dict[str, Sequence[float] | Sequence[str]]:
+    """Return the labels of a color bar whose scale is logarithmic."""
+    known = logarithms[np.isfinite(logarithms)]
+    if not known.size:
+        return {}
+    ticks = np.linspace(known.min(), known.max(), 5)
+    return {"tickvals": ticks.tolist(), "ticktext": [digits(float(10**tick)) for tick in ticks]}
+
+
+def _mark(figure: go.Figure, tally: Tally, hogels: tuple[int, int]) -> None:
+    """Mark the worst hogels with their columns and rows."""
+    worst = tally.worst[:MARKED_HOGELS]
+    figure.add_scatter(
+        x=[one.aperture[0] for one in worst],
+        y=[one.aperture[1] for one in worst],
+        mode="markers",
+        marker={"symbol": "circle-open", "size": 14, "color": MARK, "line": {"width": 3}},
+        hoverinfo="skip",
+        showlegend=False,
+        cliponaxis=False,
+    )
+    for one in worst[:1]:
+        column, row = one.aperture
+        side = -1 if 2 * column > hogels[0] else 1
+        figure.add_annotation(
+            x=column,
+            y=row,
+            text=f"<b>{column},{row}</b>",
+            showarrow=False,
+            xanchor="left" if side > 0 else "right",
+            xshift=13 * side,
+            bgcolor="rgba(255, 255, 255, 0.85)",
+            font={"color": LABEL, "size": 12},
+        )

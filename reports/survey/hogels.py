@@ -1,0 +1,128 @@
+"""Surveys of our own rasterizer: each hogel drawn with every setting and judged by its truth."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from xfrustum.compare.judging.judge import Judge
+from xfrustum.compare.metrics.comparison import Comparison
+from xfrustum.reports.cluster.blocks import Blocks
+from xfrustum.reports.cluster.claims import Claims
+from xfrustum.reports.cluster.job import Job, Session
+from xfrustum.reports.cluster.parts import Parts
+from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.reports.common.records import table_of
+from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
+from xfrustum.reports.survey.rows import DrawnRow
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+MAX_PICTURE_PX = 512
+"""Longest side of a picture on the page; larger images are reduced."""
+
+Pictures = dict[str, str]
+"""Data URLs of the pictures of one hogel, by what they show."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HogelsJob(Job):
+    """A survey of what our rasterizer draws.
+
+    Attributes
+    ----------
+    ticket
+        The scene.
+    settings
+        Settings that every hogel is drawn with.
+    tracer
+        Tracer that gives the truth a second opinion.
+    tolerance_px
+        Displacement beyond which a hogel is counted.
+    blocks
+        Blocks of the hogels that are judged.
+    parts
+        Folder of the rows.
+    """
+
+    ticket: SceneTicket
+    settings: tuple[DoubleFrustum, ...]
+    tracer: str
+    tolerance_px: float
+    blocks: Blocks
+    parts: Parts
+
+    @property
+    def name(self) -> str:
+        """Word by which the dashboard groups its tasks."""
+        return "survey"
+
+    @property
+    def row_kind(self) -> type:
+        """Dataclass of the rows."""
+        return DrawnRow
+
+    def finished(self, number: int) -> bool:
+        """Return whether a block has its part."""
+        return self.parts.finished(number)
+
+    def claims(self) -> Claims:
+        """Return the claims of the folder of parts."""
+        return self.parts.claims()
+
+    @contextmanager
+    def open(self, scene: Scene | None = None) -> Iterator[HogelsSession]:
+        """Open the scene and its renderers."""
+        with Judge(self.ticket.open() if scene is None else scene, self.tracer) as judge:
+            yield HogelsSession(self, judge)
+
+
+class HogelsSession(Session):
+    """A judge of one scene, for the blocks of one survey."""
+
+    def __init__(self, job: HogelsJob, judge: Judge) -> None:
+        self._job, self._judge = job, judge
+
+    def make(self, number: int) -> None:
+        """Judge the hogels of a block, and write their rows."""
+        job, reach = self._job, self._judge.scene.frustum.longest_reach
+        hogels = self._judge.stream(job.blocks.apertures(number), job.settings, images=True, causes=True)
+        rows = [
+            DrawnRow.of(hogel.aperture, setting, drawing, reach, job.tolerance_px)
+            for hogel in hogels
+            for setting, drawing in enumerate(hogel.drawings)
+        ]
+        job.parts.write(number, table_of(DrawnRow, rows))
+
+    def pictures(self, column: int, row: int, setting: int) -> Pictures:
+        """Return truth, drawing and errors of one hogel, as data URLs."""
+        aperture = self._judge.scene.plate.aperture(column, row)
+        settings = (self._job.settings[setting],)
+        (hogel,) = self._judge.stream([aperture], settings, images=True)
+        (drawing,) = hogel.drawings
+        comparison = drawing.comparison
+        assert hogel.truth is not None and drawing.image is not None and isinstance(comparison, Comparison)
+        reduction = -(-max(self._judge.scene.frustum.resolution) // MAX_PICTURE_PX)
+        wrong = comparison.maps.surface
+        assert wrong is not None, "a judge has the scene at hand"
+        encoded = {
+            "truth": picture(hogel.truth, reduction),
+            "drawing": picture(drawing.image, reduction),
+            "displacement": displacement_map(comparison.maps.displacement, reduction),
+            "wrong surfaces": mask(wrong, SURFACE_COLOR, reduction),
+        }
+        return {name: data_url(content) for name, content in encoded.items()}
+
+
+def worst_pictures(session: Any, column: int, row: int, setting: int) -> Pictures:
+    """Return the pictures of one hogel; the question that a team of workers is asked."""
+    found: Pictures = session.pictures(column, row, setting)
+    return found
+
+
+def data_url(content: bytes) -> str:
+    """Return an encoded picture as an address that a page holds within itself."""
+    return f"data:{media_type(content)};base64,{base64.b64encode(content).decode()}"

@@ -1,0 +1,69 @@
+"""What a survey leaves behind: the page and survey.json, beside the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from xfrustum.reports.common.formatting import digits, percent
+from xfrustum.reports.common.json_ready import write_json
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.provenance import versions
+from xfrustum.reports.common.raster_command import raster_command
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.survey.answer import Survey, percent_up
+from xfrustum.reports.survey.figures import depth_figure, distribution_figure, map_figures
+from xfrustum.reports.survey.hogels import Pictures
+from xfrustum.reports.survey.tally import WorstHogel
+
+FILES = PAGE, DATA = "index.html", "survey.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pictured:
+    """One of the worst hogels with its pictures, data URLs by what they show; none where it is missing."""
+
+    worst: WorstHogel
+    pictures: Pictures
+
+
+def write_survey(found: Survey, pictured: Sequence[Pictured], out: Path) -> tuple[Path, ...]:
+    """Write the page and the JSON object, all or nothing.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    with Staging(out, FILES) as staging:
+        (staging.folder / PAGE).write_text(render_page(found, pictured), encoding="utf-8")
+        write_json(staging.folder / DATA, found.record)
+        return staging.commit()
+
+
+def render_page(found: Survey, pictured: Sequence[Pictured]) -> str:
+    """Return one HTML document that needs nothing else; of the same rows, always the same."""
+    scene = found.scene
+    depth = depth_figure(found)
+    maps = map_figures(found)
+    places = {f"map-{number}": figure for number, figure in enumerate(maps)}
+    figures = {**places, "distribution": distribution_figure(found)}
+    if depth is not None:
+        figures["depth"] = depth
+    settings = found.settings[found.best]
+    worst = pictured[0].worst.aperture if pictured else None
+    command = None
+    if settings is not None and worst is not None:
+        command = raster_command(scene, scene.plate.aperture(*worst), settings)
+    values = {
+        "found": found,
+        "record": found.record,
+        "pictured": pictured,
+        "maps": list(places),
+        "figures": figures,
+        "command": command,
+        "versions": versions(),
+    }
+    filters = {"percent": percent, "percent_up": percent_up, "digits": digits}
+    return html_page("survey.html.j2", filters, values)

@@ -1,0 +1,212 @@
+"""Rows of a survey, one for each hogel and setting, and bins of depth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from xfrustum.compare.attribution.budget import CauseNumbers
+from xfrustum.compare.judging.judge import JudgedDrawing
+from xfrustum.compare.judging.judged import ColorFigures, MeasuredBy, SurfaceFigures
+from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
+from xfrustum.compare.metrics.displacement import Spread, lengths
+from xfrustum.reports.common.records import named_columns
+from xfrustum.reports.verification.verdict import Hogel
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.tolerances import MAX_WRONG
+
+DEPTH_DECADES, BINS_PER_DECADE = 4, 2
+"""Decades of |z| below the reach that bins of depth tell apart, and bins of each: displacement goes as n/|z|,
+so that from bin to bin it changes by a factor of about three."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthBins:
+    """Displacement by depth of content: for each bin of |z|, over all pixels that show a surface there.
+
+    Bins are half decades of |z| over the reach; the first one goes down to the plate.
+
+    Attributes
+    ----------
+    pixels
+        Number of pixels.
+    squares_px2
+        Sum of the squared displacements.
+    max_px
+        Largest displacement; 0 where there is no pixel.
+    """
+
+    pixels: tuple[int, ...]
+    squares_px2: tuple[float, ...]
+    max_px: tuple[float, ...]
+
+    @classmethod
+    def of(cls, drawn: HogelImage, displacement: Floats, reach: float) -> DepthBins:
+        """Sort the pixels of a drawing by the height of what they show.
+
+        Parameters
+        ----------
+        drawn
+            The drawing.
+        displacement
+            (H, W, 2) its displacement in pixels, NaN where it shows no surface off the plate.
+        reach
+            Longest reach, scene units.
+        """
+        moved = lengths(displacement)
+        shown = np.isfinite(moved)
+        moved, depth = moved[shown], np.abs(drawn.height[shown].astype(np.float64))
+        ends = depth_ends()
+        place = np.searchsorted(np.array(ends[1:-1]) * reach, depth, side="right")
+        bins = len(ends) - 1
+        largest = np.zeros(bins)
+        np.maximum.at(largest, place, moved)
+        return cls(
+            pixels=tuple(np.bincount(place, minlength=bins).tolist()),
+            squares_px2=tuple(np.bincount(place, weights=moved**2, minlength=bins).tolist()),
+            max_px=tuple(largest.tolist()),
+        )
+
+
+def depth_ends() -> tuple[float, ...]:
+    """Return the ends of the bins of depth, as fractions of the reach, from 0 to 1."""
+    count = DEPTH_DECADES * BINS_PER_DECADE
+    return (0.0, *(10 ** (-place / BINS_PER_DECADE) for place in range(count, 0, -1)), 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnRow:
+    """One hogel that our rasterizer drew with one setting.
+
+    Attributes
+    ----------
+    column, row
+        Place of the hogel on the plate.
+    setting
+        Number of the setting, from 0.
+    beyond
+        Whether 1 % of its points or more are displaced by more than the tolerance; or nothing that could be
+        is, although more than `MAX_WRONG` of its pixels show the wrong surface.
+    settings, comparison, causes, unexplained
+        What `report` measures.
+    depth
+        Displacement by depth of content.
+    """
+
+    column: int
+    row: int
+    setting: int
+    beyond: bool
+    settings: DoubleFrustum = field(metadata=named_columns("{}"))
+    comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
+    causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
+    unexplained: int
+    depth: DepthBins
+
+    @classmethod
+    def of(
+        cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, reach: float, tolerance_px: float
+    ) -> DrawnRow:
+        """Return the row of a drawing that was judged with images and causes."""
+        comparison, drawn = drawing.comparison, drawing.image
+        assert isinstance(comparison, Comparison) and drawn is not None
+        assert drawing.causes is not None and drawing.unexplained is not None
+        return cls(
+            column=aperture.column,
+            row=aperture.row,
+            setting=setting,
+            beyond=beyond_tolerance(comparison, tolerance_px),
+            settings=drawing.settings,
+            comparison=comparison.numbers,
+            causes={cause.name: cause.numbers for cause in drawing.causes},
+            unexplained=drawing.unexplained,
+            depth=DepthBins.of(drawn, comparison.maps.displacement, reach),
+        )
+
+
+def beyond_tolerance(comparison: ComparisonNumbers, tolerance_px: float) -> bool:
+    """Return whether a drawing is beyond a tolerance of displacement; see `DrawnRow`."""
+    if comparison.displacement_px is not None:
+        return comparison.displacement_px.p99 > tolerance_px
+    return comparison.surface is not None and comparison.surface.fraction > MAX_WRONG
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoundingCauses:
+    """Number of wrong pixels by the kind of rounding that can have made them wrong."""
+
+    edge: int
+    order: int
+    lost: int
+    unexplained: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForeignNumbers:
+    """The numbers of one image, as `verify` finds them; see `HogelNumbers`."""
+
+    shown: int
+    by: str
+    wrong: int
+    fraction: float
+    surface: SurfaceFigures | None
+    invalid: int
+    displacement_px: Spread | None
+    displacement_by: MeasuredBy
+    radiance: ColorFigures | None
+    causes: RoundingCauses | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForeignRow:
+    """One hogel of another renderer, judged as `verify` does.
+
+    Attributes
+    ----------
+    column, row, setting
+        As in `DrawnRow`; there is one setting.
+    beyond
+        Whether it is missing or exceeds a limit.
+    verdict, problem
+        The verdict in a word, and the reason where the hogel is missing.
+    as_found, corrected
+        Numbers of the image as found, and corrected for the diagnosis.
+    """
+
+    column: int
+    row: int
+    setting: int = 0
+    beyond: bool
+    verdict: str
+    problem: str | None
+    as_found: ForeignNumbers | None = field(metadata=named_columns("{}"))
+    corrected: ForeignNumbers | None
+
+    @classmethod
+    def of(cls, hogel: Hogel) -> ForeignRow:
+        """Return the row of a hogel that was verified."""
+        found, corrected = (
+            None
+            if numbers is None
+            else ForeignNumbers(
+                **{
+                    **vars(numbers),
+                    "causes": None if numbers.causes is None else RoundingCauses(**numbers.causes),
+                }
+            )
+            for numbers in (hogel.as_found, hogel.corrected)
+        )
+        return cls(
+            column=hogel.aperture.column,
+            row=hogel.aperture.row,
+            beyond=not hogel.passed,
+            verdict=hogel.verdict,
+            problem=hogel.problem,
+            as_found=found,
+            corrected=corrected,
+        )

@@ -1,0 +1,192 @@
+"""`survey`: hogels judged all over a plate."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xfrustum.cli import options
+from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
+from xfrustum.cli.commands.verify import Conventions, Share
+from xfrustum.cli.streams import say
+
+if TYPE_CHECKING:
+    from xfrustum.reports.cluster.run import Engine
+    from xfrustum.reports.survey.foreign import ForeignPlate
+    from xfrustum.reports.survey.survey import Chosen
+    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+
+class PartOf(click.ParamType[tuple[int, int]]):
+    """A part as K/N."""
+
+    name = "K/N"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return the number of the part and that of all parts."""
+        match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not a part such as 3/8", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+class Resolution(click.ParamType[tuple[int, int]]):
+    """Width and height separated by a comma."""
+
+    name = "W,H"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return both."""
+        sizes = options.Sizes().convert(value, param, ctx)
+        if len(sizes) != 2:
+            self.fail(f"{value!r} is not a width and a height such as 128,128", param, ctx)
+        return sizes[0], sizes[1]
+
+
+class Devices(click.ParamType[tuple[int, ...]]):
+    """Indices of devices separated by commas."""
+
+    name = "I,I,.."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Return the indices in the order given."""
+        if not re.fullmatch(r"\d{1,4}(,\d{1,4})*", str(value)):
+            self.fail(f"{value!r} is not a list of indices such as 0,1", param, ctx)
+        return tuple(int(part) for part in str(value).split(","))
+
+
+@click.command()
+@options.scene_argument
+@options.several_double_frusta_options
+@click.option("--all", "everything", is_flag=True, help="Judge every hogel: facts, not bounds.")
+@click.option("--sample", type=click.IntRange(1), help="Hogels drawn at random.  [default: 300]")
+@click.option(
+    "--until",
+    type=Share(),
+    help="Go on until at most this share, such as 1%, is beyond (95 %), or cannot be.",
+)
+@options.tolerance_option
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Start of the random numbers."
+)
+@options.tracer_option
+@click.option("--resolution", type=Resolution(), help="Pixels of each hogel.  [default: the scene's]")
+@click.option("--images", help="Judge another renderer's files instead, as verify does: 'DIR/{i}x{j}.png'.")
+@click.option(
+    "--encoding",
+    type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
+    help="What pixels of --images hold; not for OpenEXR.  [default: rgb]",
+)
+@click.option("--accept", type=Conventions(), help="Conventions of --images that are no faults; see verify.")
+@click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786.")
+@click.option("--workers", type=click.IntRange(1), help="Processes of this machine.  [default: processors]")
+@click.option("--devices", type=Devices(), help="EGL devices by index, which these processes take in turn.")
+@click.option("--part", type=PartOf(), help="Judge one of N parts, without Dask: for job arrays.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder.")
+@options.quiet_option
+@options.json_option
+def survey(
+    *,
+    scene: str,
+    settings: tuple[DoubleFrustum, ...],
+    everything: bool,
+    sample: int | None,
+    until: float | None,
+    tolerance_px: float,
+    seed: int,
+    tracer: str,
+    resolution: tuple[int, int] | None,
+    images: str | None,
+    encoding: str | None,
+    accept: tuple[str, ...] | None,
+    scheduler: str | None,
+    workers: int | None,
+    devices: tuple[int, ...] | None,
+    part: tuple[int, int] | None,
+    out: Path,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Judge hogels all over a plate: which share is beyond a tolerance, where, and why.
+
+    Writes survey.parquet, one row for each hogel and setting, survey.json, and a page with maps. Stopped at
+    any moment and called again with the same --out, it goes on where it was; any number of processes may do
+    one survey at once. Exit status 1 if the share is above --until; without it, if --tolerance-px was given,
+    or --images, and any judged hogel is beyond.
+    """
+    from xfrustum.reports.survey.survey import survey as surveyed
+
+    opened = options.open_scene(scene)
+    if resolution is not None:
+        opened = replace(opened, frustum=replace(opened.frustum, resolution=resolution))
+    asked = _asked(settings, images, encoding, accept)
+    found = surveyed(
+        opened,
+        asked,
+        out,
+        _chosen(everything, sample, until, seed),
+        tolerance_px=tolerance_px,
+        tracer=tracer,
+        engine=_engine(scheduler, workers, devices, part),
+        told=lambda line: say(f"note: {line}"),
+        progress=not quiet,
+    )
+    options.warn_of(opened)
+    options.tell(as_json, found.summary, lambda: f"{found.table()}\n{out}")
+    limited = until is not None or images is not None or options.is_given("tolerance_px")
+    return LIMIT_EXCEEDED if limited and found.extent.complete and found.exceeded else 0
+
+
+def _asked(
+    settings: tuple[DoubleFrustum, ...],
+    images: str | None,
+    encoding: str | None,
+    accept: tuple[str, ...] | None,
+) -> tuple[DoubleFrustum, ...] | ForeignPlate:
+    """Return what is judged: settings of our own rasterizer, or another renderer's plate."""
+    from xfrustum.reports.survey.foreign import ForeignPlate
+    from xfrustum.scenes.files.foreign_images import Encoding
+
+    if images is None:
+        if encoding is not None or accept is not None:
+            raise click.UsageError("--encoding and --accept say how --images are read: give --images too")
+        if not settings:
+            raise click.UsageError("give --near or --nears, or the --images of another renderer")
+        return settings
+    if len(settings) > 1:
+        raise click.UsageError("--images were drawn with one near offset: give --near, or none")
+    return ForeignPlate(
+        pattern=images,
+        encoding=None if encoding is None else Encoding(encoding),
+        near=settings[0].near if settings else None,
+        accept=accept or (),
+    )
+
+
+def _chosen(everything: bool, sample: int | None, until: float | None, seed: int) -> Chosen:
+    """Return which hogels are judged."""
+    from xfrustum.reports.survey.survey import DEFAULT_SAMPLE, Chosen
+
+    if sum((everything, sample is not None, until is not None)) > 1:
+        raise click.UsageError("--all, --sample and --until exclude each other: give one of them")
+    return Chosen(sample=None if everything else sample or DEFAULT_SAMPLE, until=until, seed=seed)
+
+
+def _engine(
+    scheduler: str | None, workers: int | None, devices: tuple[int, ...] | None, part: tuple[int, int] | None
+) -> Engine:
+    """Return where hogels are judged."""
+    from xfrustum.reports.cluster.run import Engine, Part
+
+    parts = Part() if part is None else Part(number=part[0], count=part[1])
+    return Engine(scheduler=scheduler, workers=workers, devices=devices or (), part=parts)

@@ -1,0 +1,136 @@
+"""Samples that grow: what is in them, and whether their bounds hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from xfrustum.compare.scouting.sample import confidence_of_each, share_at_most
+from xfrustum.compare.scouting.strata import GrowingSample, clean_sample, risk_of_look, share_beyond
+from xfrustum.scenes import InputError, Plate
+
+SEEDS = 400
+"""Simulated surveys of each kind."""
+
+FAILURES = 0.05 + 3.1 * math.sqrt(0.05 * 0.95 / SEEDS)
+"""Share of them whose bounds may fail: a risk of 0.05 exceeds it in one test of 1000."""
+
+
+def plate(columns: int, rows: int) -> Plate:
+    return Plate(size=(80.0, 60.0), hogels=(columns, rows))
+
+
+PLATES = st.builds(plate, st.integers(1, 12), st.integers(1, 12))
+
+
+@given(PLATES, st.integers(1, 40), st.integers(0, 5))
+def test_each_sample_keeps_the_hogels_of_the_one_before_and_the_last_has_all(
+    plate: Plate, first: int, seed: int
+) -> None:
+    sample = GrowingSample(plate=plate, first=first, seed=seed)
+    before: set[int] = set()
+    for look in range(sample.looks):
+        places = sample.places(look).tolist()
+        assert before <= set(places)
+        assert len(places) == len(set(places)) == sample.size(look)
+        assert set(sample.new_places(look).tolist()) == set(places) - before
+        before = set(places)
+    assert before == set(range(math.prod(plate.hogels)))
+    assert {sample.aperture(place).index for place in before} == {a.index for a in plate.apertures()}
+
+
+@given(PLATES, st.integers(1, 40), st.integers(0, 3))
+def test_every_sample_has_one_hogel_of_each_of_as_many_runs(plate: Plate, first: int, look: int) -> None:
+    sample = GrowingSample(plate=plate, first=first)
+    look = min(look, sample.looks - 1)
+    runs, hogels = sample.first << look, sample.hogels
+    if runs <= hogels:
+        ends = np.arange(runs + 1) * hogels // runs
+        assert np.array_equal(np.searchsorted(ends, sample.places(look), side="right") - 1, np.arange(runs))
+
+
+def test_every_hogel_of_a_run_is_drawn_as_often_also_after_the_sample_has_grown() -> None:
+    drawn = np.zeros(21)
+    for seed in range(SEEDS):
+        drawn[GrowingSample(plate=plate(7, 3), first=3, seed=seed).places(1)] += 1
+    # Runs of 3 or 4 hogels after the first has been halved: each hogel 1/3 or 1/4 of the times.
+    ends = np.arange(7) * 21 // 6
+    expected = np.repeat(SEEDS / np.diff(ends), np.diff(ends))
+    assert np.abs(drawn - expected).max() < 5 * math.sqrt(SEEDS * 0.25)
+
+
+@pytest.mark.parametrize("spread", ["clustered", "scattered"])
+@pytest.mark.parametrize("beyond", [5, 60, 400])
+def test_the_bound_of_one_sample_holds_on_finite_plates(spread: str, beyond: int) -> None:
+    whole = plate(40, 25)
+    wrong = np.zeros(1000, dtype=bool)
+    wrong[np.random.default_rng(1).permutation(1000)[:beyond] if spread == "scattered" else slice(beyond)] = (
+        True
+    )
+    failed = 0
+    for seed in range(SEEDS):
+        places = GrowingSample(plate=whole, first=130, seed=seed).places(0)
+        failed += share_beyond(int(wrong[places].sum()), 130, 1000) < beyond / 1000
+    assert failed / SEEDS < FAILURES
+
+
+def test_the_bound_for_draws_with_replacement_is_conservative_for_draws_without() -> None:
+    # Hypergeometric against binomial: how often a bound fails, computed and not simulated.
+    for beyond in range(1, 100):
+        seen = np.arange(beyond + 1)
+        fails = [share_at_most(int(count), 40) < beyond / 100 for count in seen]
+        risk = float(stats.hypergeom(100, beyond, 40).pmf(seen)[fails].sum())
+        assert risk <= 0.05
+
+
+def test_bounds_hold_at_every_look_of_somebody_who_stops_as_soon_as_one_pleases() -> None:
+    wrong = np.zeros(1000, dtype=bool)
+    wrong[np.random.default_rng(2).permutation(1000)[:55]] = True
+    lies, first = 0, clean_sample(0.05, 1000, risk_of_look(0))
+    for seed in range(SEEDS):
+        sample = GrowingSample(plate=plate(40, 25), first=first, seed=seed)
+        for look in range(sample.looks):
+            places = sample.places(look)
+            bound = share_beyond(int(wrong[places].sum()), len(places), 1000, risk_of_look(look))
+            if bound <= 0.05:
+                lies += 1
+                break
+    assert lies / SEEDS < FAILURES
+
+
+def test_the_risks_of_all_looks_add_up_to_what_is_allowed() -> None:
+    assert sum(risk_of_look(look) for look in range(100_000)) == pytest.approx(0.05, rel=1e-4)
+    assert confidence_of_each(1) == 0.95
+    assert confidence_of_each(3) ** 3 == pytest.approx(0.95)
+
+
+def test_a_clean_sample_is_as_large_as_it_must_be_and_no_larger() -> None:
+    # 299 clean hogels bound a share of 1 % where the plate is so large that its runs are as good as equal.
+    assert clean_sample(0.01, 10_000_000, 0.05) == 299
+    for hogels in (100, 500, 4941):
+        size = clean_sample(0.02, hogels, 0.05)
+        assert share_beyond(0, size, hogels, 0.05) <= 0.02
+        assert size <= hogels
+    assert clean_sample(0.001, 100, 0.05) == 100
+
+
+@given(st.integers(1, 500), st.data())
+def test_bounds_lie_between_what_was_seen_and_what_is_possible(hogels: int, data: st.DataObject) -> None:
+    judged = data.draw(st.integers(1, hogels))
+    beyond = data.draw(st.integers(0, judged))
+    bound = share_beyond(beyond, judged, hogels)
+    assert beyond / hogels <= bound <= (hogels - judged + beyond) / hogels
+    if judged == hogels:
+        assert bound == beyond / hogels
+
+
+def test_strange_samples_are_refused() -> None:
+    with pytest.raises(InputError, match="at least one hogel"):
+        GrowingSample(plate=plate(2, 2), first=0)
+    with pytest.raises(InputError, match="from 0"):
+        GrowingSample(plate=plate(2, 2), first=1, seed=-1)

@@ -1,0 +1,167 @@
+"""Blocks done by this process: every hogel once, whoever else is at work and whatever happened before."""
+
+from __future__ import annotations
+
+import math
+import threading
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.scene_file import film, named, part
+from tests.support.toy_work import ToyJob, made, parts_of
+from xfrustum.compare.scouting.strata import GrowingSample
+from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
+from xfrustum.reports.cluster.parts import Parts
+from xfrustum.reports.cluster.run import Engine, Part, open_team, run_blocks
+from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.scenes import Frustum, InputError, Plate, open_scene
+
+SIDES = st.integers(1, 30)
+
+
+def all_done(job: ToyJob, engine: Engine | None = None) -> None:
+    engine = engine or Engine(workers=1)
+    with open_team(engine, len(job.numbers), open_scene("car")) as team:
+        run_blocks(job, engine.part.of(job.numbers), team, job.blocks.hogels(0), "toy")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    out = tmp_path_factory.mktemp("undisturbed")
+    all_done(ToyJob.at(out))
+    return parts_of(out)
+
+
+def frustum(side: int) -> Frustum:
+    return Frustum(resolution=(side, side), reach=(1.0, 1.0), fov=(1.0, 1.0))
+
+
+def indices(blocks: Blocks, look: int) -> list[tuple[int, int]]:
+    return [a.index for number in blocks.numbers(look) for a in blocks.apertures(number)]
+
+
+@given(SIDES, SIDES, st.integers(1, 100))
+def test_tiles_have_every_hogel_of_a_plate_once(columns: int, rows: int, hogels: int) -> None:
+    plate = Plate(size=(1.0, 1.0), hogels=(columns, rows))
+    tiles = Tiles.of(plate, hogels)
+    found = indices(tiles, 0)
+    assert sorted(found) == sorted(a.index for a in plate.apertures())
+    assert len(found) == tiles.hogels(0)
+    assert max(len(tiles.apertures(number)) for number in tiles.numbers(0)) <= hogels
+
+
+@given(SIDES, SIDES, st.integers(1, 50), st.integers(1, 20))
+def test_blocks_of_samples_have_every_hogel_that_a_look_adds_once(
+    columns: int, rows: int, first: int, size: int
+) -> None:
+    sample = GrowingSample(plate=Plate(size=(1.0, 1.0), hogels=(columns, rows)), first=first)
+    blocks = SampleBlocks(sample=sample, size=size, looks=sample.looks)
+    found: list[tuple[int, int]] = []
+    for look in range(sample.looks):
+        new = indices(blocks, look)
+        assert len(new) == blocks.hogels(look)
+        found += new
+    assert len(set(found)) == len(found) == math.prod(sample.plate.hogels)
+
+
+def test_blocks_of_ten_million_hogels_are_cut_without_being_listed() -> None:
+    tiles = Tiles.of(
+        Plate(size=(800.0, 600.0), hogels=(4000, 2500)), hogels_per_block(10**7, frustum(512), 1)
+    )
+    assert tiles.hogels(0) == 10**7
+    assert len(tiles.apertures(tiles.numbers(0)[-1])) > 0
+
+
+def test_blocks_depend_on_the_work_and_not_on_who_does_it() -> None:
+    sizes = (4941, 128, 1), (4941, 128, 5), (300, 128, 1), (10**6, 4096, 1)
+    found = [hogels_per_block(count, frustum(side), settings) for count, side, settings in sizes]
+    assert found == [51, 10, 19, 1]
+
+
+def test_what_is_finished_stays_and_the_rest_is_made(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+    job = ToyJob.at(tmp_path)
+    all_done(job)
+    for number in (1, 4):
+        job.parts.path(number).unlink()
+    job.parts.path(7).write_bytes(undisturbed["part-0000007.parquet"][:-1])
+    all_done(job)
+    assert parts_of(tmp_path) == undisturbed
+    assert [number for number, _ in made(tmp_path)] == [*job.numbers, 1, 4, 7]
+
+
+def test_parts_of_a_job_array_make_the_whole_between_them(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    job = ToyJob.at(tmp_path)
+    for number in (3, 1, 2):
+        all_done(job, Engine(part=Part(number=number, count=3)))
+    assert parts_of(tmp_path) == undisturbed
+    assert len(made(tmp_path)) == len(job.numbers)
+
+
+def test_a_block_that_somebody_else_is_making_is_waited_for(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    job = ToyJob.at(tmp_path)
+    with job.claims() as other:
+        assert other.take(3)
+        run = threading.Thread(target=all_done, args=(job,))
+        run.start()
+        run.join(0.5)
+        assert run.is_alive()
+        assert not job.finished(3)
+        other.release(3)
+        run.join(60)
+    assert not run.is_alive()
+    assert parts_of(tmp_path) == undisturbed
+    assert len(made(tmp_path)) == len(job.numbers)
+
+
+def test_two_who_do_the_same_work_at_once_do_nothing_twice(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    job = ToyJob.at(tmp_path, seconds=0.01)
+    runs = [threading.Thread(target=all_done, args=(job,)) for _ in range(2)]
+    for run in runs:
+        run.start()
+    for run in runs:
+        run.join()
+    assert parts_of(tmp_path) == undisturbed
+    assert sorted(number for number, _ in made(tmp_path)) == list(job.numbers)
+
+
+def test_a_folder_is_continued_with_the_same_work_alone(tmp_path: Path) -> None:
+    parts = Parts(out=tmp_path, name="toy")
+    parts.open({"scene": "a", "near": 1})
+    parts.open({"scene": "a", "near": 1})
+    with pytest.raises(InputError, match="begun with another near"):
+        parts.open({"scene": "a", "near": 2})
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(InputError, match="was not begun by this command"):
+        Parts(out=tmp_path, name="mine").open({})
+
+
+def test_a_scene_travels_by_path_and_another_one_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    text = named("s") + film((8, 6), (3, 3), (16, 16), (60, 60), (30, 30))
+    path.write_text(text + part("sphere", 5, (0, 0, -10)))
+    ticket = SceneTicket.of(open_scene(path))
+    assert ticket.open().content_hash == ticket.content
+    path.write_text(text + part("sphere", 5, (0, 0, -11)))
+    with pytest.raises(InputError, match="a worker finds another content than the command"):
+        ticket.open()
+
+
+def test_strange_wishes_are_refused() -> None:
+    for wish in (
+        lambda: Part(number=0, count=3),
+        lambda: Part(number=4, count=3),
+        lambda: Engine(workers=0),
+        lambda: Engine(scheduler="tcp://host:1", workers=2),
+        lambda: Engine(part=Part(number=1, count=2), workers=2),
+    ):
+        with pytest.raises(InputError):
+            wish()

@@ -1,0 +1,80 @@
+"""Surveys of the plates of other renderers say what `verify` says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from tests.support.scene_file import film, named, part
+from xfrustum import DoubleFrustum, Rasterizer, open_scene, verify, write_image
+from xfrustum.cli.main import main
+from xfrustum.reports.verification.verdict import Verification
+
+
+def rows_of(out: Path) -> list[dict[str, Any]]:
+    parts = sorted(out.glob("survey.parquet/part-*"))
+    rows: list[dict[str, Any]] = pa.concat_tables(pq.ParquetFile(path).read() for path in parts).to_pylist()
+    return rows
+
+
+def survey_of(scene: Path, pattern: Path, out: Path, *more: str) -> int:
+    words = ["survey", str(scene), "--images", str(pattern), "--all", "--out", str(out), "--quiet", *more]
+    return main([*words, "--workers", "1"])
+
+
+def agree(rows: list[dict[str, Any]], verified: Verification) -> None:
+    """Compare the rows of a survey with the hogels of a verification, number by number."""
+    by_place = {(row["column"], row["row"]): row for row in rows}
+    assert len(by_place) == len(rows) == len(verified.hogels)
+    for hogel in verified.hogels:
+        row = by_place[hogel.aperture.index]
+        assert (row["verdict"], row["beyond"]) == (hogel.verdict, not hogel.passed)
+        found = hogel.as_found
+        if found is None:
+            assert (row["problem"], row["wrong"]) == (hogel.problem, None)
+            continue
+        assert (row["shown"], row["wrong"], row["by"]) == (found.shown, found.wrong, found.by)
+        assert row["surface_wrong"] == (found.surface.wrong if found.surface else None)
+        assert row["displacement_px_p99"] == (found.displacement_px.p99 if found.displacement_px else None)
+        assert hogel.corrected is not None
+        assert row["corrected_wrong"] == hogel.corrected.wrong
+
+
+def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
+    path = tmp_path / "boxes.toml"
+    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
+    path.write_text(named("boxes") + film((40, 32), (4, 3), (24, 24), (60, 60), (60, 60)) + objects)
+    scene = open_scene(path)
+    pattern = tmp_path / "{i}x{j}.exr"
+    with Rasterizer(scene) as rasterizer:
+        for aperture in scene.plate.apertures():
+            if aperture.index != (2, 1):
+                image = rasterizer.render(aperture, DoubleFrustum(near=0.5))
+                write_image(Path(str(pattern).format(i=aperture.column, j=aperture.row)), image)
+    out = tmp_path / "survey"
+    assert survey_of(path, pattern, out) == 1
+    verified = verify(scene, str(pattern))
+    rows = rows_of(out)
+    agree(rows, verified)
+    said = json.loads((out / "survey.json").read_text())
+    assert said["beyond"] == sum(not hogel.passed for hogel in verified.hogels) > 1
+    # A hogel that is missing is worse than any that is wrong.
+    assert said["worst"] == {"aperture": [2, 1], "displacement_p99_px": None, "surface_fraction": 0.0}
+    assert "This hogel is missing" in (out / "index.html").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", ["DF-0.1", "BT-0.001"])
+def test_surveys_of_the_plates_beside_the_checkout_say_what_verify_says(
+    folder: str, tmp_path: Path, shared_data: Path
+) -> None:
+    foreign = shared_data / "data" / "foreign"
+    pattern = foreign / folder / "Hogel_{i}x{j}.png"
+    survey_of(foreign / "scene.toml", pattern, tmp_path / "s", "--encoding", "triangle-id")
+    verified = verify(open_scene(foreign / "scene.toml"), str(pattern), encoding="triangle-id")
+    agree(rows_of(tmp_path / "s"), verified)

@@ -1,0 +1,205 @@
+"""Surveys of small plates: what their rows, their answer and their page say."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from tests.support.scene_file import film, named, part
+from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
+from xfrustum.cli.main import main
+from xfrustum.reports.cluster.run import Engine
+from xfrustum.reports.survey.survey import Chosen, survey
+from xfrustum.scenes import Scene
+
+NEAR = 0.8
+
+
+@pytest.fixture(scope="module")
+def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two boxes, one on each side of a plate of 5 by 4 hogels."""
+    path = tmp_path_factory.mktemp("scene") / "boxes.toml"
+    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
+    path.write_text(named("boxes", "mm") + film((40, 32), (5, 4), (24, 24), (60, 60), (60, 60)) + objects)
+    return path
+
+
+@pytest.fixture(scope="module")
+def scene(scene_path: Path) -> Scene:
+    return open_scene(scene_path)
+
+
+def surveyed(scene_path: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
+    """Run the command in this process and return its JSON object, with its exit status."""
+    words = ["survey", str(scene_path), "--workers", "1", "--out", str(out), "--quiet", "--json", *more]
+    status = main(words)
+    printed = capsys.readouterr()
+    return {"status": status, **json.loads(printed.out or "{}"), "errors": printed.err}
+
+
+@pytest.fixture(scope="module")
+def whole(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("whole") / "survey"
+    assert main(["survey", str(scene_path), "--near", str(NEAR), "--all", "--workers", "1", "--quiet",
+                 "--out", str(out)]) == 0  # fmt: skip
+    return out
+
+
+def rows_of(out: Path) -> pa.Table:
+    return pa.concat_tables(pq.ParquetFile(path).read() for path in sorted(out.glob("survey.parquet/part-*")))
+
+
+def parts_of(out: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in out.glob("survey.parquet/part-*")}
+
+
+def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: Path, scene: Scene) -> None:
+    rows = rows_of(whole)
+    assert sorted(zip(rows["column"].to_pylist(), rows["row"].to_pylist(), strict=True)) == sorted(
+        aperture.index for aperture in scene.plate.apertures()
+    )
+    said = json.loads((whole / "survey.json").read_text())
+    beyond = np.array(rows["displacement_px_p99"].to_pylist(), dtype=float) > 0.5
+    assert (said["hogels"], said["judged"], said["beyond"]) == (20, 20, int(beyond.sum()))
+    assert 0 < said["beyond"] < 20
+    assert (said["share_beyond_at_most"], said["confidence"]) == (said["beyond"] / 20, 1.0)
+    worst = int(np.nanargmax(np.array(rows["displacement_px_p99"].to_pylist(), dtype=float)))
+    assert said["worst"]["aperture"] == [rows["column"][worst].as_py(), rows["row"][worst].as_py()]
+    assert said["sentence"].startswith(f"{said['beyond']} of the 20 hogels (")
+    assert [one["settings"]["near"] for one in said["settings"]] == [NEAR]
+
+
+def test_a_row_has_the_numbers_and_the_causes_of_its_hogel(whole: Path, scene: Scene) -> None:
+    rows, settings = rows_of(whole).to_pylist(), DoubleFrustum(near=NEAR)
+    worst = max(rows, key=lambda row: row["displacement_px_p99"] or 0.0)
+    aperture = scene.plate.aperture(worst["column"], worst["row"])
+    reference = Reference(scene)
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.render(aperture, settings)
+    compared = compare_images(reference.trace(aperture), drawn, reference, radiance=False)
+    assert compared.surface and compared.displacement_px
+    assert worst["surface_wrong"] == compared.surface.wrong > 0
+    assert worst["displacement_px_p99"] == compared.displacement_px.p99
+    links = budget(scene, settings, aperture).geometry.causes
+    for link in links:
+        assert worst[f"cause_{link.name.replace(' ', '_')}_surface"] == link.surface
+    assert sum(link.surface for link in links) == worst["surface_wrong"]
+
+
+def test_displacement_by_depth_adds_up_to_the_displacement_of_the_hogel(whole: Path) -> None:
+    for row in rows_of(whole).to_pylist():
+        pixels = sum(row["depth_pixels"])
+        if pixels:
+            rms = np.sqrt(sum(row["depth_squares_px2"]) / pixels)
+            assert rms == pytest.approx(row["displacement_px_rms"])
+            assert max(row["depth_max_px"]) == pytest.approx(row["displacement_px_max"])
+
+
+def test_the_page_has_maps_and_the_pictures_of_the_worst_hogels(whole: Path) -> None:
+    page = (whole / "index.html").read_text()
+    said = json.loads((whole / "survey.json").read_text())
+    assert said["sentence"][1:] in page
+    assert 'id="map-0"' in page and 'id="distribution"' in page and 'id="depth"' in page
+    assert page.count("<details>") == 6
+    assert page.count("data:image/") >= 4 * 6
+
+
+def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
+    whole: Path, scene: Scene, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(whole, tmp_path / "survey"))
+    before = {path: path.stat().st_mtime_ns for path in out.glob("survey.parquet/part-*")}
+    gone = sorted(before)[3]
+    gone.unlink()
+    (out / "index.html").unlink()
+    survey(scene, DoubleFrustum(near=NEAR), out, Chosen(sample=None), engine=Engine(workers=1))
+    assert parts_of(out) == parts_of(whole)
+    assert {p for p, time in before.items() if p.stat().st_mtime_ns != time} == {gone}
+    assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
+    with pytest.raises(InputError, match="begun with another settings"):
+        survey(scene, DoubleFrustum(near=0.5), out, Chosen(sample=None), engine=Engine(workers=1))
+
+
+def test_parts_of_a_job_array_make_the_survey_between_them(
+    scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, words = tmp_path / "survey", ("--near", str(NEAR), "--all")
+    first = surveyed(scene_path, out, capsys, *words, "--part", "2/2")
+    assert (first["complete"], first["share_beyond_at_most"]) == (False, None)
+    assert not (out / "index.html").exists()
+    second = surveyed(scene_path, out, capsys, *words, "--part", "1/2")
+    assert (second["complete"], second["judged"]) == (True, 20)
+    assert parts_of(out) == parts_of(whole)
+    assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
+
+
+def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
+    scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    facts = json.loads((whole / "survey.json").read_text())
+    said = surveyed(
+        scene_path, tmp_path / "s", capsys, "--nears", f"{NEAR},0.001", "--sample", "9", "--seed", "4"
+    )
+    assert (said["status"], said["judged"], said["confidence"], said["seed"]) == (0, 9, 0.95, 4)
+    coarse, fine = said["settings"]
+    assert facts["beyond"] / 20 <= coarse["share_beyond_at_most"]
+    # The best setting is told.
+    assert fine["beyond"] == 0 == said["beyond"]
+    assert said["share_beyond_at_most"] == fine["share_beyond_at_most"] < coarse["share_beyond_at_most"]
+    # Sidak: with two settings each bound is wider than with one.
+    assert fine["share_beyond_at_most"] > 1.0 - 0.05 ** (1 / 9)
+
+
+def test_until_stops_at_the_bound_or_where_it_cannot_be_reached(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = surveyed(scene_path, tmp_path / "good", capsys, "--near", "0.001", "--until", "40%")
+    assert good["status"] == 0 and good["share_beyond_at_most"] <= 0.4 and good["judged"] < 20
+    bad = surveyed(scene_path, tmp_path / "bad", capsys, "--near", str(NEAR), "--until", "40%")
+    assert bad["status"] == 1 and bad["share_beyond_at_most"] > 0.4
+
+
+def test_a_stated_tolerance_that_is_exceeded_is_a_no(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--near", str(NEAR), "--sample", "3")
+    assert surveyed(scene_path, tmp_path / "a", capsys, *words, "--tolerance-px", "0.01")["status"] == 1
+    assert surveyed(scene_path, tmp_path / "b", capsys, *words, "--tolerance-px", "50")["status"] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--sample", "3"), "give --near or --nears"),
+        (("--near", "1", "--nears", "1,2"), "give one of them"),
+        (("--near", "1", "--all", "--sample", "3"), "exclude each other"),
+        (("--near", "1", "--until", "1%", "--part", "1/2"), "use --all or --sample"),
+        (("--near", "1", "--encoding", "srgb"), "give --images too"),
+        (("--near", "99"), "near 99.0 must be smaller than the reach"),
+        (("--images", "nothing/{i}x{j}.png"), "none of its files exists"),
+        (("--near", "1", "--part", "3/2"), "parts run from 1/2"),
+    ],
+)
+def test_strange_wishes_are_refused_in_one_line_and_leave_nothing(
+    words: tuple[str, ...], told: str, scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "survey"
+    status = main(["survey", str(scene_path), *words, "--workers", "1", "--quiet", "--out", str(out)])
+    line = capsys.readouterr().err
+    assert status == 2 and told in line and line.count("\n") == 1
+    assert not out.exists()
+
+
+def test_no_survey_of_one_process_loads_dask() -> None:
+    words = "import sys, xfrustum.cli.main, xfrustum.reports.survey.survey; print('dask' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
