@@ -1,0 +1,175 @@
+"""What hides a surface point is decided as rational arithmetic decides it, on both paths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.brute_force import exact_s
+from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
+from tests.support.views import soup, view
+from xfrustum.reference import Reference, SurfacePoints
+from xfrustum.reference.certify.processors import compiled
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum
+from xfrustum.reference.sight.boxes import cell_boxes
+from xfrustum.reference.sight.distance import distance_to_triangles
+from xfrustum.reference.sight.sight import Sight
+from xfrustum.reference.sight.walk_numpy import NumpySearch
+from xfrustum.scenes import Scene
+from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+PATHS = ("numpy", "dr.jit")
+
+
+def sight_on(path: str, scene: Scene) -> Sight:
+    """Return what finds hidden points on one of the two paths; skip what is not here."""
+    found = Sight(scene)
+    if path == "numpy":
+        found.__dict__["_search"] = NumpySearch(scene.triangles)
+    elif not compiled():
+        pytest.skip("needs LLVM for Dr.Jit")
+    return found
+
+
+def hidden_by_definition(scene: Scene, pencil: Pencil, points: SurfacePoints) -> list[bool]:
+    """Test every triangle against every point's own line, in rational numbers."""
+    center = np.array(pencil.center)
+    found = []
+    for position, own, tolerance in zip(points.position, points.triangle, points.tolerance, strict=True):
+        s = center[2] - position[2]
+        slopes = (position[:2] - center[:2]) / s
+        line = np.array([*slopes, -1.0])
+        end = s - tolerance / (2 * np.sqrt(slopes[0] * slopes[0] + slopes[1] * slopes[1] + 1.0))
+        hides = False
+        for number, corners in enumerate(scene.triangles):
+            met = exact_s(corners, center, line)
+            if number == own or met is None or not Fraction(pencil.s_range[0]) <= met < Fraction(end):
+                continue
+            hides |= bool(distance_to_triangles(position[None], corners[None])[0] > tolerance)
+        found.append(hides)
+    return found
+
+
+@st.composite
+def points_of(draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[float]) -> SurfacePoints:
+    """Return points anywhere, and points on triangles, most of which know their triangle; none in the plate."""
+    number = draw(st.lists(st.integers(0, len(corners) - 1), min_size=1, max_size=6))
+    shares = [
+        draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)])) for _ in number
+    ]
+    on = [np.array(share) @ corners[one] for share, one in zip(shares, number, strict=True)]
+    anywhere = draw(st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=1, max_size=6))
+    position = np.array([*on, *anywhere], dtype=np.float64)
+    position[position[:, 2] == 0, 2] = 1.0
+    named = np.array([*number, *([NOTHING] * len(anywhere))], dtype=np.int32)
+    tolerance = draw(st.sampled_from([0.0, 1e-6, 0.25]))
+    return SurfacePoints(position=position, triangle=named, tolerance=np.full(len(named), tolerance))
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("coordinates", [EIGHTHS, ANYTHING], ids=["eighths", "anything"])
+@settings(max_examples=1500, deadline=None)
+@given(data=st.data())
+def test_a_point_is_hidden_where_rational_arithmetic_says_so(
+    path: str, coordinates: st.SearchStrategy[float], data: st.DataObject
+) -> None:
+    # Coordinates of eighths make lines run through edges, corners and planes exactly.
+    corners = data.draw(triangles(coordinates=coordinates))
+    scene = soup(corners, data.draw(frusta()))
+    pencil = crossed_frustum(scene.frustum, data.draw(apertures()))
+    points = data.draw(points_of(corners, coordinates))
+    found = sight_on(path, scene).hidden(pencil, points)
+    assert found.tolist() == hidden_by_definition(scene, pencil, points)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_surfaces_are_told_apart_that_float32_cannot_tell(path: str) -> None:
+    # Two sheets whose distance is a hundredth of a rounding of float32, and points on the farther one.
+    scene = view("sheets", (16, 16))
+    sheet = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 18, 0]])
+    gap = 6.0 * 2.0**-24 / 100
+    scene = soup(np.stack((sheet - [0, 0, 6], sheet - [0, 0, 6 + gap])), scene.frustum)
+    x, y = (value.ravel() for value in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5)))
+    pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+    sight = sight_on(path, scene)
+    for own, other in ((0, 1), (1, 0)):
+        points = SurfacePoints(
+            position=np.stack((x, y, np.full(x.size, scene.triangles[own, 0, 2])), axis=1),
+            triangle=np.full(x.size, own, dtype=np.int32),
+            tolerance=np.full(x.size, gap / 4),
+        )
+        assert (sight.hidden(pencil, points) == (own == 1)).all()
+        # Known less exactly than the sheets lie apart, each point lies on both of them.
+        blurred = replace(points, tolerance=np.full(x.size, 4 * gap))
+        assert not sight.hidden(pencil, blurred).any()
+        assert other != own
+
+
+def seen_and_pushed(name: str) -> tuple[Scene, Pencil, SurfacePoints, Mask]:
+    """Return the true points of an aperture, then the same pushed away, and which are of the second kind."""
+    scene = view(name, (48, 36))
+    aperture = scene.default_apertures()[-1]
+    truth = Reference(scene).trace(aperture)
+    shown = truth.off_plate
+    seen, number = truth.position[shown], truth.triangle[shown]
+    center = np.array([aperture.x, aperture.y, 0.0])
+    behind = center + (seen - center) * np.where(seen[:, 2] < 0, 1.001, 0.999)[:, None]
+    points = SurfacePoints(
+        position=np.concatenate((seen, behind)),
+        triangle=np.concatenate((number, np.full(len(number), NOTHING, dtype=np.int32))),
+        tolerance=np.full(2 * len(seen), 1e-9 * scene.frustum.longest_reach),
+    )
+    return scene, crossed_frustum(scene.frustum, aperture), points, np.repeat([False, True], len(seen))
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("name", ["asymmetric-recentered", "crossing", "large-triangles"])
+def test_true_points_are_seen_and_what_lies_behind_them_is_not(path: str, name: str) -> None:
+    scene, pencil, points, pushed = seen_and_pushed(name)
+    np.testing.assert_array_equal(sight_on(path, scene).hidden(pencil, points), pushed)
+
+
+def test_boxes_hold_every_cell_in_which_a_triangle_shows() -> None:
+    scene = view("asymmetric", (48, 36))
+    truth = Reference(scene).trace(scene.plate.middle)
+    boxes = cell_boxes(scene.triangles, crossed_frustum(scene.frustum, scene.plate.middle))
+    row, column = np.nonzero(truth.covered)
+    for number, at_row, at_column in zip(truth.triangle[row, column], row + 1, column + 1, strict=True):
+        left, right, top, bottom = boxes.box[:, boxes.number == number]
+        assert ((left <= at_column) & (at_column <= right) & (top <= at_row) & (at_row <= bottom)).any()
+
+
+def test_the_answer_does_not_depend_on_the_order_or_the_company_of_points() -> None:
+    scene, pencil, points, _ = seen_and_pushed("crossing")
+    sight = Sight(scene)
+    whole = sight.hidden(pencil, points)
+    order = np.random.default_rng(3).permutation(len(whole))
+    bounds = np.linspace(0, len(order), 4).astype(int)
+    for start, stop in pairwise(bounds):
+        some = order[start:stop]
+        part = SurfacePoints(
+            position=points.position[some],
+            triangle=points.triangle[some],
+            tolerance=points.tolerance[some],
+        )
+        np.testing.assert_array_equal(sight.hidden(pencil, part), whole[some])
+
+
+def test_nothing_is_hidden_where_there_is_nothing() -> None:
+    empty = view("empty", (8, 8))
+    pencil = crossed_frustum(empty.frustum, empty.plate.middle)
+    points = SurfacePoints(
+        position=np.ones((2, 3)), triangle=np.zeros(2, dtype=np.int32), tolerance=np.zeros(2)
+    )
+    assert not Sight(empty).hidden(pencil, points).any()
+    none = SurfacePoints(
+        position=np.ones((0, 3)), triangle=np.zeros(0, dtype=np.int32), tolerance=np.zeros(0)
+    )
+    assert Sight(view("asymmetric", (8, 8))).hidden(pencil, none).shape == (0,)
