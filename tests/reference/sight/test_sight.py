@@ -59,7 +59,7 @@ def hidden_by_definition(scene: Scene, pencil: Pencil, points: SurfacePoints) ->
 
 @st.composite
 def points_of(draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[float]) -> SurfacePoints:
-    """Return points anywhere, and points on triangles, most of which know their triangle; none in the plate."""
+    """Return points off the plate: on triangles, which they know, and anywhere."""
     number = draw(st.lists(st.integers(0, len(corners) - 1), min_size=1, max_size=6))
     shares = [
         draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)])) for _ in number
