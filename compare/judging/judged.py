@@ -28,9 +28,8 @@ from xfrustum.compare.judging.outline_shift import (
     true_outlines,
 )
 from xfrustum.compare.metrics.displacement import Spread, lengths
-from xfrustum.compare.metrics.drawn_points import existing_triangles
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.film import pixel_centers
+from xfrustum.compare.metrics.film import existing_triangles, pixel_centers
 from xfrustum.compare.metrics.surface import (
     SurfaceErrors,
     covered_by,

@@ -4,7 +4,6 @@ comparison    Truth against raster, pixel by pixel and in numbers (docs/method.m
 culled        Pixels whose true surface is turned away from the viewer: what culling loses of open meshes
 displacement  Displacement: how far the picture moved, pixel by pixel (docs/method.md, "What is compared")
 display       How pictures are shown on every page: clipped to what a screen has, sRGB, 8 bits
-drawn_points  Surface points that an image shows off the plate, and where the true film has them
 error_maps    Each error as an image, pixel by pixel (docs/method.md, "What is compared")
 film          Places on the film: of surface points, and of the centers of pixels (CONVENTIONS.md, "Film")
 left_out      What a rasterizer leaves out: shadows and interreflection, measured by light paths

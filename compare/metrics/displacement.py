@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.drawn_points import PointsOnFilm
+from xfrustum.compare.metrics.film import PointsOnFilm
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 

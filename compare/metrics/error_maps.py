@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from xfrustum.compare.metrics.displacement import Spread, centers_in_rows, displacement, lengths
-from xfrustum.compare.metrics.drawn_points import PointsOnFilm
+from xfrustum.compare.metrics.film import PointsOnFilm
 from xfrustum.compare.metrics.pixel_bands import in_bands
 from xfrustum.compare.metrics.surface import Undecided, surface_errors, undecided
 from xfrustum.reference import Reference

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.lines.lines import Pencil, pixel_places
-from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.hogel_image import HogelCamera
+from xfrustum.compare.rounding.positions import position_tolerance
+from xfrustum.reference import SurfacePoints
+from xfrustum.reference.lines.lines import Pencil, pixel_places, places_off_center
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.scene import Scene
 
 
 def true_pixel(points: NDArray[np.floating], camera: HogelCamera) -> Floats:
@@ -46,3 +52,140 @@ def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> Floats:
     centers = np.empty((len(down), width, 2))
     centers[..., 0], centers[..., 1] = np.arange(width), down[:, None]
     return centers
+
+
+def existing_triangles(numbers: Numbers, scene: Scene) -> Numbers:
+    """Return triangle numbers of any shape; `NOTHING` where a number is not one of the scene's."""
+    return np.where((numbers >= 0) & (numbers < len(scene.faces)), numbers, np.int32(NOTHING))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnPoints:
+    """Surface points that some pixels of an image show, coordinate by coordinate.
+
+    Attributes
+    ----------
+    pixels
+        (N,) flat numbers of the pixels.
+    coordinates
+        (3, N) x, y and z of the points in scene units.
+    triangle
+        (N,) triangle numbers, as the image has them.
+    """
+
+    pixels: Indices
+    coordinates: Floats
+    triangle: Numbers
+
+    @classmethod
+    def of(cls, image: HogelImage, pixels: Indices) -> DrawnPoints:
+        """Return the points that an image shows at some pixels, given by their flat numbers (N,)."""
+        # Rows of three are taken first and turned afterward: faster than to take each coordinate.
+        rows = image.position.reshape(-1, 3).take(pixels, axis=0)
+        return cls(
+            pixels=pixels,
+            coordinates=np.ascontiguousarray(rows.T, dtype=np.float64),
+            triangle=image.triangle.reshape(-1).take(pixels),
+        )
+
+    def at(self, some: Indices) -> DrawnPoints:
+        """Return some of the points, given by their places (M,) among these."""
+        return DrawnPoints(
+            pixels=self.pixels.take(some),
+            coordinates=self.coordinates.take(some, axis=1),
+            triangle=self.triangle.take(some),
+        )
+
+    def moved_down(self, rows: int, width: int) -> DrawnPoints:
+        """Return the points of a band of rows as those of an image that has some rows above the band."""
+        return replace(self, pixels=self.pixels + rows * width)
+
+    @classmethod
+    def joined(cls, parts: Sequence[DrawnPoints]) -> DrawnPoints:
+        """Return the points of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            pixels=np.concatenate([part.pixels for part in parts]),
+            coordinates=np.concatenate([part.coordinates for part in parts], axis=1),
+            triangle=np.concatenate([part.triangle for part in parts]),
+        )
+
+    def places(self, pencil: Pencil) -> tuple[Floats, Floats]:
+        """Return column and row (N,) at which a pencil's film shows each point; see `pixel_places`."""
+        x, y, z = self.coordinates
+        return places_off_center(x, y, z, pencil)
+
+    def surface_points(self, scene: Scene) -> SurfacePoints:
+        """Return the points with how exactly they are known."""
+        position, number = self.coordinates.T, existing_triangles(self.triangle, scene)
+        return SurfacePoints(
+            position=position, triangle=number, tolerance=position_tolerance(scene, number, position)
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointsOnFilm:
+    """All surface points that an image shows off the plate, with their places on the true film.
+
+    Attributes
+    ----------
+    points
+        The points, in the order of their pixels.
+    columns, rows
+        (N,) places at which the true frustum shows the points, in pixels.
+    pencil
+        Lines of the true frustum.
+    """
+
+    points: DrawnPoints
+    columns: Floats
+    rows: Floats
+    pencil: Pencil
+
+    @classmethod
+    def of(cls, image: HogelImage, camera: HogelCamera) -> PointsOnFilm:
+        """Return the points of an image, placed by the camera of the true frustum."""
+        points, pencil = DrawnPoints.of(image, np.flatnonzero(image.off_plate)), true_lines(camera)
+        columns, rows = points.places(pencil)
+        return cls(points=points, columns=columns, rows=rows, pencil=pencil)
+
+    def displacement(self, drawn_at: tuple[Floats, Floats]) -> Floats:
+        """Return the displacement (N, 2) of points, given columns and rows (N,) at which they were drawn."""
+        shift = np.empty((len(self.columns), 2))
+        for axis, (place, drawn) in enumerate(zip((self.columns, self.rows), drawn_at, strict=True)):
+            np.subtract(place, drawn, out=shift[:, axis])
+        return shift
+
+
+def beyond_film(points: DrawnPoints, places: tuple[Floats, Floats], pencil: Pencil, scene: Scene) -> Mask:
+    """Return which points (N,) belong outside a pencil's film, however they were rounded.
+
+    A point that is known to within a tolerance is known on the film to within that over w t, with w its depth
+    from the center of the lines: |z| for the true frustum.
+
+    Parameters
+    ----------
+    points
+        Points off the plane of the pencil's center.
+    places
+        Columns and rows (N,) at which the film shows them.
+    pencil, scene
+        Lines of the film, and the scene that is shown.
+    """
+    sides = np.asarray(pencil.resolution, dtype=np.float64)
+    outside = np.zeros(len(points.pixels), dtype=np.bool_)
+    for place, side in zip(places, sides, strict=True):
+        outside |= (place < -0.5) | (place > side - 0.5)
+    # Few points lie there: only these are asked how exactly they are known.
+    some = np.flatnonzero(outside)
+    asked = points.at(some)
+    tolerance = asked.surface_points(scene).tolerance
+    per_length = sides / (2 * np.asarray(pencil.half_extent))
+    depth = np.abs(asked.coordinates[2] - pencil.center[2])
+    beyond = np.zeros(len(some), dtype=np.bool_)
+    for place, side, share in zip(places, sides, per_length, strict=True):
+        known_to = tolerance * share / depth
+        beyond |= (place[some] < -0.5 - known_to) | (place[some] > side - 0.5 + known_to)
+    outside[some] = beyond
+    return outside

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.drawn_points import (
+from xfrustum.compare.metrics.film import (
     DrawnPoints,
     PointsOnFilm,
     beyond_film,

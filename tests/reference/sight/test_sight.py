@@ -59,9 +59,11 @@ def hidden_by_definition(scene: Scene, pencil: Pencil, points: SurfacePoints) ->
 
 @st.composite
 def points_of(draw: st.DrawFn, corners: Floats, coordinates: st.SearchStrategy[float]) -> SurfacePoints:
-    """Return points anywhere, and points on triangles, most of which know their triangle; none in the plate."""
+    """Return points off the plate: on triangles, which they know, and anywhere."""
     number = draw(st.lists(st.integers(0, len(corners) - 1), min_size=1, max_size=6))
-    shares = [draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)])) for _ in number]
+    shares = [
+        draw(st.sampled_from([(1, 0, 0), (0.5, 0.5, 0), (0.25, 0.25, 0.5), (0.5, 0, 0.5)])) for _ in number
+    ]
     on = [np.array(share) @ corners[one] for share, one in zip(shares, number, strict=True)]
     anywhere = draw(st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=1, max_size=6))
     position = np.array([*on, *anywhere], dtype=np.float64)

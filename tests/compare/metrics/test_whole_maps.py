@@ -1,0 +1,170 @@
+"""What is computed at some pixels only is what plain formulas say of whole images, bit for bit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.views import view
+from xfrustum.compare import Comparison, compare_images
+from xfrustum.compare.metrics.displacement import SAMPLE_SIZE, Spread, percentiles
+from xfrustum.compare.metrics.radiance import STEP, RadianceSpread
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.scenes import DepthFormat, DoubleFrustum
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+
+PERCENTS = (50, 95, 99)
+
+
+class Compared:
+    """A comparison of a small picture, some of whose pixels are ties, and its images."""
+
+    def __init__(self) -> None:
+        scene = view("asymmetric-recentered", (48, 36))
+        aperture = scene.default_apertures()[-1]
+        reference = Reference(scene)
+        traced = reference.trace(aperture)
+        assert traced.certainty is not None
+        certainty = traced.certainty.copy()
+        certainty[::5, ::3] = Certainty.TIE
+        self.truth = replace(traced, certainty=certainty)
+        near = 0.05 * scene.frustum.longest_reach
+        with Rasterizer(scene) as rasterizer:
+            self.drawn = rasterizer.render(aperture, DoubleFrustum(near=near, depth=DepthFormat.D16))
+        self.found = compare_images(self.truth, self.drawn, reference)
+
+
+@pytest.fixture(scope="module")
+def compared() -> Compared:
+    """Return the comparison."""
+    return Compared()
+
+
+def plain_displacement(image: HogelImage) -> Floats:
+    """Return the displacement of every pixel by the formulas of CONVENTIONS.md, step by step."""
+    camera = image.camera
+    (width, height), (kx, ky), (tx, ty) = camera.resolution, camera.shear, camera.half_extent
+    x, y, z = np.moveaxis(image.position.astype(np.float64), -1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = ((x - camera.aperture.x) / -z - kx) / tx
+        v = ((y - camera.aperture.y) / -z - ky) / ty
+    shift = np.stack(
+        (
+            (u + 1) * width / 2 - 0.5 - np.arange(width),
+            (1 - v) * height / 2 - 0.5 - np.arange(height)[:, None],
+        ),
+        axis=-1,
+    )
+    shift[~np.isfinite(x + y + z) | (z == 0)] = np.nan
+    return shift
+
+
+def test_displacement_is_that_of_whole_images(compared: Compared) -> None:
+    shift = plain_displacement(compared.drawn)
+    np.testing.assert_array_equal(compared.found.maps.displacement, shift)
+    length = np.abs(shift[..., 0] + 1j * shift[..., 1])
+    known = length[np.isfinite(length)]
+    spread = compared.found.displacement_px
+    assert spread is not None and 0 < len(known) < length.size
+    expected = np.percentile(known, PERCENTS).tolist()
+    assert [spread.p50, spread.p95, spread.p99, spread.max] == [*expected, known.max()]
+
+
+def test_heights_and_triangles_are_those_of_whole_images(compared: Compared) -> None:
+    truth, drawn, found = compared.truth, compared.drawn, compared.found
+    judged = truth.certainty != Certainty.TIE
+    same = judged & (truth.triangle == drawn.triangle) & (truth.triangle >= 0)
+    expected = np.where(same, drawn.height - truth.height, np.nan)
+    np.testing.assert_array_equal(found.maps.height, expected)
+    np.testing.assert_array_equal(found.maps.triangle, judged & (truth.triangle != drawn.triangle))
+    assert found.height is not None
+    error = expected[same]
+    assert found.height.rms == float(np.sqrt(np.mean(error**2)))
+    assert found.height.max == float(np.abs(error).max())
+
+
+def test_colors_are_those_of_whole_images(compared: Compared) -> None:
+    truth, drawn, found = compared.truth, compared.drawn, compared.found
+    assert truth.color is not None and drawn.color is not None
+    judged = truth.certainty != Certainty.TIE
+    error = drawn.color.astype(np.float64) - truth.color
+    error[~judged] = np.nan
+    np.testing.assert_array_equal(found.maps.radiance, error)
+    assert found.radiance is not None
+    assert_plain(found.radiance, error[judged])
+    same = judged & (truth.triangle == drawn.triangle) & (truth.triangle >= 0)
+    assert found.radiance.away_from_edges is not None
+    assert_plain(found.radiance.away_from_edges, error[same])
+
+
+def assert_plain(found: RadianceSpread, error: Floats) -> None:
+    """Compare a spread, bit by bit, with that of NumPy's own functions over errors (N, 3)."""
+    size = np.abs(error)
+    worst = size.max(axis=1)
+    squares = np.mean(error**2, axis=0)
+    assert (found.pixels, found.rms, found.mean) == (len(error), np.sqrt(squares.mean()), error.mean())
+    assert (found.p99, found.max) == (np.percentile(worst, 99), worst.max())
+    assert found.above_step == np.mean(worst > STEP)
+    channels = found.channels
+    assert channels.rms == tuple(np.sqrt(squares))
+    assert channels.mean == tuple(error.mean(axis=0))
+    assert channels.p99 == tuple(np.percentile(size, 99, axis=0))
+    assert channels.max == tuple(size.max(axis=0))
+
+
+def test_maps_are_made_when_they_are_asked_for_and_numbers_need_none(compared: Compared) -> None:
+    again = compare_images(compared.truth, compared.drawn, None)
+    assert isinstance(again, Comparison)
+    assert again.displacement_px == compared.found.displacement_px and again.height == compared.found.height
+    assert "maps" not in vars(again) and "maps" not in vars(again.errors)
+    assert again.maps is again.maps
+
+
+@settings(deadline=None)
+@given(
+    values=st.lists(st.floats(0, 1e6), min_size=1, max_size=300),
+    percents=st.lists(st.sampled_from([0.0, 5.0, 50.0, 95.0, 99.0, 99.9, 100.0]), min_size=1, max_size=4),
+)
+def test_percentiles_by_selection_are_those_of_numpy(values: list[float], percents: list[float]) -> None:
+    array = np.array(values)
+    assert percentiles(array, percents) == np.percentile(array, percents).tolist()
+
+
+@pytest.mark.parametrize("period", [1, 7, 64])
+@pytest.mark.parametrize("share_of_zeros", [0.0, 0.9, 0.999])
+def test_a_misleading_sample_changes_no_percentile(period: int, share_of_zeros: float) -> None:
+    # Every value that the sample takes is the largest of all, or as good as any other.
+    generator = np.random.default_rng(5)
+    values = generator.random(9 * SAMPLE_SIZE + 5) ** 8
+    values[generator.random(len(values)) < share_of_zeros] = 0.0
+    if period > 1:
+        values[:: len(values) // SAMPLE_SIZE] += 2.0
+    for percents in ((99,), PERCENTS, (99, 100)):
+        assert percentiles(values, percents) == np.percentile(values, percents).tolist()
+
+
+def test_infinite_values_have_the_percentiles_of_numpy() -> None:
+    values = np.array([0.0, 1.0, math.inf])
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_array_equal(percentiles(values, PERCENTS), np.percentile(values, PERCENTS))
+        spread = Spread.of(values)
+    assert spread is not None and spread.max == math.inf
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    rows=st.lists(st.tuples(*[st.floats(-4, 4, width=32)] * 3), min_size=1, max_size=200),
+    repeated=st.integers(1, 40),
+)
+def test_a_spread_of_colors_is_that_of_numpy(rows: list[tuple[float, float, float]], repeated: int) -> None:
+    error = np.tile(np.array(rows, dtype=np.float64), (repeated, 1))
+    found = RadianceSpread.of(error)
+    assert found is not None
+    assert_plain(found, error)
