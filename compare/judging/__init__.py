@@ -11,6 +11,7 @@ judge            Many hogels drawn with several settings each, and judged by the
 judged           One hogel of a foreign renderer, judged by a question: the truth, or what its author
                  declares
 outline_shift    Displacement of a picture's outlines by registration, where no pixel names a triangle
+parts            Settings in parts that are drawn together: those of the same cameras follow one another
 stopwatch        The one place that takes time: wall seconds per named stage, of one task or of several
                  side by side
 threads          The two threads beside those that judge: one that draws all hogels, and one that traces

@@ -16,11 +16,10 @@ from functools import partial
 from types import MappingProxyType
 from typing import Generic, TypeVar
 
-import numpy as np
-
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
+from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
 from xfrustum.compare.judging.threads import DrawingThread, TracingThread
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
@@ -41,7 +40,10 @@ NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
 """The truths that are there before anything is traced, where there are none."""
 
 MAX_BATCH_PIXELS = 1 << 20
-"""Largest number of pixels of the frames that are drawn at a time, without others between them."""
+"""Largest number of pixels of the frames of the same cameras that are drawn one after the other."""
+
+MAX_UNDISTURBED_PIXELS = 1 << 21
+"""Largest number of pixels of the frames that are drawn in one undisturbed turn; all threads wait for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,6 +160,18 @@ class _Batch:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class _Batched:
+    """Frames of a part that is drawn in one turn with others."""
+
+    turn: Future[list[_Batch]]
+    place: int
+
+    def result(self) -> _Batch:
+        """Return the frames as soon as they are drawn."""
+        return self.turn.result()[self.place]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Hogel:
     """A hogel that is being traced."""
 
@@ -198,7 +212,7 @@ class _Task:
     """
 
     hogel: _Hogel
-    batch: Future[_Batch]
+    batch: _Batched
     place: int
     beside: Future[JudgedImage] | None
     charged: _Charged | None
@@ -255,18 +269,18 @@ class Engine(Generic[Found]):
         truths
             True images that are there already, and are not traced again.
         """
-        groups = grouped(settings, self._batch_size)
+        turns = self._turns(parts_of(settings, self._batch_size))
         most = images_under_way(self._pixels)
         if len(settings) > 1 and self._batch_size > 1:
-            # Threads go on with one batch while the next one is drawn.
-            most = max(most, self._batch_size + worker_count())
+            # Threads go on with the frames of one turn while those of the next one are drawn.
+            most = max(most, max(sum(len(part.settings) for part in turn) for turn in turns) + worker_count())
         with workers("judging") as pool, workers("tracing", 1) as thread:
             tracing = TracingThread(self._reference, thread, self.machine, streamed=not self._wanted.apart)
-            drawn: deque[Future[_Batch]] = deque()
+            drawn: deque[Future[list[_Batch]]] = deque()
             tasks = (
                 task
                 for hogel in _traced(tracing, apertures, truths)
-                for task in self._tasks(hogel, groups, pool, drawn)
+                for task in self._tasks(hogel, turns, pool, drawn)
             )
             try:
                 yield from in_order(pool, self._judged, tasks, most)
@@ -274,50 +288,67 @@ class Engine(Generic[Found]):
                 for one in drawn:
                     one.cancel()
 
+    def _turns(self, parts: Sequence[Part]) -> list[list[Part]]:
+        """Return the parts of each turn: one, or several where all threads wait until a turn has ended."""
+        turns: list[list[Part]] = []
+        most, drawn = MAX_UNDISTURBED_PIXELS // self._pixels, 0
+        for part in parts:
+            frames = len(part.settings) + (part.first and self._wanted.causes)
+            if not (turns and self._wanted.apart and drawn + frames <= most):
+                turns.append([])
+                drawn = 0
+            turns[-1].append(part)
+            drawn += frames
+        return turns
+
     def _tasks(
         self,
         hogel: _Hogel,
-        groups: Sequence[Sequence[Sequence[DoubleFrustum]]],
+        turns: Sequence[Sequence[Part]],
         pool: Executor,
-        drawn: deque[Future[_Batch]],
+        drawn: deque[Future[list[_Batch]]],
     ) -> Iterator[_Task]:
-        """Have the frames of a hogel drawn, batch by batch, and yield the task of each."""
+        """Have the frames of a hogel drawn, turn by turn, and yield the task of each."""
         charging = self._charging(hogel) if self._wanted.causes else None
         predictor: Future[Predictor] | None = None
-        for group in groups:
-            beside: Future[JudgedImage] | None = None
-            charged: _Charged | None = None
-            for part in group:
-                exact = charging is not None and charged is None
-                batch = self._drawing.submit(partial(self._draw, hogel.aperture, part, exact))
-                while drawn and drawn[0].done():
-                    drawn.popleft()
-                drawn.append(batch)
-                if charging and charged is None:
-                    predictor = predictor or pool.submit(charging.predictor, part[0])
+        beside: Future[JudgedImage] | None = None
+        charged: _Charged | None = None
+        for parts in turns:
+            turn = self._drawing.submit(partial(self._drawn, hogel.aperture, parts))
+            while drawn and drawn[0].done():
+                drawn.popleft()
+            drawn.append(turn)
+            for number, part in enumerate(parts):
+                batch = _Batched(turn=turn, place=number)
+                if part.first:
+                    beside = charged = None
+                if part.first and charging:
+                    predictor = predictor or pool.submit(charging.predictor, part.settings[0])
                     start = pool.submit(_start, charging, batch)
                     prepared = charging.prepare(pool, start)
                     charged = _Charged(predictor=predictor, start=start, prepared=prepared)
-                elif not charging and beside is None and sum(map(len, group)) > 1:
+                elif part.first and not part.only:
                     beside = pool.submit(self._first, hogel, batch)
-                for place in range(len(part)):
+                for place in range(len(part.settings)):
                     yield _Task(hogel=hogel, batch=batch, place=place, beside=beside, charged=charged)
 
     def _charging(self, hogel: _Hogel) -> Charging:
         bits = int(self._drawing.device["subpixel_bits"])
         return Charging(self._reference, hogel.truth, bits, self.machine, self.watch)
 
-    def _draw(
-        self, aperture: Aperture, settings: Sequence[DoubleFrustum], exact: bool, rasterizer: Rasterizer
-    ) -> _Batch:
-        """Draw frames of the same cameras, and where it is asked for one of theirs with exact depth."""
+    def _drawn(self, aperture: Aperture, parts: Sequence[Part], rasterizer: Rasterizer) -> list[_Batch]:
+        """Draw the frames of one turn."""
         with self.machine.undisturbed():
-            frames = [self._frame(aperture, one, rasterizer) for one in settings]
-            control = with_exact_depth(settings[0])
-            found = [frame.image for frame, one in zip(frames, settings, strict=True) if one == control]
-            if exact and not found:
-                with self.machine.timed(self.watch, "causes"):
-                    found = [rasterizer.render(aperture, control, normals=False, color=False)]
+            return [self._batch(aperture, part, rasterizer) for part in parts]
+
+    def _batch(self, aperture: Aperture, part: Part, rasterizer: Rasterizer) -> _Batch:
+        """Draw frames of the same cameras, and where causes are wanted one of theirs with exact depth."""
+        frames = [self._frame(aperture, one, rasterizer) for one in part.settings]
+        exact = with_exact_depth(part.settings[0])
+        found = [frame.image for frame, one in zip(frames, part.settings, strict=True) if one == exact]
+        if part.first and self._wanted.causes and not found:
+            with self.machine.timed(self.watch, "causes"):
+                found = [rasterizer.render(aperture, exact, normals=False, color=False)]
         return _Batch(frames=tuple(frames), exact=found[0] if found else None)
 
     def _frame(self, aperture: Aperture, settings: DoubleFrustum, rasterizer: Rasterizer) -> _Frame:
@@ -326,7 +357,7 @@ class Engine(Generic[Found]):
             drawn = rasterizer.draw(aperture, settings, normals=False, color=self._wanted.color)
         return _Frame(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
 
-    def _first(self, hogel: _Hogel, batch: Future[_Batch]) -> JudgedImage:
+    def _first(self, hogel: _Hogel, batch: _Batched) -> JudgedImage:
         """Judge the first of several frames of the same cameras, beside which the others are judged."""
         truth, frame = hogel.truth.result(), batch.result().frames[0]
         with self.machine.stage(frame.lap, "compare"):
@@ -391,25 +422,7 @@ def _traced(
         yield _Hogel(number=number, aperture=aperture, truth=truth, lap=lap)
 
 
-def _start(charging: Charging, batch: Future[_Batch]) -> ChainStart:
+def _start(charging: Charging, batch: _Batched) -> ChainStart:
     exact = batch.result().exact
     assert exact is not None, "the first batch of each pair of cameras has it"
     return charging.start(exact)
-
-
-def grouped(settings: Sequence[DoubleFrustum], size: int) -> list[list[list[DoubleFrustum]]]:
-    """Return settings in groups whose cameras are the same, each in parts of about one size.
-
-    Settings of a group share the traced links of the chain. Geometries of one near follow one another, for
-    they share some of these links too. A smaller remainder would leave processors idle, so that the parts of
-    one pair of cameras are equal.
-    """
-    cameras: dict[DoubleFrustum, list[DoubleFrustum]] = {}
-    nears = list(dict.fromkeys(setting.near for setting in settings))
-    for setting in sorted(dict.fromkeys(settings), key=lambda one: nears.index(one.near)):
-        cameras.setdefault(with_exact_depth(setting), []).append(setting)
-    return [
-        [[group[i] for i in part] for part in np.array_split(np.arange(len(group)), parts)]
-        for group in cameras.values()
-        for parts in [max(1, round(len(group) / size))]
-    ]
