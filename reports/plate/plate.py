@@ -46,6 +46,8 @@ class PlateFiles:
         Number of drawn hogels that had been there, and were not whole.
     notes
         What was damaged and has been mended, in sentences.
+    table
+        Folder of the table of measures; None where hogels are not judged.
     """
 
     out: Path
@@ -53,6 +55,7 @@ class PlateFiles:
     found: int
     damaged: int
     notes: tuple[str, ...]
+    table: Path | None = None
 
 
 def write_plate(  # noqa: PLR0913 - one parameter per option of the command
@@ -251,6 +254,7 @@ class BlockWork:
             found=self.found,
             damaged=self.damaged,
             notes=tuple(self._notes()),
+            table=self.store.out.with_suffix(".parquet") if self.store.layout.measures else None,
         )
 
     def _notes(self) -> Iterator[str]:

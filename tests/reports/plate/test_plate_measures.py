@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import xarray
@@ -16,8 +15,10 @@ from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, write_plate
 from xfrustum.scenes import InputError
+from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.plate.plate import Aperture
 
 BLOCK = (2, 2)
@@ -100,6 +101,30 @@ def test_rows_of_one_block_add_up_in_any_order(plate: Path, tmp_path: Path) -> N
     assert tree(out.with_suffix(".parquet")) == tree(plate.with_suffix(".parquet"))
 
 
+@pytest.mark.parametrize("written", [1, 2, 12])
+def test_a_run_that_ends_after_any_file_of_a_block_goes_on_to_the_same_bytes(
+    written: int, plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of a block are its triangles, its colors, the arrays of its measures, and at last its table."""
+    out, count = tmp_path / "x.zarr", 0
+
+    def ending(path: Path, content: bytes, *, host: Path | None = None) -> None:
+        nonlocal count
+        count += host is not None and "/c/" in str(path)
+        if count > written:
+            raise OSError(28, "No space left on device")
+        write_file(path, content, host=host)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(plate_store, "write_file", ending)
+        with pytest.raises(InputError, match="No space left"):
+            judged(out)
+    files = judged(out)
+    assert (files.drawn, files.found, files.damaged) == (len(CHOSEN), 0, 0)
+    assert tree(out) == tree(plate)
+    assert tree(out.with_suffix(".parquet")) == tree(plate.with_suffix(".parquet"))
+
+
 def test_judging_changes_no_pixel_and_is_asked_for_from_the_beginning(plate: Path, tmp_path: Path) -> None:
     out = write_plate(small(), SETTINGS, tmp_path / "x.zarr", apertures(), EVERYTHING, block=BLOCK).out
     pixels = {path: data for path, data in tree(out).items() if path.startswith(("color/c", "triangle/c"))}
@@ -119,7 +144,11 @@ def test_the_command_judges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     out = tmp_path / "x.zarr"
     line = ["plate", "hard/only-behind", "--apertures", "1-2,3", "--quiet", "--out", str(out), "--judge"]
     assert main([*line, "--near", "0.1"]) == 0
-    assert pa.concat_tables([pq.read_table(out.with_suffix(".parquet"))]).num_rows == 2
-    capsys.readouterr()
+    assert capsys.readouterr().out.splitlines() == [
+        "2 hogels drawn, 0 found",
+        str(out),
+        str(tmp_path / "x.parquet"),
+    ]
+    assert pq.read_table(tmp_path / "x.parquet").num_rows == 2
     assert main([*line[:-1], "--truth", "--judge", "--apertures", "0,0"]) == 2
     assert "leave out --truth" in capsys.readouterr().err

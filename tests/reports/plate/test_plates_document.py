@@ -19,8 +19,8 @@ from xfrustum.scenes.model.plate_content import Channel, PlateContent
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "plates.md").read_text(encoding="utf-8")
 PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 LEVELS_OF_A_PICTURE = 1.25
-"""Largest difference of levels: one by cutting off to whole levels, and 2^-11 of 255 for each of two roundings
-of numbers of 16 bits."""
+"""Largest difference of levels: one by cutting off to whole levels, and 2^-11 of 255 for each of the two
+roundings of numbers of 16 bits."""
 
 DRAWN_COLUMNS = (0, 10, 20, 40)
 

@@ -183,6 +183,14 @@ def plate(
         say(f"note: {note}")
     options.tell(
         as_json,
-        lambda: {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
-        lambda: f"{files.drawn} hogels drawn, {files.found} found\n{files.out}",
+        lambda: {
+            **{"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
+            "table": files.table,
+        },
+        lambda: "\n".join(
+            [
+                f"{files.drawn} hogels drawn, {files.found} found",
+                *map(str, filter(None, (files.out, files.table))),
+            ]
+        ),
     )
