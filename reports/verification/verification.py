@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -12,6 +14,7 @@ import numpy as np
 from xfrustum.compare.diagnosis.diagnosis import declared
 from xfrustum.compare.diagnosis.findings import Findings, find_out
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
@@ -216,9 +219,14 @@ class _Run:
                 read_as_found=ENCODING in accept and found.encoding.reading is not None,
             )
             worst, hogels = WorstHogels(), []
-            for aperture in self.asked:
-                hogels.append(self._hogel(aperture, question, worst))
-                bar.update()
+            most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
+            with workers("judging") as pool:
+                judge = partial(self._hogel, question)
+                for hogel, figures in in_order(pool, judge, self._images(), most):
+                    if figures is not None:
+                        worst.add(hogel.aperture, *figures)
+                    hogels.append(hogel)
+                    bar.update()
         return Verification(
             scene=self.reference.scene,
             source=self.source.name,
@@ -228,16 +236,25 @@ class _Run:
             worst=worst,
         )
 
+    def _images(self) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
+        """Yield the image of each hogel; the renderer is asked in the caller's thread."""
+        for aperture in self.asked:
+            kept = aperture in self.kept
+            yield aperture, self.kept.pop(aperture) if kept else self._had(aperture)
+
     def _had(self, aperture: Aperture) -> HogelImage | Problem:
         try:
             return self.source.image(aperture)
         except Problem as problem:
             return problem
 
-    def _hogel(self, aperture: Aperture, question: _Question, worst: WorstHogels) -> Hogel:
-        image = self.kept.pop(aperture, None) or self._had(aperture)
+    def _hogel(
+        self, question: _Question, one: tuple[Aperture, HogelImage | Problem]
+    ) -> tuple[Hogel, tuple[Figures, Figures] | None]:
+        """Judge one hogel; return it with its figures as found and as corrected, where it has an image."""
+        aperture, image = one
         if isinstance(image, Problem):
-            return Hogel(aperture=aperture, problem=str(image))
+            return Hogel(aperture=aperture, problem=str(image)), None
         encoding, found = question.found.encoding, question.found.diagnosis.model
         given = encoding.plainly(image) if question.read_as_found else image
         read, judging = encoding.read(image), self.limits.judging
@@ -246,13 +263,13 @@ class _Run:
         corrected = as_found
         if not same:
             corrected = self._judged(found, found, read, question.found.judging, explained=True)
-        worst.add(aperture, as_found, corrected)
-        return Hogel(
+        judged = Hogel(
             aperture=aperture,
             checks=self.limits.checks(as_found),
             as_found=as_found.numbers,
             corrected=corrected.numbers,
         )
+        return judged, (as_found, corrected)
 
     def _judged(
         self, asked: DrawnModel, found: DrawnModel, image: HogelImage, judging: Judging, *, explained: bool

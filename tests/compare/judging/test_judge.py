@@ -179,6 +179,8 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     assert not threads()
 
 
+# Where an exception is swallowed, as in the callback of a weak reference, the signal is tried again.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_ctrl_c_ends_a_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = view("asymmetric", (16, 16))
 
