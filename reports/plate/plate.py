@@ -237,6 +237,7 @@ class BlockWork:
         being_drawn = self._open[self.store.layout.block_of(aperture)]
         being_drawn.encoded[aperture] = encoded
         being_drawn.missing.remove(aperture)
+        self.bar.update()
         return None if being_drawn.missing else being_drawn
 
     def finished(self, full: OpenBlock) -> None:
@@ -244,7 +245,6 @@ class BlockWork:
         self.claims.release(full.block.number)
         del self._open[full.block.number]
         self.drawn += len(full.encoded)
-        self.bar.update(len(full.encoded))
 
     def files(self) -> PlateFiles:
         """Return what became of the hogels."""

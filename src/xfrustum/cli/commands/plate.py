@@ -101,7 +101,7 @@ def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -
     "--apertures",
     "blocks",
     type=Blocks(),
-    help="Columns,rows of blocks, such as 0-80,30;*,0-5.  [default: all]",
+    help="Columns,rows of rectangles, such as 0-80,30;*,0-5.  [default: all]",
 )
 @options.optional_double_frustum_options
 @cli_light.light_options(*cli_light.ALL)
