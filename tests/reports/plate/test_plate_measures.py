@@ -43,7 +43,7 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_measures_are_those_of_compare_and_the_others_are_not_a_number(plate: Path) -> None:
-    opened = xarray.open_zarr(plate)
+    opened = xarray.open_zarr(plate, chunks=None)
     reference = Reference(small())
     with Rasterizer(small()) as rasterizer:
         for here in apertures():
@@ -68,7 +68,7 @@ def test_the_table_has_a_row_for_each_hogel_and_the_columns_of_the_arrays(plate:
     assert sorted(zip(*(table[name].to_pylist() for name in ("column", "row")), strict=True)) == sorted(
         CHOSEN
     )
-    opened = xarray.open_zarr(plate)
+    opened = xarray.open_zarr(plate, chunks=None)
     for row in table.to_pylist():
         hogel = opened.isel(row=row["row"], column=row["column"])
         assert (row["x"], row["y"]) == (float(hogel.x), float(hogel.y))
@@ -92,14 +92,15 @@ def test_measures_that_are_gone_or_damaged_are_made_again(damage: str, plate: Pa
 
 def test_rows_of_one_block_add_up_in_any_order(plate: Path, tmp_path: Path) -> None:
     out = tmp_path / "x.zarr"
-    for here in reversed(apertures()):
-        assert judged(out, [here]).drawn == 1
-    assert judged(out).found == len(CHOSEN)
+    second_of_its_block = [apertures()[2]]
+    assert judged(out, second_of_its_block).drawn == 1
+    files = judged(out)
+    assert (files.drawn, files.found) == (len(CHOSEN) - 1, 1)
     assert tree(out) == tree(plate)
     assert tree(out.with_suffix(".parquet")) == tree(plate.with_suffix(".parquet"))
 
 
-@pytest.mark.parametrize("written", [1, 12])
+@pytest.mark.parametrize("written", [1, pytest.param(12, marks=pytest.mark.slow)])
 def test_a_run_that_ends_after_any_file_of_a_block_goes_on_to_the_same_bytes(
     written: int, plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
