@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from tqdm import tqdm
 
@@ -161,14 +161,7 @@ def _side(scene: Scene, content: PlateContent, block: tuple[int, int] | None) ->
     return min(block[0], columns), min(block[1], rows)
 
 
-class Hogels(Protocol):
-    """What draws hogels."""
-
-    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
-        """Draw apertures and yield their images in the same order."""
-
-
-def draw_parts(source: Hogels, work: BlockWork, parts: Iterable[BlockPart]) -> None:
+def draw_parts(source: HogelSource, work: BlockWork, parts: Iterable[BlockPart]) -> None:
     """Draw what is missing of some blocks, and wait for what other processes are drawing of them."""
     waiting = parts
     while True:
