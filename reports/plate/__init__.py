@@ -17,4 +17,6 @@ shards       Files of a block's hogels: Zarr shards, whose index tells which hog
 sources      Sources of a plate's hogels: many at once, one after the other with finer sampling, or truths
 store        A plate on disk: a Zarr group whose shards are blocks of hogels, each file there whole or not at
              all
+stored       A plate on disk for those who read it: what it says of itself, and which of its hogels are
+             finished
 """

@@ -16,7 +16,8 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.plate.plate import BlockWork, PlateFiles, draw_parts, layout_of, opened_store, source_of
+from xfrustum.reports.plate.layout import BlockGrid
+from xfrustum.reports.plate.plate import BlockWork, PlateFiles, draw_parts, opened_store, source_of
 from xfrustum.reports.plate.sources import HogelSource
 from xfrustum.reports.plate.store import PlateStore
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
@@ -27,6 +28,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.opening.catalogue import open_scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Plate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +39,8 @@ class PlatePlan:
     ----------
     scene
         Path or name of the scene.
+    plate
+        Plate of the scene.
     hash, look
         Hashes of its triangles and of its look: a process that finds others refuses.
     sampling, transport
@@ -58,6 +62,7 @@ class PlatePlan:
     """
 
     scene: str
+    plate: Plate
     hash: str
     look: str
     sampling: Sampling
@@ -109,6 +114,7 @@ def plan_plate(  # noqa: PLR0913 - as `write_plate`
         store = opened_store(source, out, block)
     return PlatePlan(
         scene=scene.source,
+        plate=scene.plate,
         hash=scene.content_hash,
         look=look_hash(scene),
         sampling=scene.sampling,
@@ -125,10 +131,8 @@ def plan_plate(  # noqa: PLR0913 - as `write_plate`
 
 
 def blocks_of(plan: PlatePlan) -> Iterator[int]:
-    """Yield the numbers of the blocks that a plan asks for, without listing them."""
-    scene = _opened(plan).scene
-    layout = layout_of(scene, plan.content, plan.side)
-    yield from (part.block.number for part in layout.parts(_apertures(plan, scene)))
+    """Yield the numbers of the blocks that a plan asks for, without listing them and without the scene."""
+    yield from BlockGrid(plate=plan.plate, side=plan.side).touched(_apertures(plan))
 
 
 def draw_block(plan: PlatePlan, number: int) -> PlateFiles:
@@ -144,7 +148,7 @@ def draw_block(plan: PlatePlan, number: int) -> PlateFiles:
         The scene that is found is another one; or as from `write_plate`.
     """
     opened = _opened(plan)
-    part = opened.store.layout.part(number, _apertures(plan, opened.scene))
+    part = opened.store.layout.part(number, _apertures(plan))
     with opened.store.claims() as claims, progress_bar(0, "plate", "hogel", shown=False) as bar:
         work = BlockWork(store=opened.store, claims=claims, check=plan.check, bar=bar)
         draw_parts(opened.source, work, [part])
@@ -153,10 +157,9 @@ def draw_block(plan: PlatePlan, number: int) -> PlateFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class _Opened:
-    """The plan that this thread has taken up, its scene, what draws it, and where to."""
+    """The plan that this thread has taken up, what draws it, and where to."""
 
     plan: PlatePlan
-    scene: Scene
     source: HogelSource
     store: PlateStore
     held: ExitStack
@@ -191,7 +194,7 @@ def _opened(plan: PlatePlan) -> _Opened:
     except BaseException:
         held.close()
         raise
-    _of_thread.opened = _Opened(plan=plan, scene=scene, source=source, store=store, held=held)
+    _of_thread.opened = _Opened(plan=plan, source=source, store=store, held=held)
     return _of_thread.opened
 
 
@@ -202,9 +205,9 @@ def close() -> None:
         found.held.close()
 
 
-def _apertures(plan: PlatePlan, scene: Scene) -> ApertureBlocks:
+def _apertures(plan: PlatePlan) -> ApertureBlocks:
     """Return the hogels that a plan asks for."""
     if not plan.chosen:
-        return scene.plate.apertures()
+        return plan.plate.apertures()
     blocks = tuple((range(left, right), range(top, bottom)) for left, right, top, bottom in plan.chosen)
-    return ApertureBlocks(scene.plate, blocks)
+    return ApertureBlocks(plan.plate, blocks)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import metadata
-from typing import Protocol
 
 from xfrustum.reports.common.json_ready import json_ready
+from xfrustum.reports.plate.sources import HogelSource
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
@@ -94,31 +94,7 @@ class PlateDescription:
     layout: LayoutDescription | None = None
 
 
-class Source(Protocol):
-    """What a description asks of a source of hogels; see `sources`."""
-
-    scene: Scene
-    settings: DoubleFrustum | None
-    content: PlateContent
-
-    @property
-    def judged(self) -> bool:
-        """Whether the hogels come with measures."""
-
-    @property
-    def simulated(self) -> frozenset[Effect]:
-        """Effects that change the pixels."""
-
-    @property
-    def renderer(self) -> str:
-        """Name of the device or of the tracer."""
-
-    @property
-    def transported(self) -> bool:
-        """Whether colors are means over light paths."""
-
-
-def described(source: Source) -> PlateDescription:
+def described(source: HogelSource) -> PlateDescription:
     """Return everything that decides the pixels that a source draws; the layout is left open."""
     scene = source.scene
     transport = scene.transport

@@ -111,35 +111,19 @@ class BlockPart:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
-    """The arrays of a store and their division into blocks.
+class BlockGrid:
+    """The division of a plate into blocks.
 
     Attributes
     ----------
-    plate, frustum, units
-        Plate, frustum and length unit of the scene.
-    content
-        The images that are stored.
+    plate
+        Plate of the scene.
     side
         Columns and rows of a block.
-    labelled
-        Whether there are coordinates; plates that were made before there were any have none.
-    measures
-        Name and unit of each measure of a hogel; none where hogels are not judged.
     """
 
     plate: Plate
-    frustum: Frustum
-    units: str
-    content: PlateContent
     side: tuple[int, int]
-    labelled: bool = True
-    measures: tuple[tuple[str, str], ...] = ()
-
-    @cached_property
-    def arrays(self) -> tuple[PlateArray, ...]:
-        """The arrays in the order in which a block's are written: color comes last."""
-        return tuple(self._array(channel) for channel in self.content.channels)
 
     @property
     def hogels_in_block(self) -> int:
@@ -174,7 +158,7 @@ class Layout:
         Rectangles of hogels are gone through block by block, and never listed.
         """
         if isinstance(apertures, ApertureBlocks):
-            for number in self._touched(apertures):
+            for number in self.touched(apertures):
                 yield self.part(number, apertures)
             return
         found: dict[int, list[Aperture]] = {}
@@ -194,7 +178,7 @@ class Layout:
         )
         return BlockPart(block=block, apertures=tuple(self.plate.aperture(*index) for index in inside))
 
-    def _touched(self, apertures: ApertureBlocks) -> Iterator[int]:
+    def touched(self, apertures: ApertureBlocks) -> Iterator[int]:
         """Yield the numbers of the blocks that have a hogel in any of some rectangles, each once."""
         seen: set[int] = set()
         (width, height), across = self.side, self.blocks[0]
@@ -205,6 +189,34 @@ class Layout:
                     if number not in seen:
                         seen.add(number)
                         yield number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout(BlockGrid):
+    """The arrays of a store and their division into blocks.
+
+    Attributes
+    ----------
+    frustum, units
+        Frustum and length unit of the scene.
+    content
+        The images that are stored.
+    labelled
+        Whether there are coordinates; plates that were made before there were any have none.
+    measures
+        Name and unit of each measure of a hogel; none where hogels are not judged.
+    """
+
+    frustum: Frustum
+    units: str
+    content: PlateContent
+    labelled: bool = True
+    measures: tuple[tuple[str, str], ...] = ()
+
+    @cached_property
+    def arrays(self) -> tuple[PlateArray, ...]:
+        """The arrays in the order in which a block's are written: color comes last."""
+        return tuple(self._array(channel) for channel in self.content.channels)
 
     def coordinates(self) -> Iterator[tuple[str, str, NDArray[Any], Mapping[str, str]]]:
         """Yield name, dimension, values and attributes of every coordinate."""

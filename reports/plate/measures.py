@@ -7,7 +7,8 @@ same plate has the same bytes.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import tee
 from pathlib import Path
@@ -84,12 +85,18 @@ class JudgedSource:
         """Draw and judge hogels, and yield them in the order of their apertures."""
         to_draw, to_judge = tee(apertures)
         judged = self._judge.stream(to_judge, [self._settings])
-        for hogel, found in zip(self._drawn.hogels(to_draw), judged, strict=True):
-            here = hogel.aperture
-            measured = MeasuredHogel(
-                column=here.column, row=here.row, x=here.x, y=here.y, comparison=found.drawings[0].comparison
-            )
-            yield JudgedPlateHogel(**{**vars(hogel), "measured": measured})
+        assert isinstance(judged, Generator)
+        with closing(judged):
+            for hogel, found in zip(self._drawn.hogels(to_draw), judged, strict=True):
+                here = hogel.aperture
+                measured = MeasuredHogel(
+                    column=here.column,
+                    row=here.row,
+                    x=here.x,
+                    y=here.y,
+                    comparison=found.drawings[0].comparison,
+                )
+                yield JudgedPlateHogel(**{**vars(hogel), "measured": measured})
 
     def __enter__(self) -> Self:
         return self

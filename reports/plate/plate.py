@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from tqdm import tqdm
 
@@ -46,6 +46,8 @@ class PlateFiles:
         Number of drawn hogels that had been there, and were not whole.
     notes
         What was damaged and has been mended, in sentences.
+    table
+        Folder of the table of measures; None where hogels are not judged.
     """
 
     out: Path
@@ -53,6 +55,7 @@ class PlateFiles:
     found: int
     damaged: int
     notes: tuple[str, ...]
+    table: Path | None = None
 
 
 def write_plate(  # noqa: PLR0913 - one parameter per option of the command
@@ -158,14 +161,7 @@ def _side(scene: Scene, content: PlateContent, block: tuple[int, int] | None) ->
     return min(block[0], columns), min(block[1], rows)
 
 
-class Hogels(Protocol):
-    """What draws hogels."""
-
-    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
-        """Draw apertures and yield their images in the same order."""
-
-
-def draw_parts(source: Hogels, work: BlockWork, parts: Iterable[BlockPart]) -> None:
+def draw_parts(source: HogelSource, work: BlockWork, parts: Iterable[BlockPart]) -> None:
     """Draw what is missing of some blocks, and wait for what other processes are drawing of them."""
     waiting = parts
     while True:
@@ -234,6 +230,7 @@ class BlockWork:
         being_drawn = self._open[self.store.layout.block_of(aperture)]
         being_drawn.encoded[aperture] = encoded
         being_drawn.missing.remove(aperture)
+        self.bar.update()
         return None if being_drawn.missing else being_drawn
 
     def finished(self, full: OpenBlock) -> None:
@@ -241,7 +238,6 @@ class BlockWork:
         self.claims.release(full.block.number)
         del self._open[full.block.number]
         self.drawn += len(full.encoded)
-        self.bar.update(len(full.encoded))
 
     def files(self) -> PlateFiles:
         """Return what became of the hogels."""
@@ -251,6 +247,7 @@ class BlockWork:
             found=self.found,
             damaged=self.damaged,
             notes=tuple(self._notes()),
+            table=self.store.out.with_suffix(".parquet") if self.store.layout.measures else None,
         )
 
     def _notes(self) -> Iterator[str]:

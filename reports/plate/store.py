@@ -53,6 +53,9 @@ SOURCE = "source"
 LAYOUT = "layout"
 """Key of the layout in a description: it decides no pixel; a store keeps its own unless one is asked for."""
 
+COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
+"""Names of the arrays that most readers ask for."""
+
 METADATA = "zarr.json"
 """What Zarr calls the description of a group or an array, in its folder."""
 
@@ -288,7 +291,8 @@ def _layout_of(layout: Layout, made_with: Description) -> Layout:
 def _documents(layout: Layout, description: Description) -> dict[str, bytes]:
     """Return the descriptions of group and arrays that Zarr writes for a layout, by their place."""
     store = MemoryStore()
-    labels = {"coordinates": "x y"} if layout.labelled else {}
+    # The unit of lengths stands here too, for xarray prints the attributes of groups alone.
+    labels = {"coordinates": "x y", "units": layout.units} if layout.labelled else {}
     group = zarr.create_group(store, attributes={**labels, ATTRIBUTE: dict(description)})
     for array in layout.arrays:
         _create(group, array, layout)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -28,8 +29,10 @@ from xfrustum.reports.plate.camera import camera_of
 from xfrustum.reports.plate.layout import BLOCK_BYTES, MAX_BLOCK_SIDE, Layout, default_side
 from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
 from xfrustum.reports.plate.shards import assembled, read_places
+from xfrustum.reports.plate.stored import StoredPlate
 from xfrustum.scenes import InputError, Plate, Scene, open_scene
 from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.model.effects import ALL_EFFECTS
 from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
 
 BLOCK = (3, 2)
@@ -113,11 +116,8 @@ def test_a_plate_from_before_there_were_blocks_goes_on_as_it_is(tmp_path: Path) 
     for name in ("x", "y", "u", "v", "row", "column"):
         shutil.rmtree(out / name)
     said = json.loads((out / "zarr.json").read_bytes())
-    del (
-        said["attributes"]["xfrustum"]["layout"],
-        said["attributes"]["coordinates"],
-        said["consolidated_metadata"],
-    )
+    del said["attributes"]["xfrustum"]["layout"], said["consolidated_metadata"]
+    del said["attributes"]["coordinates"], said["attributes"]["units"]
     (out / "zarr.json").write_text(json.dumps(said))
     for name, dimensions in (("color", ["y", "x", "rgb"]), ("triangle", ["y", "x"])):
         said = json.loads((out / name / "zarr.json").read_bytes())
@@ -145,6 +145,7 @@ def test_xarray_shows_names_coordinates_and_units(clean: Path) -> None:
     assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"}
     shown = repr(plate)
     assert all(name in shown for name in ("row", "column", "color", "height", "normal", "triangle"))
+    assert re.search(r"units: +mm", shown)
     for name in ("x", "y", "height"):
         assert plate[name].attrs["units"] == scene.units == "mm"
     hogel = scene.plate.aperture(5, 1)
@@ -176,6 +177,22 @@ def test_the_camera_of_any_hogel_is_the_rasterizers(name: str, tmp_path: Path) -
             np.testing.assert_allclose(camera.half_extent, drawn.half_extent, rtol=4 * 2**-53, atol=0)
     with pytest.raises(InputError, match="lies outside the plate"):
         camera_of(out, 7, 0)
+
+
+@pytest.mark.parametrize("block", [(1, 1), BLOCK])
+def test_a_stored_plate_says_which_hogels_are_finished(block: tuple[int, int], tmp_path: Path) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    drawn = [scene.plate.aperture(*index) for index in ((2, 2), (6, 4), (0, 0))]
+    write_plate(scene, SETTINGS, out, drawn, EVERYTHING, block=block)
+    stored = StoredPlate(out)
+    assert [aperture for aperture in scene.plate.apertures() if stored.finished(aperture)] == sorted(
+        drawn, key=lambda one: (one.row, one.column)
+    )
+    assert list(stored.arrays) == ["triangle", "color"]
+    assert stored.description["scene"]["hash"] == scene.content_hash
+    for path in (tmp_path, tmp_path / "nosuch.zarr"):
+        with pytest.raises(InputError, match="is no plate"):
+            StoredPlate(path)
 
 
 def test_what_is_no_plate_has_no_cameras(tmp_path: Path) -> None:
@@ -246,11 +263,12 @@ def named() -> Scene:
 
 def test_blocks_drawn_by_single_calls_are_those_of_the_whole(tmp_path: Path) -> None:
     whole = write_plate(named(), SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=BLOCK).out
-    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr", content=EVERYTHING, block=BLOCK)
+    content = replace(EVERYTHING, effects=ALL_EFFECTS)
+    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr", content=content, block=BLOCK)
     again = PlatePlan.from_json(plan.to_json())
     assert again == plan
     numbers = list(blocks_of(plan))
-    assert numbers == list(range(6))
+    assert numbers == [0, 1, 2, 3, 4, 5]
     try:
         counts = [draw_block(again, number).drawn for number in reversed(numbers)]
         assert draw_block(plan, 0).found == 6

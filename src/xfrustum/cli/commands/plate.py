@@ -101,7 +101,7 @@ def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -
     "--apertures",
     "blocks",
     type=Blocks(),
-    help="Columns,rows of blocks, such as 0-80,30;*,0-5.  [default: all]",
+    help="Columns,rows of rectangles, such as 0-80,30;*,0-5.  [default: all]",
 )
 @options.optional_double_frustum_options
 @cli_light.light_options(*cli_light.ALL)
@@ -183,6 +183,14 @@ def plate(
         say(f"note: {note}")
     options.tell(
         as_json,
-        lambda: {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
-        lambda: f"{files.drawn} hogels drawn, {files.found} found\n{files.out}",
+        lambda: {
+            **{"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
+            "table": files.table,
+        },
+        lambda: "\n".join(
+            [
+                f"{files.drawn} hogels drawn, {files.found} found",
+                *map(str, filter(None, (files.out, files.table))),
+            ]
+        ),
     )
