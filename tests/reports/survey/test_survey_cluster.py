@@ -73,7 +73,8 @@ def undisturbed(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 def test_workers_make_the_same_bytes_as_one_process_however_many_are_killed(
     scene_path: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
-    out, chance, kills = tmp_path / "survey", random.Random(3), []
+    out, chance = tmp_path / "survey", random.Random(3)
+    kills: list[int] = []
     run = started(scene_path, out, 2)
 
     def kill_at_random() -> None:
