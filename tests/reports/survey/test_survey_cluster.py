@@ -56,7 +56,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     """Return the worker processes of a command; others that it has started hold no scene."""
     with suppress(psutil.NoSuchProcess):
         children = psutil.Process(process.pid).children(recursive=True)
-        return [one for one in children if "spawn_main" in " ".join(one.cmdline())]
+        return [one for one in children if "xfrustum.reports.cluster.worker" in one.cmdline()]
     return []
 
 
