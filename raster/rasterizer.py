@@ -182,7 +182,7 @@ class Rasterizer(ContextOwner):
             triangle=triangle,
             object=self._object_of_number[triangle],
             position=position,
-            normal=self._normals_of(triangle) if normals else None,
+            normal=normals_of(self.scene, triangle) if normals else None,
             color=seen,
             rendering=Rendering.of(effects, sampling) if color else None,
         )
@@ -242,12 +242,6 @@ class Rasterizer(ContextOwner):
             self._targets[size, depth, samples] = Target(size, depth, samples)
         return self._targets[size, depth, samples]
 
-    def _normals_of(self, triangle: Numbers) -> Singles:
-        normals = np.full((*triangle.shape, 3), np.nan, dtype=np.float32)
-        covered = triangle != NOTHING
-        normals[covered] = self.scene.normals[triangle[covered]]
-        return normals
-
     def _camera(self, aperture: Aperture, settings: DoubleFrustum) -> HogelCamera:
         window = FilmWindow.of(self.scene.frustum, aperture)
         return HogelCamera(
@@ -262,3 +256,11 @@ class Rasterizer(ContextOwner):
             renderer=f"raster, {self.device['renderer']}",
             settings=settings,
         )
+
+
+def normals_of(scene: Scene, triangle: Numbers) -> Singles:
+    """Return the unit normals (H, W, 3) of triangles by their numbers, NaN where there is none."""
+    normals = np.full((*triangle.shape, 3), np.nan, dtype=np.float32)
+    covered = triangle != NOTHING
+    normals[covered] = scene.normals[triangle[covered]]
+    return normals

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from xfrustum.reference.averages import averages
@@ -55,6 +56,10 @@ class PlainReference(Reference):
         image = self.propose(aperture)
         camera = replace(image.camera, renderer=f"{self.tracer_name} alone, nothing certified")
         return replace(image, camera=camera, rendering=self.rendering(sampling))
+
+    def stream(self, apertures: Iterable[Aperture]) -> Iterator[HogelImage]:
+        """Yield what the tracer shows of many apertures, in order."""
+        yield from map(self.trace, apertures)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
         """Return what the tracer shows along the lines of the cameras of these settings.

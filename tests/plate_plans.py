@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import beta
 
-from xfrustum.compare.planning.hogels import HogelResult, hogel_result
+from xfrustum.compare.judging.judge import Judge
+from xfrustum.compare.planning.hogels import HogelResult, hogel_results
 from xfrustum.compare.planning.plan import Plan, depth_buffers
 from xfrustum.compare.planning.views import Requirement
-from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference
 from xfrustum.reports.commands.planning import make_plan
 from xfrustum.scenes import DepthFormat, DepthMapping, Scene, open_scene
 from xfrustum.scenes.plate.plate import Aperture
@@ -100,9 +99,8 @@ def measured(scene: Scene, made: Plan, apertures: list[Aperture]) -> list[HogelR
     """Return how a plan does at some hogels; nothing where there is no plan."""
     if made.settings is None:
         return []
-    reference = Reference(scene)
-    with Rasterizer(scene) as rasterizer:
-        return [hogel_result(reference, rasterizer, one, made.settings) for one in apertures]
+    with Judge(scene) as judge:
+        return list(hogel_results(judge, apertures, made.settings))
 
 
 def main() -> None:

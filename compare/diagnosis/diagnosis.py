@@ -10,11 +10,12 @@ import numpy as np
 from xfrustum.compare.diagnosis.claims import claims_of
 from xfrustum.compare.diagnosis.composition import exchanged_light, find_composition, unconjugated_share
 from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION, ExplanationTest
-from xfrustum.compare.diagnosis.faults import CONVENTIONS, MISTAKEN_UNITS, Fault, faults_of, lights_fault
+from xfrustum.compare.diagnosis.faults import MISTAKEN_UNITS, Fault, faults_of, lights_fault
 from xfrustum.compare.diagnosis.geometry_fit import GeometryFit, fit_geometry
 from xfrustum.compare.diagnosis.registration import register
 from xfrustum.compare.judging.judged import Judging
 from xfrustum.compare.renderer_model import parameters
+from xfrustum.compare.renderer_model.conventions import CONVENTIONS
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel, Recentering
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window

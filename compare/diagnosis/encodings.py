@@ -17,7 +17,7 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.claims import claims_of
 from xfrustum.compare.diagnosis.containment import outside_px
-from xfrustum.compare.diagnosis.faults import CONVENTIONS, Fault
+from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.diagnosis.geometry_fit import fit_geometry
 from xfrustum.compare.diagnosis.stored_truth import (
     LOSSY,
@@ -50,12 +50,6 @@ CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING = (
     "wrong-encoding",
 )
 ENCODING_FAULTS = (CHANNEL_ORDER, ID_OFFSET, BACKGROUND_ID, WRONG_ENCODING, OVERFLOW, RESAMPLED, LOSSY)
-
-ENCODING = "encoding"
-"""Name under which `accept` takes all faults of encoding; lost numbers cannot be accepted."""
-
-ACCEPTABLE = (*CONVENTIONS, ENCODING)
-"""Conventions that a renderer's author may declare, so that images are judged by the values found."""
 
 NUMBER_ENCODINGS = (Encoding.TRIANGLE_ID, Encoding.OBJECT_ID)
 """Encodings whose pixels hold numbers and not colors."""

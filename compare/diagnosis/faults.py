@@ -44,9 +44,6 @@ MISTAKEN_UNITS = {
 }
 """Common mistakes of units by the factor by which they enlarge a scene."""
 
-CONVENTIONS = ("orientation", "order", "shift", "fov", "pitch", "near")
-"""Conventions that a renderer's author may declare, so that images are judged by them."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:

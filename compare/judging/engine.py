@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
+from types import MappingProxyType
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy as np
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
-from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
 from xfrustum.compare.judging.threads import DrawingThread, TracingThread
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.compare.metrics.error_maps import JudgedImage
@@ -35,6 +36,9 @@ from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 Found = TypeVar("Found")
+
+NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
+"""The truths that are there before anything is traced, where there are none."""
 
 MAX_BATCH_PIXELS = 1 << 20
 """Largest number of pixels of the frames that are drawn at a time, without others between them."""
@@ -113,6 +117,11 @@ class JudgedFrame:
     lap: Stopwatch
     gpu_s: float
 
+    @property
+    def times(self) -> StageTimes:
+        """Seconds of the truth and of the frame's stages."""
+        return StageTimes.of(self.hogel.trace_s, self.lap)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged(Generic[Found]):
@@ -157,7 +166,7 @@ class _Hogel:
     truth: Future[HogelImage]
     lap: Stopwatch
 
-    @cached_property
+    @property
     def traced(self) -> TracedHogel:
         """The hogel, as soon as it is traced."""
         truth = self.truth.result()
@@ -230,11 +239,21 @@ class Engine(Generic[Found]):
         self._batch_size = max(1, min(2 * worker_count(), MAX_BATCH_PIXELS // self._pixels))
 
     def frames(
-        self, apertures: Iterable[Aperture], settings: Sequence[DoubleFrustum]
+        self,
+        apertures: Iterable[Aperture],
+        settings: Sequence[DoubleFrustum],
+        truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
     ) -> Generator[Judged[Found], None, None]:
         """Yield what is found of each drawing, hogel by hogel, those of the same cameras together.
 
-        Apertures are taken in the thread of the caller, some hogels ahead of what it has been given.
+        Parameters
+        ----------
+        apertures
+            Apertures, taken in the thread of the caller, some hogels ahead of what it has been given.
+        settings
+            Settings that each is drawn with, at least one.
+        truths
+            True images that are there already, and are not traced again.
         """
         groups = grouped(settings, self._batch_size)
         most = images_under_way(self._pixels)
@@ -246,7 +265,7 @@ class Engine(Generic[Found]):
             drawn: deque[Future[_Batch]] = deque()
             tasks = (
                 task
-                for hogel in _traced(tracing, apertures)
+                for hogel in _traced(tracing, apertures, truths)
                 for task in self._tasks(hogel, groups, pool, drawn)
             )
             try:
@@ -357,11 +376,19 @@ class Engine(Generic[Found]):
         return Judged(hogel=hogel, settings=settings, found=self._finish(judged))
 
 
-def _traced(tracing: TracingThread, apertures: Iterable[Aperture]) -> Iterator[_Hogel]:
+def _traced(
+    tracing: TracingThread, apertures: Iterable[Aperture], truths: Mapping[Aperture, HogelImage]
+) -> Iterator[_Hogel]:
     for number, aperture in enumerate(apertures):
         one_of(aperture, Aperture, "aperture")
         lap = Stopwatch()
-        yield _Hogel(number=number, aperture=aperture, truth=tracing.submit(aperture, lap), lap=lap)
+        if aperture in truths:
+            truth: Future[HogelImage] = Future()
+            truth.set_result(truths[aperture])
+            lap.record("trace", 0.0)
+        else:
+            truth = tracing.submit(aperture, lap)
+        yield _Hogel(number=number, aperture=aperture, truth=truth, lap=lap)
 
 
 def _start(charging: Charging, batch: Future[_Batch]) -> ChainStart:

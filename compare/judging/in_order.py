@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from threading import Barrier
 from typing import TypeVar
 
 from xfrustum.reference.devices.threads import worker_count
@@ -33,8 +34,14 @@ def workers(name: str, count: int | None = None) -> Iterator[ThreadPoolExecutor]
 
     What has not begun by then is cancelled, and what has begun is waited for.
     """
-    pool = ThreadPoolExecutor(worker_count() if count is None else count, thread_name_prefix=name)
+    count = worker_count() if count is None else count
+    pool = ThreadPoolExecutor(count, thread_name_prefix=name)
     try:
+        # All threads start here, where no signal interrupts a command, and not at the first tasks: a thread
+        # whose start was interrupted would never be ended.
+        all_started = Barrier(count)
+        for _ in range(count):
+            pool.submit(all_started.wait)
         yield pool
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.judging.engine import Engine, JudgedFrame, Wanted
+from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.judging.threads import DrawingThread
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.prediction.predict import Prediction
@@ -24,37 +25,7 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
-
-@dataclass(frozen=True, kw_only=True)
-class StageTimes:
-    """Wall seconds of the stages of one drawing; no stage is a part of another.
-
-    Stages that run side by side share the time that passes: while k of them run, each is given 1/k of it.
-
-    Attributes
-    ----------
-    trace
-        The hogel's certified truth, the same for all its drawings.
-    raster
-        A frame with read-back.
-    compare, predict
-        Judging and predicting the frame.
-    causes
-        Charging its wrong pixels to causes. What the frames of one hogel have in common is not in it.
-        This stage and `predict` take no time where causes were not asked for.
-    """
-
-    trace: float
-    raster: float
-    compare: float
-    predict: float
-    causes: float
-
-    @classmethod
-    def of(cls, frame: JudgedFrame) -> StageTimes:
-        """Return the seconds of a frame."""
-        taken = {"predict": 0.0, "causes": 0.0, **frame.lap.seconds}
-        return cls(trace=frame.hogel.trace_s, **taken)
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -205,8 +176,11 @@ class Judge:
         def finish(frame: JudgedFrame) -> JudgedDrawing:
             return _drawing(frame, images)
 
-        engine = Engine(self.reference, self.drawing, wanted, finish)
-        return self._stream(engine, apertures, tuple(settings), images)
+        return self._stream(self.engine(wanted, finish), apertures, tuple(settings), images)
+
+    def engine(self, wanted: Wanted, finish: Callable[[JudgedFrame], Found]) -> Engine[Found]:
+        """Return what a stream is made of: an engine that keeps what `finish` returns of each frame."""
+        return Engine(self.reference, self.drawing, wanted, finish)
 
     def _stream(
         self,
@@ -237,5 +211,5 @@ def _drawing(frame: JudgedFrame, images: bool) -> JudgedDrawing:
         causes=None if budget is None else budget.causes,
         unexplained=None if budget is None else int(budget.explanation.unexplained.sum()),
         predicted=frame.prediction,
-        times=StageTimes.of(frame),
+        times=frame.times,
     )

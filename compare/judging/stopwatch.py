@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 
 
 class Stopwatch:
@@ -72,6 +73,37 @@ class SharedStopwatch:
         for watch, name in self._running:
             watch.record(name, (now - self._last) / len(self._running))
         self._last = now
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageTimes:
+    """Wall seconds of the stages of one drawing; no stage is a part of another.
+
+    Stages that run side by side share the time that passes: while k of them run, each is given 1/k of it.
+
+    Attributes
+    ----------
+    trace
+        The hogel's certified truth, the same for all its drawings.
+    raster
+        A frame with read-back.
+    compare, predict
+        Judging and predicting the frame.
+    causes
+        Charging its wrong pixels to causes. What the frames of one hogel have in common is not in it.
+        This stage and `predict` take no time where causes were not asked for.
+    """
+
+    trace: float
+    raster: float
+    compare: float
+    predict: float
+    causes: float
+
+    @classmethod
+    def of(cls, trace_s: float, lap: Stopwatch) -> StageTimes:
+        """Return the seconds of a frame, given those of its hogel's truth and its own."""
+        return cls(trace=trace_s, **{"predict": 0.0, "causes": 0.0, **lap.seconds})
 
 
 class Machine:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from itertools import islice
 from typing import Any
 
-from xfrustum.compare.attribution.wrong_by_depth import DepthControl
-from xfrustum.compare.metrics.comparison import compare_images
+from xfrustum.compare.judging.engine import NO_TRUTHS, JudgedFrame, Wanted
+from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.planning.views import Requirement
-from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference
+from xfrustum.compare.prediction.chain import with_exact_depth
+from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -143,20 +147,53 @@ def _named(apertures: tuple[tuple[int, int], ...], count: int) -> str:
     return "; ".join([*words, ".."] if count > len(named) else words)
 
 
-def hogel_result(
-    reference: Reference, rasterizer: Rasterizer, aperture: Aperture, settings: DoubleFrustum
-) -> HogelResult:
-    """Draw one hogel, and judge it by the truth."""
-    truth = reference.trace(aperture)
-    drawn = rasterizer.render(aperture, settings, normals=False, color=False)
-    judged = compare_images(truth, drawn, reference, radiance=False)
-    wrong = judged.maps.surface
-    assert wrong is not None
-    by_depth = DepthControl.of(rasterizer, truth, reference, settings).charged(wrong)
-    count = max(judged.judged, 1)
-    return HogelResult(
-        aperture=aperture,
-        displacement_p99_px=judged.displacement_px.p99 if judged.displacement_px else 0.0,
-        surface_fraction=float(wrong.sum() / count),
-        depth_wrong=float(by_depth.sum() / count),
-    )
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Judged:
+    """What a result is made of: one drawing, by any depth buffer or by an exact one."""
+
+    displacement_p99_px: float
+    judged: int
+    wrong: Mask
+
+    @classmethod
+    def of(cls, frame: JudgedFrame) -> _Judged:
+        found = frame.comparison
+        wrong = found.maps.surface
+        assert wrong is not None, "the reference has the scene at hand"
+        p99 = found.displacement_px.p99 if found.displacement_px else 0.0
+        return cls(displacement_p99_px=p99, judged=found.judged, wrong=wrong)
+
+
+def hogel_results(
+    judge: Judge,
+    apertures: Iterable[Aperture],
+    settings: DoubleFrustum,
+    truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
+) -> Iterator[HogelResult]:
+    """Draw hogels, and yield how well the settings do at each, in order.
+
+    Wrong surfaces that are right with exact depth are wrong by depth (`DepthControl`): each hogel is drawn
+    with exact depth besides.
+
+    Parameters
+    ----------
+    judge
+        Judge of the scene.
+    apertures, settings
+        Hogels, and settings that they are drawn with.
+    truths
+        True images that are there already.
+    """
+    exact = with_exact_depth(settings)
+    both = tuple(dict.fromkeys((settings, exact)))
+    with closing(judge.engine(Wanted(), _Judged.of).frames(apertures, both, truths)) as frames:
+        while some := list(islice(frames, len(both))):
+            found = {one.settings: one.found for one in some}
+            drawn, control = found[settings], found[exact]
+            count = max(drawn.judged, 1)
+            yield HogelResult(
+                aperture=some[0].hogel.aperture,
+                displacement_p99_px=drawn.displacement_p99_px,
+                surface_fraction=float(drawn.wrong.sum() / count),
+                depth_wrong=float((drawn.wrong & ~control.wrong).sum() / count),
+            )

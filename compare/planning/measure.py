@@ -6,15 +6,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from xfrustum.compare.attribution.wrong_by_depth import DepthControl
-from xfrustum.compare.metrics.displacement import displacement
-from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.surface import wrong_surface
-from xfrustum.compare.planning.displacement import displacement_percentile
+from xfrustum.compare.judging.judge import Judge
+from xfrustum.compare.planning.hogels import hogel_results
 from xfrustum.compare.planning.sheets import misordered
 from xfrustum.compare.planning.views import Quality, Requirement, View, Views
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.raster import Rasterizer
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -60,18 +56,19 @@ def measured(
     """
     separation = requirement.separation_in(views.scene.frustum)
     found = []
-    with Rasterizer(views.scene) as rasterizer:
-        for view in views.views:
-            moved, wrong = _drawn(views, view, rasterizer, settings)
-            found.append(
-                Quality(
-                    displacement_p99_px=moved,
-                    depth_wrong=wrong,
-                    misordered=misordered(views.scene, view, settings, separation),
-                    separation=_smallest_separation(views, view, settings) if smallest else math.nan,
-                )
+    with Judge(views.scene, reference=views.reference) as judge:
+        apertures = [view.aperture for view in views.views]
+        drawn = list(hogel_results(judge, apertures, settings, views.truths))
+    for view, result in zip(views.views, drawn, strict=True):
+        found.append(
+            Quality(
+                displacement_p99_px=result.displacement_p99_px,
+                depth_wrong=result.depth_wrong,
+                misordered=misordered(views.scene, view, settings, separation),
+                separation=_smallest_separation(views, view, settings) if smallest else math.nan,
             )
-            done(1)
+        )
+        done(1)
     return Quality.worst(found)
 
 
@@ -81,18 +78,6 @@ def meets(quality: Quality, requirement: Requirement) -> bool:
         quality.displacement_p99_px <= requirement.tolerance_px
         and quality.depth_wrong <= requirement.max_wrong
         and quality.misordered <= MAX_MISORDERED_FRACTION
-    )
-
-
-def _drawn(views: Views, view: View, rasterizer: Rasterizer, settings: DoubleFrustum) -> tuple[float, float]:
-    """Return the 99th percentile of displacement, and the share of wrong surfaces charged to depth."""
-    image = rasterizer.render(view.aperture, settings, normals=False, color=False)
-    judged = judged_pixels(view.truth)
-    wrong = judged & wrong_surface(view.truth, image, views.reference)
-    control = DepthControl.of(rasterizer, view.truth, views.reference, settings)
-    return (
-        displacement_percentile(displacement(image, view.truth.camera)),
-        float(control.charged(wrong).sum() / max(judged.sum(), 1)),
     )
 
 

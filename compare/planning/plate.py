@@ -11,17 +11,19 @@ are set aside, and the plan says for which share of the plate it holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from xfrustum.compare.judging.engine import NO_TRUTHS
+from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.displacement import displacement_bound
 from xfrustum.compare.planning.hogels import (
     MAX_LISTED_APERTURES,
     HogelResult,
     PlateResult,
-    hogel_result,
+    hogel_results,
 )
 from xfrustum.compare.planning.measure import measured, meets
 from xfrustum.compare.planning.partial import largest_share
@@ -37,8 +39,8 @@ from xfrustum.compare.scouting.sample import (
     share_at_most,
 )
 from xfrustum.compare.scouting.scout import Look, Scout
-from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -219,12 +221,17 @@ class PlatePlanner:
         known = [*(view.aperture for view in views.views), *hopeless]
         return self._drawn(sample_hogels(plate, wanted, known), settings)
 
-    def _drawn(self, apertures: Sequence[Aperture], settings: DoubleFrustum) -> list[HogelResult]:
-        """Draw apertures with some settings, and judge each."""
+    def _drawn(
+        self,
+        apertures: Sequence[Aperture],
+        settings: DoubleFrustum,
+        truths: Mapping[Aperture, HogelImage] = NO_TRUTHS,
+    ) -> list[HogelResult]:
+        """Draw apertures with some settings, and judge each by its truth, which may be there already."""
         results = []
-        with Rasterizer(self.reference.scene) as rasterizer:
-            for aperture in apertures:
-                results.append(hogel_result(self.reference, rasterizer, aperture, settings))
+        with Judge(self.reference.scene, reference=self.reference) as judge:
+            for one in hogel_results(judge, apertures, settings, truths):
+                results.append(one)
                 self.done(1)
         return results
 
@@ -237,7 +244,7 @@ class PlatePlanner:
     ) -> Plan:
         """Return the plan with what was measured at its own apertures and at the sample."""
         assert made.settings is not None
-        chosen = self._drawn([view.aperture for view in views.views], made.settings)
+        chosen = self._drawn([view.aperture for view in views.views], made.settings, views.truths)
         quality = measured(views, made.settings, self.requirement, self.done)
         plate = self._plate_result(chosen, sample, set_aside)
         assert plate.worst is not None

@@ -183,6 +183,11 @@ class Views:
         """The scene."""
         return self.reference.scene
 
+    @property
+    def truths(self) -> dict[Aperture, HogelImage]:
+        """True image of each aperture."""
+        return {view.aperture: view.truth for view in self.views}
+
     def displaced(self, settings: DoubleFrustum) -> Iterator[float]:
         """Yield the 99th percentile of displacement that each aperture's picture is not to exceed."""
         for view in self.views:

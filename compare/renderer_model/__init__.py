@@ -1,5 +1,7 @@
 """A model of somebody else's renderer: conventions, geometry, what it draws.
 
+conventions   The conventions that a renderer's author may declare: their names, which are checked
+              without more
 drawn_color   The color of what a guess about a renderer makes of a scene: the reference's own light on
               its surfaces
 drawn_model   A model of how somebody drew a plate: conventions, geometry, and which camera wins where

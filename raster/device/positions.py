@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from typing import Protocol
 
 import moderngl
 import numpy as np
 from OpenGL import GL
 
-from xfrustum.raster.device.targets import Target
 from xfrustum.scenes.arrays import Floats, Singles
 from xfrustum.scenes.model.scene import Scene
 
@@ -27,6 +27,17 @@ class DrawnBy:
 
     clip_from_scene: Floats
     heights: tuple[float, float]
+
+
+class Identified(Protocol):
+    """A picture whose triangle and camera numbers a shader can look up."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """W, H in pixels."""
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
 
 
 class Positions:
@@ -48,13 +59,13 @@ class Positions:
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._points: dict[tuple[int, int], moderngl.Buffer] = {}
 
-    def read(self, target: Target, drawn: Sequence[DrawnBy]) -> Singles:
+    def read(self, target: Identified, drawn: Sequence[DrawnBy]) -> Singles:
         """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
 
         Parameters
         ----------
         target
-            Target with the triangle and camera numbers that were drawn.
+            Picture with the triangle and camera numbers that were drawn.
         drawn
             The cameras, in the order of their numbers.
         """

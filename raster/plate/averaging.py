@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -22,7 +23,8 @@ def averaged(
 ) -> Iterator[PlateHogel]:
     """Yield hogels whose color is the mean of images drawn at several points of their area.
 
-    Triangle numbers are those seen through the aperture itself, which is drawn besides for them.
+    Triangle numbers, heights and normals are those seen through the aperture itself, which is drawn besides
+    for them.
 
     Parameters
     ----------
@@ -33,15 +35,16 @@ def averaged(
     draw
         Function that yields the image of each point, in order, with colors in float32.
     content
-        Type of color, and whether triangle numbers come along.
+        Type of color, and the images that come along.
     """
     waiting: deque[tuple[Aperture, int]] = deque()
+    surfaces = content.channels != (Channel.COLOR,)
 
     def drawn() -> Iterator[Aperture]:
         for aperture in apertures:
             some = points(aperture)
             waiting.append((aperture, len(some)))
-            if content.ids:
+            if surfaces:
                 yield aperture
             yield from some
 
@@ -49,12 +52,12 @@ def averaged(
     for first in images:
         aperture, count = waiting.popleft()
         total = np.zeros(first.color.shape)
-        if not content.ids:
+        if not surfaces:
             total += first.color
-        for _ in range(count - (not content.ids)):
+        for _ in range(count - (not surfaces)):
             total += next(images).color
         mean = (total / count).astype(np.float32)
-        yield PlateHogel(aperture=aperture, color=stored(mean, content.color), triangle=first.triangle)
+        yield replace(first, aperture=aperture, color=stored(mean, content.color))
 
 
 def stored(color: Singles, kind: ColorType) -> NDArray[Any]:

@@ -17,6 +17,7 @@ from xfrustum.raster.cameras.depth_formats import MAPPINGS
 from xfrustum.raster.cameras.passes import Pass, cameras_in_order, pass_of
 from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import ContextOwner, describe, open_context
+from xfrustum.raster.device.positions import DrawnBy, Positions
 from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.plate.averaging import averaged
 from xfrustum.raster.plate.picture import (
@@ -29,10 +30,12 @@ from xfrustum.raster.plate.picture import (
 from xfrustum.raster.plate.program import lets_vertices_choose_layers
 from xfrustum.raster.plate.submissions import Batching, Slot, groups, make_rounds
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
+from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
+from xfrustum.scenes.arrays import Numbers, Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Question, needed
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -94,10 +97,16 @@ class PlateRenderer(ContextOwner):
             raise
 
     def _prepare(self) -> None:
-        identified = bool(reflective_triangles(self.scene, self.effects).any())
+        channels = self.content.channels
+        measured = Channel.HEIGHT in channels
+        identified = measured or bool(reflective_triangles(self.scene, self.effects).any())
         # The mean over sub-apertures is taken of colors as `Rasterizer` has them, and rounded once.
         single = self.scene.sampling.aperture == 1
         content = self.content if single else replace(self.content, color=ColorType.FLOAT32)
+        if Channel.NORMAL in channels:
+            content = replace(content, ids=True)
+        solid = len(self.scene.faces) > 0
+        self._positions = Positions(self._context, self.scene) if solid and measured else None
         form = TargetFormat(depth=self.settings.depth, content=content, identified=identified)
         size = self.scene.frustum.resolution
         self.batching = Batching.of(size, form, layered=lets_vertices_choose_layers(self._context))
@@ -227,9 +236,32 @@ class PlateRenderer(ContextOwner):
         for slot, apertures in waiting:
             with self._context, stage("read-back"):
                 color, triangle = slot.target.finish_color(), slot.target.finish_triangle()
+                heights = [self._height(slot, layer, aperture) for layer, aperture in enumerate(apertures)]
             for layer, aperture in enumerate(apertures):
+                numbers = None if triangle is None else triangle[layer]
                 yield PlateHogel(
                     aperture=aperture,
                     color=color[layer],
-                    triangle=None if triangle is None else triangle[layer],
+                    triangle=numbers if self.content.ids else None,
+                    height=heights[layer],
+                    normal=self._normals(numbers),
                 )
+
+    def _height(self, slot: Slot, layer: int, aperture: Aperture) -> Singles | None:
+        """Return the heights (H, W) of what a hogel shows, where they are wanted."""
+        wanted = Channel.HEIGHT in self.content.channels
+        # Sub-apertures give their color alone.
+        if not wanted or aperture != self.scene.plate.aperture(*aperture.index):
+            return None
+        passes = self._passes(aperture)
+        if self._positions is None or not passes:
+            return np.full(slot.target.size[::-1], np.nan, dtype=np.float32)
+        drawn = [DrawnBy(clip_from_scene=one.clip_from_scene, heights=one.heights) for one in passes]
+        # A copy, so that the other two coordinates can go.
+        return self._positions.read(slot.target.layer(layer), drawn)[..., 2].copy()
+
+    def _normals(self, triangle: Numbers | None) -> Singles | None:
+        """Return the normals (H, W, 3) of the triangles that a hogel shows, where they are wanted."""
+        if triangle is None or Channel.NORMAL not in self.content.channels:
+            return None
+        return normals_of(self.scene, triangle)

@@ -62,6 +62,27 @@ class TargetFormat:
         return _DEPTH_BYTES[self.depth] + 4 * self.content.color.dtype.itemsize + identity
 
 
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """The identities of one layer of a target, as a picture of its own.
+
+    Attributes
+    ----------
+    size
+        W, H in pixels.
+    view
+        OpenGL's number of the texture that shows this layer alone.
+    """
+
+    size: tuple[int, int]
+    view: int
+
+    def bind_identity(self, unit: int) -> None:
+        """Make the identities a texture for a shader."""
+        GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self.view)
+
+
 class LayeredTarget:
     """One framebuffer with a layer for each hogel of a submission, and buffers to read it through.
 
@@ -90,13 +111,13 @@ class LayeredTarget:
         self._packs = {COLOR: self._pack(4 * self._content.color.dtype.itemsize)}
         if self._content.ids:
             self._packs[IDENTITY] = self._pack(4)
+        self._views: list[int] = []
 
     def _store(self, internal: int) -> int:
         texture = int(GL.glGenTextures(1))
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
         GL.glTexStorage3D(GL.GL_TEXTURE_2D_ARRAY, 1, internal, *self.size, self.layers)
-        GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
-        GL.glTexParameteri(GL.GL_TEXTURE_2D_ARRAY, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
+        _look_up_single_texels(GL.GL_TEXTURE_2D_ARRAY, texture)
         return texture
 
     def _framebuffer(self, outputs: Sequence[int], *, depth: bool) -> int:
@@ -143,6 +164,16 @@ class LayeredTarget:
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY])
 
+    def layer(self, number: int) -> Layer:
+        """Return the identities of one layer, which stay until the layer is drawn on again."""
+        while len(self._views) <= number:
+            view = int(GL.glGenTextures(1))
+            whole = self._textures[GL.GL_COLOR_ATTACHMENT0 + IDENTITY]
+            GL.glTextureView(view, GL.GL_TEXTURE_2D, whole, GL.GL_RG32UI, 0, 1, len(self._views), 1)
+            _look_up_single_texels(GL.GL_TEXTURE_2D, view)
+            self._views.append(view)
+        return Layer(size=self.size, view=self._views[number])
+
     def clear_depth(self, value: float) -> None:
         """Set every depth of every layer."""
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.array([value], dtype=np.float32))
@@ -185,5 +216,12 @@ class LayeredTarget:
     def release(self) -> None:
         """Free the framebuffers, textures and buffers."""
         GL.glDeleteFramebuffers(2, [self._picture, self._radiance])
-        GL.glDeleteTextures(list(self._textures.values()))
+        GL.glDeleteTextures([*self._views, *self._textures.values()])
         GL.glDeleteBuffers(len(self._packs), list(self._packs.values()))
+
+
+def _look_up_single_texels(kind: int, texture: int) -> None:
+    """Bind a texture and switch off filters, without which integers cannot be looked up."""
+    GL.glBindTexture(kind, texture)
+    GL.glTexParameteri(kind, GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST)
+    GL.glTexParameteri(kind, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)

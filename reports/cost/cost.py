@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
 from xfrustum.compare import compare_images
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
@@ -171,12 +172,9 @@ def _race(
     timed = [TimedWay(one) for one in next(iter(ways.values()))]
     errors = [(0.0, 0.0) for _ in timed]
     with progress_bar(len(timed) * (len(ways) + asked.repeat), "cost", "picture", shown=progress) as bar:
-        for aperture, those in ways.items():
-            truth = reference.trace(aperture)
-            for number, one in enumerate(those):
-                p99, wrong = _error(one, truth, reference)
-                errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
-                bar.update()
+        for number, (p99, wrong) in _errors(ways, reference):
+            errors[number] = max(errors[number][0], p99), max(errors[number][1], wrong)
+            bar.update()
         for _ in range(asked.repeat):
             take_turn(timed, [one.time_s for one in timed])
             bar.update(len(timed))
@@ -191,12 +189,40 @@ def _race(
     return options()
 
 
-def _error(way: Way, truth: HogelImage, reference: Reference) -> tuple[float, float]:
-    """Return the 99th percentile of displacement of a picture, and its share of wrong surfaces."""
-    judged = compare_images(truth, way.picture(), reference, radiance=False)
-    moved, wrong = judged.displacement_px, judged.surface_wrong or 0
-    p99 = moved.p99 if moved and way.renderer == "raster" else 0.0
-    return p99, wrong / max(judged.judged, 1)
+def _errors(
+    ways: Mapping[Aperture, list[Way]], reference: Reference
+) -> Iterator[tuple[int, tuple[float, float]]]:
+    """Yield the number of each way with its error at an aperture; one is judged while the next is made."""
+
+    def pictures() -> Iterator[_Picture]:
+        for aperture, those in ways.items():
+            truth = reference.trace(aperture)
+            for number, one in enumerate(those):
+                yield _Picture(number=number, way=one, truth=truth, image=one.picture())
+
+    def error(one: _Picture) -> tuple[int, tuple[float, float]]:
+        return one.number, one.error(reference)
+
+    most = images_under_way(math.prod(reference.scene.frustum.resolution))
+    with workers("judging") as pool:
+        yield from in_order(pool, error, pictures(), most)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Picture:
+    """The picture that a way has made of an aperture, and the aperture's truth."""
+
+    number: int
+    way: Way
+    truth: HogelImage
+    image: HogelImage
+
+    def error(self, reference: Reference) -> tuple[float, float]:
+        """Return the 99th percentile of displacement, and the share of wrong surfaces."""
+        judged = compare_images(self.truth, self.image, reference, radiance=False)
+        moved, wrong = judged.displacement_px, judged.surface_wrong or 0
+        p99 = moved.p99 if moved and self.way.renderer == "raster" else 0.0
+        return p99, wrong / max(judged.judged, 1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 
 import plotly.graph_objects as go
 
+from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.predict import Prediction
@@ -26,7 +27,6 @@ from xfrustum.reports.measurements.measurement import (
     Ratios,
     SettingPictures,
     StageParts,
-    StageTimes,
     Sweep,
 )
 from xfrustum.reports.scene_check.page_section import scene_fit

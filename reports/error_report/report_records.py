@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from xfrustum.compare import Spread
 from xfrustum.compare.attribution.budget import Cause, CauseNumbers
 from xfrustum.compare.attribution.shear import ShearNumbers
+from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.prediction.predict import Separations
 from xfrustum.reference.alone import AloneNumbers
@@ -15,7 +16,7 @@ from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.records import named_columns
 from xfrustum.reports.error_report.shading import ShadingRecord
 from xfrustum.reports.measurements.best import Window
-from xfrustum.reports.measurements.measurement import Ratios, StageParts, StageTimes, SweepCost
+from xfrustum.reports.measurements.measurement import Ratios, StageParts, SweepCost
 from xfrustum.reports.scouting.automatic import ScoutRecord
 from xfrustum.reports.trade_off.trade_off_record import TradeOffRecord
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum

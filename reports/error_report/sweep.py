@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.prediction.chain import with_exact_depth
-from xfrustum.raster import Rasterizer
+from xfrustum.compare.judging.judge import Judge
 from xfrustum.reference.plain import CERTIFIED_DECISION, Decision, open_reference
 from xfrustum.reports.common import provenance
 from xfrustum.reports.common.geometry import CameraGeometry
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
-from xfrustum.reports.error_report.measuring import REPEAT_BUDGET_S, MeasuredSetting, SettingMeasurer
+from xfrustum.reports.error_report.measuring import (
+    REPEAT_BUDGET_S,
+    MeasuredSetting,
+    SettingMeasurer,
+    TracedAperture,
+)
 from xfrustum.reports.measurements.best import keeping_tolerance
 from xfrustum.reports.measurements.measurement import (
     Measurement,
@@ -107,15 +111,16 @@ def sweep(
     """
     watch, begun = Stopwatch(), time.perf_counter()
     with watch.stage("prepare"):
-        reference = open_reference(scene, decision, _simulated(scene, effects))
-        rasterizer = Rasterizer(scene, effects=_simulated(scene, effects))
-    reduction = _reduction(scene.frustum, len(apertures) * len(settings))
-    measurer = SettingMeasurer(scene, reference, rasterizer, reduction)
-    with rasterizer:
+        simulated = _simulated(scene, effects)
+        reference = open_reference(scene, decision, simulated)
+        judge = Judge(scene, reference=reference, effects=simulated)
+    with judge:
+        reduction = _reduction(scene.frustum, len(apertures) * len(settings))
+        measurer = SettingMeasurer(judge, reduction)
         measured = _run(measurer, apertures, settings, watch, progress)
         with watch.stage("repeat"):
             frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
-    opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
+        opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
     wall_s = time.perf_counter() - begun
     return Sweep(
         scene=scene,
@@ -175,37 +180,22 @@ def _run(
         measurer.warm_up(apertures[0], settings)
     steps = len(apertures) * (1 + len(settings))
     with progress_bar(steps, "report", "image", shown=progress) as bar:
-        for aperture in apertures:
-            bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: truth", refresh=False)
-            traced = measurer.trace(aperture, watch)
-            measured.truths.append(traced.picture)
-            measured.alone.extend([traced.alone] if traced.alone else [])
+        found: dict[tuple[Aperture, DoubleFrustum], MeasuredSetting] = {}
+        for aperture, one in measurer.measure(apertures, settings):
+            at = f"aperture {aperture.column},{aperture.row}"
+            if isinstance(one, TracedAperture):
+                measured.truths.append(one.picture)
+                measured.alone.extend([one.alone] if one.alone else [])
+                bar.set_postfix_str(f"{at}: truth", refresh=False)
+            else:
+                found[aperture, one.row.settings] = one
+                bar.set_postfix_str(f"{at}: near {one.row.settings.near:.3g}", refresh=False)
             bar.update()
-            found: dict[DoubleFrustum, MeasuredSetting] = {}
-            for some in measurer.measure(traced, _batches(settings, measurer.batch_size), watch):
-                near = f"near {some[-1].row.settings.near:.3g}"
-                bar.set_postfix_str(f"aperture {aperture.column},{aperture.row}: {near}", refresh=False)
-                found |= {one.row.settings: one for one in some}
-                bar.update(len(some))
-            measured.rows.extend(found[setting].row for setting in settings)
-            measured.pictures.extend(found[setting].pictures for setting in settings)
+    watch.add(measurer.seconds)
+    in_order = [found[aperture, setting] for aperture in apertures for setting in settings]
+    measured.rows.extend(one.row for one in in_order)
+    measured.pictures.extend(one.pictures for one in in_order)
     return measured
-
-
-def _batches(settings: Sequence[DoubleFrustum], size: int) -> Iterator[Sequence[DoubleFrustum]]:
-    """Yield parts of about one size whose cameras are the same: these share the traced links of the chain.
-
-    Geometries of one near follow one another, for they share some of these links too. A smaller remainder
-    would leave processors idle, so that the parts of one pair of cameras are equal.
-    """
-    grouped: dict[DoubleFrustum, list[DoubleFrustum]] = {}
-    nears = list(dict.fromkeys(setting.near for setting in settings))
-    for setting in sorted(settings, key=lambda one: nears.index(one.near)):
-        grouped.setdefault(with_exact_depth(setting), []).append(setting)
-    for group in grouped.values():
-        count = max(1, round(len(group) / size))
-        for part in np.array_split(np.arange(len(group)), count):
-            yield [group[i] for i in part]
 
 
 def _reduction(frustum: Frustum, count: int) -> int:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.attribution.shear import ShearNumbers
+from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.prediction.predict import Prediction
@@ -19,29 +20,6 @@ from xfrustum.reports.common.timing import Timing
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-
-
-@dataclass(frozen=True, kw_only=True)
-class StageTimes:
-    """Wall seconds of the stages of one row; no stage is a part of another.
-
-    Attributes
-    ----------
-    trace
-        The aperture's certified truth, the same in all its rows.
-    raster
-        A frame with read-back.
-    compare, predict
-        Judging and predicting the frame: the row's share where rows are judged side by side.
-    causes
-        Charging its wrong pixels to causes: its share of what the frames of the same cameras have in common.
-    """
-
-    trace: float
-    raster: float
-    compare: float
-    predict: float
-    causes: float
 
 
 @dataclass(frozen=True, kw_only=True)

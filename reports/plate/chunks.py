@@ -10,6 +10,8 @@ from __future__ import annotations
 import os
 import stat
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 MAGIC = 0xFD2FB528
@@ -21,24 +23,48 @@ _DICTIONARY_BYTES = (0, 1, 2, 4)
 _RAW, _RUN, _COMPRESSED = range(3)
 
 
-def is_whole(path: Path, content_bytes: int) -> bool:
-    """Return whether a file is one complete Zstandard frame of some content's length."""
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[int, int] | None]:
+    """Open a regular file; yield its descriptor and its size, or None where there is no such file."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
-        return False
+        yield None
+        return
     try:
         status = os.fstat(descriptor)
-        return stat.S_ISREG(status.st_mode) and _frame_end(descriptor, content_bytes) == status.st_size
-    except (OSError, struct.error):
-        return False
+        yield (descriptor, status.st_size) if stat.S_ISREG(status.st_mode) else None
     finally:
         os.close(descriptor)
 
 
-def _frame_end(descriptor: int, content_bytes: int) -> int | None:
-    """Return where the frame at the start of a file ends; None where there is none of that content."""
-    header = os.pread(descriptor, _HEADER_BYTES, 0)
+def is_whole(path: Path, content_bytes: int) -> bool:
+    """Return whether a file is one complete Zstandard frame of some content's length."""
+    with opened(path) as file:
+        return file is not None and is_frame(file[0], (0, file[1]), content_bytes)
+
+
+def is_frame(descriptor: int, place: tuple[int, int], content_bytes: int) -> bool:
+    """Return whether a part of a file is one complete Zstandard frame of some content's length.
+
+    Parameters
+    ----------
+    descriptor
+        The open file.
+    place
+        First byte of the part, and its number of bytes.
+    content_bytes
+        Number of bytes that the frame has to hold when it is decompressed.
+    """
+    try:
+        return _frame_end(descriptor, place[0], content_bytes) == sum(place)
+    except (OSError, struct.error):
+        return False
+
+
+def _frame_end(descriptor: int, start: int, content_bytes: int) -> int | None:
+    """Return where the frame that begins at a byte ends; None where there is none of that content."""
+    header = os.pread(descriptor, _HEADER_BYTES, start)
     magic: int
     flags: int
     magic, flags = struct.unpack_from("<IB", header)
@@ -51,7 +77,7 @@ def _frame_end(descriptor: int, content_bytes: int) -> int | None:
     # Two bytes begin where one ends.
     if content + (256 if form == "<H" else 0) != content_bytes:
         return None
-    place += struct.calcsize(form)
+    place += start + struct.calcsize(form)
     last = False
     while not last:
         # Nothing more reads as a block of no kind.

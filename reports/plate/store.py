@@ -1,8 +1,9 @@
-"""A plate on disk: a Zarr group with one chunk for each hogel, which is there whole or not at all.
+"""A plate on disk: a Zarr group whose shards are blocks of hogels, each file there whole or not at all.
 
-A chunk is written aside and renamed when it is on the disk, and nothing else is written after the group
-has been made: a chunk that is whole is a hogel that is finished, whatever happened to the process that
-wrote it. What is not whole was damaged from outside, and counts as missing.
+A file is written aside and renamed when it is on the disk, and nothing else is written after the group has
+been made: a hogel that a whole file's index names is finished, whatever happened to the process that wrote
+it. What is not whole was damaged from outside, and counts as missing. A block is always written as a whole,
+by the process that has claimed it: concurrent writes into one shard lose data.
 """
 
 from __future__ import annotations
@@ -10,26 +11,38 @@ from __future__ import annotations
 import asyncio
 import json
 import stat
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from math import prod
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
+from numcodecs.zstd import Zstd
+from numpy.typing import NDArray
 from zarr.abc.store import Store
 from zarr.codecs import ZstdCodec
-from zarr.core.buffer import Buffer, default_buffer_prototype
+from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.plate.chunks import is_whole
+from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, BlockPart, Layout, PlateArray, side_of
+from xfrustum.reports.plate.measures import (
+    JudgedPlateHogel,
+    MeasuredHogel,
+    Table,
+    maps_of,
+    merged,
+    parquet_of,
+)
+from xfrustum.reports.plate.shards import BlockFile, assembled, read_places
 from xfrustum.scenes.disk.durable import Aside, clear, remove_abandoned, sync_folder, write_file
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
-from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.model.plate_content import Channel, PlateHogel
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 ATTRIBUTE = "xfrustum"
 """Attribute of the group that holds everything that decides its pixels."""
@@ -37,20 +50,61 @@ ATTRIBUTE = "xfrustum"
 SOURCE = "source"
 """Key that says where the scene came from, in the description of the scene: for people, it need not agree."""
 
-COLOR, TRIANGLE = "color", "triangle"
-"""Arrays of the group. A hogel is finished with its color, which is written last."""
+LAYOUT = "layout"
+"""Key of the layout in a description: it decides no pixel; a store keeps its own unless one is asked for."""
+
+COLOR, TRIANGLE = Channel.COLOR.value, Channel.TRIANGLE.value
+"""Names of the arrays that most readers ask for."""
 
 METADATA = "zarr.json"
 """What Zarr calls the description of a group or an array, in its folder."""
 
-METADATA_BYTES = 1 << 20
-"""Largest description that is read; those of plates take some thousand bytes."""
+METADATA_BYTES = 1 << 22
+"""Largest description that is read; those of plates take some ten thousand bytes."""
 
 COMPRESSION_LEVEL = 1
 """Level of Zstandard: the same bytes for the same pixels, in a small part of the time that drawing takes."""
 
+_COMPRESSOR = Zstd(level=COMPRESSION_LEVEL, checksum=True)
+"""Compressor of all pixels. Its checksum tells a reader whether a chunk is what was written."""
+
+MEASURE_TYPE = np.dtype("<f8")
+"""Type of all measures: counts are whole numbers in it, and what there is none of is NaN."""
+
 Description = Mapping[str, Any]
 """A JSON object as it is read from a file: it may say anything."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Encoded:
+    """A hogel as it is stored.
+
+    Attributes
+    ----------
+    images
+        Compressed images by the names of their arrays.
+    measured
+        How it differs from its truth; None where it was not judged.
+    """
+
+    images: Mapping[str, bytes]
+    measured: MeasuredHogel | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockState:
+    """What a store has of some hogels of a block.
+
+    Attributes
+    ----------
+    missing
+        Hogels that are not finished.
+    damaged
+        Those of them of which something is there that is not whole.
+    """
+
+    missing: tuple[Aperture, ...]
+    damaged: frozenset[Aperture]
 
 
 class PlateStore:
@@ -60,61 +114,100 @@ class PlateStore:
     ----------
     out
         The group's folder.
-    arrays
-        Arrays of the group by name, in the order in which a hogel's are written.
+    layout
+        Arrays of the group and their blocks.
     mended
         Names of arrays whose description was damaged and has been written again.
     """
 
-    def __init__(
-        self, out: Path, arrays: Mapping[str, zarr.Array[Any]], mended: tuple[str, ...] = ()
-    ) -> None:
-        self.out = out
-        self.mended = mended
-        # A hogel that shows nothing is written too: Zarr would leave out a chunk of fill values, and it
-        # would count as missing.
-        self._arrays = {
-            name: array.with_config({"write_empty_chunks": True}) for name, array in arrays.items()
-        }
+    def __init__(self, out: Path, layout: Layout, mended: tuple[str, ...] = ()) -> None:
+        self.out, self.layout, self.mended = out, layout, mended
+        self._arrays = {array.name: array for array in layout.arrays}
+        self._place = out.resolve()
+        # Beside the group, for nothing but Zarr's own files belongs into it.
+        self.table = Table(self._place.with_suffix(".parquet"))
 
-    def finished(self, aperture: Aperture) -> bool:
-        """Return whether a hogel has been written and, as far as its layout says, is whole."""
-        return all(self._is_whole(name, aperture) for name in self._arrays)
+    def state(self, part: BlockPart, *, check: bool = False) -> BlockState:
+        """Return which hogels of a block are missing, as far as the layout of files tells.
 
-    def damaged(self, aperture: Aperture) -> bool:
-        """Return whether there is something of a hogel that is not whole."""
-        return any(
-            _exists(self._chunk(name, aperture)) and not self._is_whole(name, aperture)
-            for name in self._arrays
+        With `check` every hogel that seems finished is decompressed too: what is not what was written is
+        missing, and damaged.
+        """
+        files = [self._file(array, part.block) for array in self._arrays.values()]
+        measured = self._measured(part.block)
+        missing, damaged = [], set()
+        for aperture in part.apertures:
+            number = part.block.place_of(aperture)
+            unmeasured = measured is not None and aperture.index not in measured
+            if unmeasured or any(number not in file.places for file in files):
+                missing.append(aperture)
+                if any(number in file.damaged for file in files):
+                    damaged.add(aperture)
+            elif check and not self._readable(aperture):
+                missing.append(aperture)
+                damaged.add(aperture)
+        return BlockState(missing=tuple(missing), damaged=frozenset(damaged))
+
+    def encoded(self, hogel: PlateHogel) -> Encoded:
+        """Return the compressed images of a hogel."""
+        return Encoded(
+            images={
+                name: _compressed(np.ascontiguousarray(hogel.image(Channel(name)), dtype=array.dtype))
+                for name, array in self._arrays.items()
+            },
+            measured=hogel.measured if isinstance(hogel, JudgedPlateHogel) else None,
         )
 
-    def readable(self, aperture: Aperture) -> bool:
-        """Return whether all of a finished hogel can be decompressed and is what was written."""
-        try:
-            for array in self._arrays.values():
-                array[aperture.row, aperture.column]
-        except (RuntimeError, ValueError, OSError):
-            return False
-        return True
+    def write(self, block: Block, hogels: Mapping[Aperture, Encoded]) -> None:
+        """Add hogels to a block; afterwards they are finished, and on the disk.
 
-    def write(self, hogel: PlateHogel) -> None:
-        """Write a hogel; afterwards it is finished, and on the disk.
+        Each array's file is written anew, with what is whole of the file before. Nobody else may write the
+        block meanwhile: the caller has claimed it.
 
         Raises
         ------
         InputError
             The disk is full or cannot be written.
         """
-        column, row = hogel.aperture.index
+        count = self.layout.hogels_in_block
         with _mendable(self.out):
             for name, array in self._arrays.items():
-                _clear_way(self.out, self._chunk(name, hogel.aperture))
-                image = hogel.color if name == COLOR else hogel.triangle
-                assert image is not None
-                array[row, column] = image
+                path = self._path(array, block)
+                _clear_way(self._place, path)
+                kept = self._file(array, block).chunks() if count > 1 else {}
+                drawn = {block.place_of(aperture): one.images[name] for aperture, one in hogels.items()}
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_file(path, assembled({**kept, **drawn}, count), host=self._place)
+            if self.layout.measures:
+                self._write_measures(block, [one.measured for one in hogels.values() if one.measured])
+
+    def _write_measures(self, block: Block, hogels: Sequence[MeasuredHogel]) -> None:
+        """Write the arrays of measures of a block and, as the last of its files, their table."""
+        table = merged(self.table.rows(block), hogels)
+        maps = maps_of(table, block, [name for name, _ in self.layout.measures])
+        for name, values in maps.items():
+            path = self._measure_path(name, block)
+            _clear_way(self._place, path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, _compressed(values), host=self._place)
+        self.table.folder.mkdir(exist_ok=True)
+        remove_abandoned(self.table.folder)
+        write_file(self.table.path(block), parquet_of(table))
+
+    def _measured(self, block: Block) -> set[tuple[int, int]] | None:
+        """Return the hogels of a block whose measures are there and whole; None where there are none."""
+        if not self.layout.measures:
+            return None
+        size = self.layout.hogels_in_block * MEASURE_TYPE.itemsize
+        if not all(is_whole(self._measure_path(name, block), size) for name, _ in self.layout.measures):
+            return set()
+        return self.table.measured(block)
+
+    def _measure_path(self, name: str, block: Block) -> Path:
+        return self._place / name / "c" / Path(*map(str, block.place))
 
     def claims(self) -> Claims:
-        """Return what tells processes that draw this plate at once who draws which hogel.
+        """Return what tells processes that draw this plate at once who draws which block.
 
         Raises
         ------
@@ -124,17 +217,27 @@ class PlateStore:
         with _mendable(self.out):
             return Claims(self.out / METADATA)
 
-    def _is_whole(self, name: str, aperture: Aperture) -> bool:
-        array = self._arrays[name]
-        return is_whole(self._chunk(name, aperture), prod(array.chunks) * array.dtype.itemsize)
+    def _readable(self, aperture: Aperture) -> bool:
+        """Return whether all of a finished hogel can be decompressed and is what was written."""
+        group = zarr.open_group(LocalStore(self._place, read_only=True), mode="r")
+        try:
+            for name in self._arrays:
+                array = group[name]
+                assert isinstance(array, zarr.Array)
+                array[aperture.row, aperture.column]
+        except (RuntimeError, ValueError, OSError):
+            return False
+        return True
 
-    def _chunk(self, name: str, aperture: Aperture) -> Path:
-        array = self._arrays[name]
-        place = (aperture.row, aperture.column, *(0 for _ in array.shape[2:]))
-        return self.out / name / str(array.metadata.encode_chunk_key(place))
+    def _file(self, array: PlateArray, block: Block) -> BlockFile:
+        return read_places(self._path(array, block), self.layout.hogels_in_block, array.chunk_bytes)
+
+    def _path(self, array: PlateArray, block: Block) -> Path:
+        place = (*block.place, *(0 for _ in array.shape))
+        return self._place / array.name / "c" / Path(*map(str, place))
 
 
-def open_store(out: Path, scene: Scene, content: PlateContent, description: Description) -> PlateStore:
+def open_store(out: Path, layout: Layout, description: Description, *, free: bool = True) -> PlateStore:
     """Open the plate of a scene, or make it; several processes may do so at once.
 
     What the arrays are follows from the scene. Where their descriptions say something else they were
@@ -144,12 +247,12 @@ def open_store(out: Path, scene: Scene, content: PlateContent, description: Desc
     ----------
     out
         A folder that this made before, or that does not exist.
-    scene
-        Scene that gives plate and resolution, and so the shapes.
-    content
-        Content that says which arrays there are.
+    layout
+        Arrays, and blocks of a new store.
     description
         Everything that decides the pixels.
+    free
+        Whether the blocks of a store that exists may be others.
 
     Raises
     ------
@@ -157,42 +260,67 @@ def open_store(out: Path, scene: Scene, content: PlateContent, description: Desc
         What exists there is something else, or was drawn from another scene or with other
         settings; or nothing can be written there.
     """
+    wanted = json.loads(json.dumps({**description, LAYOUT: {"block": layout.side}}))
     with _mendable(out):
         place = out.resolve()
+        table = place.with_suffix(".parquet")
+        if layout.measures and _exists(table) and not table.is_dir():
+            raise InputError(
+                f"--out {out}: its measures belong into {table}, which is no folder; move that away"
+            )
         remove_abandoned(place.parent)
         if not _exists(place):
-            _make(place, _documents(scene, content, description))
-        made_with = _made_with(out, place, json.loads(json.dumps(description)))
-        documents = _documents(scene, content, made_with)
+            _make(place, _documents(layout, wanted))
+        made_with = _made_with(out, place, wanted, free=free)
+        layout = _layout_of(layout, made_with)
+        documents = _documents(layout, made_with)
         remove_abandoned(place)
-        mended = tuple(_mended(place, documents))
-        group = zarr.open_group(_DurableStore(place), mode="r+")
-        names = [name for name in (TRIANGLE, COLOR) if f"{name}/{METADATA}" in documents]
-        return PlateStore(out, {name: _array_of(group, name) for name in names}, mended)
+        mended = tuple(dict.fromkeys(_mended(place, documents)))
+        return PlateStore(out, layout, mended)
 
 
-class _DurableStore(LocalStore):
-    """A folder of chunks, each on the disk before it has its name; made aside in the folder itself."""
-
-    async def set(self, key: str, value: Buffer) -> None:
-        await asyncio.to_thread(self.set_sync, key, value)
-
-    def set_sync(self, key: str, value: Buffer) -> None:
-        path = self.root / key
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, value.to_bytes(), host=self.root)
+def _layout_of(layout: Layout, made_with: Description) -> Layout:
+    """Return the layout of a store that was made with a description that agrees with what is wanted."""
+    if LAYOUT not in made_with:
+        return replace(layout, side=(1, 1), labelled=False)
+    side = side_of(made_with[LAYOUT], layout.plate)
+    assert side is not None, "a layout that is none does not agree"
+    return replace(layout, side=side)
 
 
-def _documents(scene: Scene, content: PlateContent, description: Description) -> dict[str, bytes]:
-    """Return the descriptions of group and arrays that Zarr writes for a scene, by their place."""
+def _documents(layout: Layout, description: Description) -> dict[str, bytes]:
+    """Return the descriptions of group and arrays that Zarr writes for a layout, by their place."""
     store = MemoryStore()
-    group = zarr.create_group(store, attributes={ATTRIBUTE: dict(description)})
-    width, height = scene.frustum.resolution
-    shape = (*scene.plate.hogels[::-1], height, width)
-    names = ("row", "column", "y", "x")
-    _array(group, COLOR, (*shape, 3), content.color.dtype, (*names, "rgb"))
-    if content.ids:
-        _array(group, TRIANGLE, shape, np.dtype(np.int32), names)
+    # The unit of lengths stands here too, for xarray prints the attributes of groups alone.
+    labels = {"coordinates": "x y", "units": layout.units} if layout.labelled else {}
+    group = zarr.create_group(store, attributes={**labels, ATTRIBUTE: dict(description)})
+    for array in layout.arrays:
+        _create(group, array, layout)
+    for name, unit in layout.measures:
+        group.create_array(
+            name,
+            shape=layout.plate.hogels[::-1],
+            chunks=layout.side[::-1],
+            dtype=MEASURE_TYPE,
+            compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
+            fill_value=np.nan,
+            dimension_names=PLATE_DIMENSIONS,
+            attributes={"long_name": name.replace("_", " "), "units": unit},
+        )
+    if layout.labelled:
+        for name, dimension, values, attributes in layout.coordinates():
+            group.create_array(
+                name,
+                data=values,
+                chunks=values.shape,
+                compressors=None,
+                dimension_names=[dimension],
+                attributes=dict(attributes),
+            )
+        with warnings.catch_warnings():
+            # The page of Zarr's format does not name these yet; readers that do not know them go on without.
+            warnings.simplefilter("ignore", UserWarning)
+            zarr.consolidate_metadata(store)
     return asyncio.run(_everything(store))
 
 
@@ -222,28 +350,23 @@ def _make(place: Path, documents: Mapping[str, bytes]) -> None:
         sync_folder(place.parent)
 
 
-def _array(
-    group: zarr.Group, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], dimensions: tuple[str, ...]
-) -> None:
+def _create(group: zarr.Group, array: PlateArray, layout: Layout) -> None:
+    """Describe an array: a chunk for each hogel, and a shard for each block of several."""
+    columns, rows = layout.side
     group.create_array(
-        name,
-        shape=shape,
-        chunks=(1, 1, *shape[2:]),
-        dtype=dtype,
-        # With a checksum, so that reading a chunk tells whether it is what was written.
+        array.name,
+        shape=(*layout.plate.hogels[::-1], *array.shape),
+        chunks=(1, 1, *array.shape),
+        shards=None if layout.hogels_in_block == 1 else (rows, columns, *array.shape),
+        dtype=array.dtype,
         compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
-        fill_value=-1 if name == TRIANGLE else 0,
-        dimension_names=dimensions,
+        fill_value=array.fill,
+        dimension_names=array.dimensions,
+        attributes=dict(array.attributes),
     )
 
 
-def _array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
-    array = group[name]
-    assert isinstance(array, zarr.Array)
-    return array
-
-
-def _made_with(out: Path, place: Path, wanted: Description) -> Description:
+def _made_with(out: Path, place: Path, wanted: Description, *, free: bool) -> Description:
     """Return the description that a folder was made with; InputError where it is of something else."""
     document = _read_document(place / METADATA)
     attributes = document.get("attributes") if isinstance(document, dict) else None
@@ -251,6 +374,8 @@ def _made_with(out: Path, place: Path, wanted: Description) -> Description:
     if found is None:
         raise InputError(f"--out {out}: exists and is no plate of xfrustum; choose another place")
     wanted = _from_where(wanted, found)
+    if free or (wanted[LAYOUT] == {"block": [1, 1]} and LAYOUT not in found):
+        wanted = _laid_out_as(wanted, found)
     if found != wanted:
         where = ", ".join(_differences(found, wanted))
         raise InputError(
@@ -272,14 +397,39 @@ def _from_where(wanted: Description, found: Any) -> Description:
     return {**wanted, "scene": {**wanted["scene"], SOURCE: source}}
 
 
+def _laid_out_as(wanted: Description, found: Any) -> Description:
+    """Return a description with the layout of a store, where that is one that a plate can have."""
+    if not isinstance(found, dict):
+        return wanted
+    if LAYOUT not in found:
+        return {key: value for key, value in wanted.items() if key != LAYOUT}
+    hogels = wanted["plate"]["hogels"]
+    plate = Plate(size=(1.0, 1.0), hogels=(hogels[0], hogels[1]))
+    return wanted if side_of(found[LAYOUT], plate) is None else {**wanted, LAYOUT: found[LAYOUT]}
+
+
 def _mended(place: Path, documents: Mapping[str, bytes]) -> Iterator[str]:
     """Write descriptions again that say something else than they must; yield whose they are."""
     for key, content in documents.items():
-        if _read_document(place / key) != json.loads(content):
+        if not _says(place / key, content):
             _clear_way(place, place / key)
-            (place / key).parent.mkdir(exist_ok=True)
+            (place / key).parent.mkdir(parents=True, exist_ok=True)
             write_file(place / key, content, host=place)
-            yield key.removesuffix(METADATA).rstrip("/") or "group"
+            yield "group" if key == METADATA else key.partition("/")[0]
+
+
+def _compressed(image: NDArray[Any]) -> bytes:
+    return bytes(_COMPRESSOR.encode(image))
+
+
+def _says(path: Path, content: bytes) -> bool:
+    """Return whether a file says the same: descriptions in any form of JSON, coordinates byte by byte."""
+    if path.name == METADATA:
+        return bool(_read_document(path) == json.loads(content))
+    try:
+        return path.is_file() and not path.is_symlink() and path.read_bytes() == content
+    except OSError:
+        return False
 
 
 def _read_document(path: Path) -> Any:

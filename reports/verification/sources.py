@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import string
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import escape, iglob
 from pathlib import Path
 from typing import Protocol
@@ -181,8 +181,20 @@ class Function:
         arrays = (image.triangle, image.object, image.position, image.color)
         if any(array is not None and array.shape[:2] != (height, width) for array in arrays):
             raise Problem(f"{self.name} returned an image that is not {width} x {height}")
-        # The function is taken at its word about which aperture its image answers for.
-        return _answering(image, self.reference, aperture)
+        # The function is taken at its word about which aperture its image answers for. It may draw all hogels
+        # into the same arrays, and the next one while this one is judged.
+        return _answering(_copied(image), self.reference, aperture)
+
+
+def _copied(image: HogelImage) -> HogelImage:
+    """Return an image with surfaces and colors of its own."""
+    return replace(
+        image,
+        triangle=image.triangle.copy(),
+        object=image.object.copy(),
+        position=image.position.copy(),
+        color=None if image.color is None else image.color.copy(),
+    )
 
 
 def _answering(image: HogelImage, reference: Reference, aperture: Aperture) -> HogelImage:

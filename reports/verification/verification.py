@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from xfrustum.compare.diagnosis.diagnosis import declared
-from xfrustum.compare.diagnosis.encodings import ACCEPTABLE, ENCODING
 from xfrustum.compare.diagnosis.findings import Findings, find_out
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
+from xfrustum.compare.renderer_model.conventions import ACCEPTABLE, ENCODING
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
 from xfrustum.compare.renderer_model.shown_points import shown_points
 from xfrustum.reference import Reference
@@ -206,9 +209,14 @@ class _Run:
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
             question = self.question(sample, nominal, accept, bar.update)
             worst, hogels = WorstHogels(), []
-            for aperture in self.asked:
-                hogels.append(self.hogel(aperture, question, worst))
-                bar.update()
+            most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
+            with workers("judging") as pool:
+                judge = partial(self._hogel, question)
+                for hogel, figures in in_order(pool, judge, self._images(), most):
+                    if figures is not None:
+                        worst.add(hogel.aperture, *figures)
+                    hogels.append(hogel)
+                    bar.update()
         return Verification(
             scene=self.reference.scene,
             source=self.source.name,
@@ -238,17 +246,29 @@ class _Run:
             read_as_found=ENCODING in accept and found.encoding.reading is not None,
         )
 
+    def _images(self) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
+        """Yield the image of each hogel; the renderer is asked in the caller's thread."""
+        for aperture in self.asked:
+            kept = aperture in self.kept
+            yield aperture, self.kept.pop(aperture) if kept else self._had(aperture)
+
     def _had(self, aperture: Aperture) -> HogelImage | Problem:
         try:
             return self.source.image(aperture)
         except Problem as problem:
             return problem
 
-    def hogel(self, aperture: Aperture, question: _Question, worst: WorstHogels) -> Hogel:
-        """Judge one hogel, and keep its pictures where it is among the worst."""
-        image = self.kept.pop(aperture, None) or self._had(aperture)
+    def judged(self, question: _Question, aperture: Aperture) -> tuple[Hogel, tuple[Figures, Figures] | None]:
+        """Judge one hogel alone; see `_hogel`."""
+        return self._hogel(question, (aperture, self._had(aperture)))
+
+    def _hogel(
+        self, question: _Question, one: tuple[Aperture, HogelImage | Problem]
+    ) -> tuple[Hogel, tuple[Figures, Figures] | None]:
+        """Judge one hogel; return it with its figures as found and as corrected, where it has an image."""
+        aperture, image = one
         if isinstance(image, Problem):
-            return Hogel(aperture=aperture, problem=str(image))
+            return Hogel(aperture=aperture, problem=str(image)), None
         encoding, found = question.found.encoding, question.found.diagnosis.model
         given = encoding.plainly(image) if question.read_as_found else image
         read, judging = encoding.read(image), self.limits.judging
@@ -257,13 +277,13 @@ class _Run:
         corrected = as_found
         if not same:
             corrected = self._judged(found, found, read, question.found.judging, explained=True)
-        worst.add(aperture, as_found, corrected)
-        return Hogel(
+        judged = Hogel(
             aperture=aperture,
             checks=self.limits.checks(as_found),
             as_found=as_found.numbers,
             corrected=corrected.numbers,
         )
+        return judged, (as_found, corrected)
 
     def _judged(
         self, asked: DrawnModel, found: DrawnModel, image: HogelImage, judging: Judging, *, explained: bool
@@ -331,12 +351,14 @@ class HogelVerifier:
 
     def hogel(self, aperture: Aperture) -> Hogel:
         """Judge one hogel."""
-        return self._run.hogel(aperture, self._question, WorstHogels())
+        return self._run.judged(self._question, aperture)[0]
 
     def pictures(self, aperture: Aperture) -> dict[str, str]:
         """Return pictures of one hogel as data URLs; none where it is missing."""
         worst = WorstHogels()
-        self._run.hogel(aperture, self._question, worst)
+        figures = self._run.judged(self._question, aperture)[1]
+        if figures is not None:
+            worst.add(aperture, *figures)
         return worst.kept[0].pictures if worst.kept else {}
 
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Color
 from xfrustum.scenes.arguments import real, reals, settle
-from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.arrays import Singles
 
 MAX_RADIANCE = 1e30
 """Largest radiance of an environment: sums and products with coefficients stay within float32's range in
@@ -82,6 +83,8 @@ class Environment:
     name: str = "environment"
 
     def __post_init__(self) -> None:
+        import numpy as np  # noqa: PLC0415 - scene files are checked, and scenes listed, without it
+
         try:
             radiance = np.ascontiguousarray(self.radiance, dtype=np.float32)
         except (TypeError, ValueError) as error:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from xfrustum.scenes.arguments import settle, switch, whole
-from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Aperture, Plate
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.arrays import Floats
 
 MAX_SAMPLES = 1 << 16
 """Largest count of samples of any kind."""
@@ -113,5 +114,7 @@ def sub_apertures(plate: Plate, aperture: Aperture, count: int) -> tuple[Apertur
 
 def additive_recurrence(count: int) -> Floats:
     """Return (count, 2) points in [0, 1), centered: their mean tends to one half."""
+    import numpy as np  # noqa: PLC0415 - counts of samples are checked, and scenes listed, without it
+
     steps = np.arange(count, dtype=np.float64)[:, None]
     return np.asarray((0.5 + (steps + 0.5) * [1 / PLASTIC, 1 / PLASTIC**2]) % 1.0)

@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
-from PIL import Image
-
 from xfrustum.scenes.errors import InputError
 
 DEFAULT_MEMORY = 1 << 30
@@ -136,6 +134,22 @@ def regular_size(path: Path, what: str, advice: str = "") -> int:
     raise InputError(f"{path}: is {kind}; {_article(what)} {what} must be a regular file")
 
 
+def check_mesh_file(path: Path) -> None:
+    """Refuse a mesh or patch file that is missing or no regular file; see `regular_size`."""
+    what = "patch file" if path.name.lower().endswith(".bpt") else "mesh file"
+    regular_size(path, what, "a mesh path is relative to its scene file")
+
+
+def check_image_file(path: Path) -> None:
+    """Refuse an image file that is missing or no regular file; see `regular_size`."""
+    regular_size(path, "image file")
+
+
+def check_environment_file(path: Path) -> None:
+    """Refuse an environment map that is missing or no regular file; see `regular_size`."""
+    regular_size(path, "environment map", "its path is relative to the scene file")
+
+
 def read_small(path: Path, what: str, largest: int) -> bytes:
     """Return the bytes of a small file.
 
@@ -193,6 +207,8 @@ def bounded_memory(path: Path) -> Iterator[None]:
 
 def _pictures_of_any_size() -> AbstractContextManager[None]:
     """Lift Pillow's own bound on pixels, which no option raises, in favor of the bound on memory."""
+    from PIL import Image  # noqa: PLC0415 - a scene file is checked without it
+
     return _set_within_block(Image, "MAX_IMAGE_PIXELS", None)
 
 

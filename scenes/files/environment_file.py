@@ -9,7 +9,7 @@ import OpenImageIO as oiio
 
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Singles
-from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
+from xfrustum.scenes.disk.input_files import bounded_memory, check_environment_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.header import MAGIC, check_header
 
@@ -33,7 +33,7 @@ def read_environment(path: Path, *, strength: float = 1.0) -> Environment:
         The file is missing, damaged, of another format, not RGB, or has radiance that is negative or not
         finite.
     """
-    regular_size(path, "environment map", "its path is relative to the scene file")
+    check_environment_file(path)
     with path.open("rb") as file:
         if file.read(len(MAGIC)) == MAGIC:
             check_header(path)

@@ -1,30 +1,32 @@
-"""The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key, turned into a scene."""
+"""The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key, turned into a scene.
+
+Everything that can be checked without arrays is checked before what reads meshes is loaded.
+"""
 
 from __future__ import annotations
 
 import math
 import tomllib
 from pathlib import Path
-from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-import numpy as np
 from pydantic import ValidationError
 
-from xfrustum.scenes.appearance.appearance import Appearance
-from xfrustum.scenes.appearance.light import DEFAULT_LIGHT, DirectionalLight, Environment
-from xfrustum.scenes.appearance.material import Material
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
-from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk.input_files import SCENE_FILE_SIZE, check_hogels, read_small
+from xfrustum.scenes.disk.input_files import (
+    SCENE_FILE_SIZE,
+    check_environment_file,
+    check_hogels,
+    check_mesh_file,
+    read_small,
+)
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.scene_tables import ObjectTable, SceneTables
-from xfrustum.scenes.files.table_errors import described
-from xfrustum.scenes.geometry.placement import magnification, place
-from xfrustum.scenes.geometry.shapes import build_shape
-from xfrustum.scenes.geometry.smoothing import smoothed
-from xfrustum.scenes.model.scene import Scene, SceneObject
+from xfrustum.scenes.files.scene_tables import SceneTables
+from xfrustum.scenes.files.table_errors import described, named
 from xfrustum.scenes.plate.frustum import Frustum, Screen
 from xfrustum.scenes.plate.plate import Plate
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.model.scene import Scene
 
 
 def read_scene(path: Path) -> Scene:
@@ -35,6 +37,20 @@ def read_scene(path: Path) -> Scene:
     InputError
         The file is no valid scene; the message names the file, the key, and the values allowed there.
     """
+    file, plate, frustum = checked(path)
+    from xfrustum.scenes.files.scene_content import scene_of  # noqa: PLC0415 - loads NumPy
+
+    return scene_of(path, file, plate, frustum)
+
+
+def checked(path: Path) -> tuple[SceneTables, Plate, Frustum]:
+    """Return the tables of a scene file, its plate and its frustum, checked without reading a mesh.
+
+    Raises
+    ------
+    InputError
+        A table is not valid, or names a material or a file that there is not.
+    """
     file = _parse(path)
     try:
         plate = Plate(size=file.plate.size, hogels=file.plate.hogels)
@@ -42,18 +58,8 @@ def read_scene(path: Path) -> Scene:
         frustum = _frustum(file)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return Scene(
-        name=file.name or path.stem,
-        units=file.units,
-        plate=plate,
-        frustum=frustum,
-        objects=tuple(_build_object(path, file, index) for index in range(len(file.objects))),
-        # An absolute path, so that an image can be compared from another folder.
-        source=str(path.absolute()),
-        appearance=_appearance(path, file),
-        sampling=Sampling(**file.sampling.model_dump()),
-        transport=Transport(**file.transport.model_dump()),
-    )
+    _check_references(path, file)
+    return file, plate, frustum
 
 
 def _frustum(file: SceneTables) -> Frustum:
@@ -66,82 +72,21 @@ def _frustum(file: SceneTables) -> Frustum:
     )
 
 
-def _build_object(path: Path, file: SceneTables, index: int) -> SceneObject:
-    """Load one object's mesh, patches or shape and place it."""
-    entry, key = file.objects[index], f"object[{index}]"
-    matrix = entry.scene_from_mesh()
-    fault = None if entry.transform is None else _no_placement(matrix)
-    if fault is not None:
-        allowed = ObjectTable.model_fields["transform"].description
-        raise InputError(f"{path}: {key}.transform must be {allowed}: {fault}")
-    if entry.material is not None and entry.material not in file.material:
-        known = ", ".join(file.material) or "none"
-        raise InputError(
-            f"{path}: {key}.material must name a [material.NAME] table, not {entry.material!r}; "
-            f"the file has {known}"
-        )
-    try:
-        part = _unplaced(path, entry, matrix)
-        return place(smoothed(part) if entry.smooth else part, matrix)
-    except InputError as error:
-        source = "mesh" if entry.mesh is not None else "shape"
-        raise InputError(f"{path}: {key}.{source}: {error}") from error
-
-
-def _unplaced(path: Path, entry: ObjectTable, scene_from_mesh: Floats) -> SceneObject:
-    """Return an object in its mesh's own coordinates."""
-    if entry.mesh is None:
-        return build_shape(str(entry.shape), material=entry.material)
-    file = path.parent / entry.mesh
-    if not entry.is_patches:
-        from xfrustum.scenes.files.meshes.meshes import load_mesh  # noqa: PLC0415 - loads trimesh
-
-        return load_mesh(file, material=entry.material)
-    # The tolerance is a length of the scene: the mesh's own is smaller by the largest stretching.
-    tolerance = entry.chord_tolerance
-    own = None if tolerance is None else tolerance / magnification(scene_from_mesh)
-    from xfrustum.scenes.files.meshes.patches import load_patches  # noqa: PLC0415 - loads SciPy's graphs
-
-    return load_patches(file, chord_tolerance=own, material=entry.material)
-
-
-def _no_placement(matrix: Floats) -> str | None:
-    """Return the reason why a matrix cannot place a mesh; None where it can."""
-    if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        return f"its last row is {matrix[3].tolist()}"
-    linear = matrix[:3, :3]
-    largest = np.abs(linear).max()
-    # Scale the matrix to size one first, so that the rank of a tiny or huge one neither under- nor overflows.
-    regular = largest > 0 and np.linalg.matrix_rank(linear / largest) == 3
-    return None if regular else "its upper left 3 x 3 numbers are singular"
-
-
-def _appearance(path: Path, file: SceneTables) -> Appearance:
-    """Return materials and lights; a file that names neither a light nor an environment gets one light."""
-    materials = {name: Material(**table.model_dump()) for name, table in file.material.items()}
-    lights = []
-    for index, table in enumerate(file.lights or ()):
-        try:
-            lights.append(DirectionalLight(**table.model_dump()))
-        except InputError as error:
-            raise InputError(f"{path}: light[{index}].{error}") from error
-    unlit = file.lights is None and file.environment is None
-    return Appearance(
-        materials=MappingProxyType(materials),
-        lights=(DEFAULT_LIGHT,) if unlit else tuple(lights),
-        environment=_environment(path, file),
-    )
-
-
-def _environment(path: Path, file: SceneTables) -> Environment | None:
-    if file.environment is None:
-        return None
-    from xfrustum.scenes.files.environment_file import read_environment  # noqa: PLC0415 - loads OpenImageIO
-
-    try:
-        return read_environment(path.parent / file.environment.map, strength=file.environment.strength)
-    except InputError as error:
-        raise InputError(f"{path}: environment.map: {error}") from error
+def _check_references(path: Path, file: SceneTables) -> None:
+    """Refuse names of materials and files that there are not, all of them before the first mesh is read."""
+    for index, entry in enumerate(file.objects):
+        if entry.material is not None and entry.material not in file.material:
+            known = ", ".join(file.material) or "none"
+            raise InputError(
+                f"{path}: object[{index}].material must name a [material.NAME] table, not "
+                f"{entry.material!r}; the file has {known}"
+            )
+        if entry.mesh is not None:
+            with named(path, f"object[{index}].mesh"):
+                check_mesh_file(path.parent / entry.mesh)
+    if file.environment is not None:
+        with named(path, "environment.map"):
+            check_environment_file(path.parent / file.environment.map)
 
 
 def _parse(path: Path) -> SceneTables:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from xfrustum.scenes.appearance.light import DirectionalLight
 from xfrustum.scenes.appearance.material import LARGEST_COEFFICIENT, Material
 from xfrustum.scenes.appearance.sampling import MAX_SAMPLES, Sampling, Transport
-from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.geometry.placement import placement
-from xfrustum.scenes.geometry.shapes import SHAPES
+from xfrustum.scenes.geometry.shape_names import SHAPE_NAMES
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.arrays import Floats
 
 ONE_OF = "one_of"
 """Type of an error that concerns a table as a whole, and whose message is complete."""
@@ -96,7 +96,7 @@ class ObjectTable(Table):
     """One table `[[object]]`."""
 
     mesh: Text | None = Field(None, description="the path of a mesh file, relative to the scene file")
-    shape: Text | None = Field(None, description=f"one of {', '.join(SHAPES)}")
+    shape: Text | None = Field(None, description=f"one of {', '.join(SHAPE_NAMES)}")
     transform: tuple[Row, Row, Row, Row] | None = Field(
         None, description="four rows of four finite numbers, the last row [0, 0, 0, 1], not singular"
     )
@@ -115,7 +115,7 @@ class ObjectTable(Table):
             raise PydanticCustomError(
                 ONE_OF,
                 "needs either mesh or shape, and not both: a mesh file, or a shape out of {shapes}",
-                {"shapes": ", ".join(SHAPES)},
+                {"shapes": ", ".join(SHAPE_NAMES)},
             )
         parts = [k for k in ("scale", "rotate_deg", "translate") if getattr(self, k) is not None]
         if self.transform is not None and parts:
@@ -137,6 +137,10 @@ class ObjectTable(Table):
 
     def scene_from_mesh(self) -> Floats:
         """Return the (4, 4) matrix that places the mesh."""
+        import numpy as np  # noqa: PLC0415 - keys are checked without it
+
+        from xfrustum.scenes.geometry.placement import placement  # noqa: PLC0415 - likewise
+
         if self.transform is not None:
             return np.array(self.transform, dtype=np.float64)
         zero = (0.0, 0.0, 0.0)

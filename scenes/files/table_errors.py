@@ -6,12 +6,15 @@ import difflib
 import json
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.scene_tables import ONE_OF, SceneTables
 
 Location = tuple[int | str, ...]
@@ -22,6 +25,15 @@ def described(error: ValidationError) -> str:
     # An unknown key comes first: it is often the misspelling of a key that is reported missing.
     problems = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     return _described(problems[0])
+
+
+@contextmanager
+def named(path: Path, key: str) -> Iterator[None]:
+    """Put the scene file and the key before the message of an error within a block."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {key}: {error}") from error
 
 
 def _described(problem: ErrorDetails) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.geometry.shape_names import SHAPE_NAMES
 from xfrustum.scenes.model.scene import SceneObject
 
 Mesh = tuple[Floats, Indices]
@@ -118,7 +119,7 @@ def join(*meshes: Mesh) -> Mesh:
 
 
 SHAPES: MappingProxyType[str, Callable[[], Mesh]] = MappingProxyType(
-    {"box": box, "square": square, "sphere": sphere, "cylinder": cylinder, "cone": cone, "torus": torus}
+    dict(zip(SHAPE_NAMES, (box, square, sphere, cylinder, cone, torus), strict=True))
 )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.geometry.placement import place, placement
@@ -82,7 +81,9 @@ def rim_faces(wheels: SceneObject) -> Mask:
 def _curve(knots: Knots, at: Floats) -> Floats:
     """Interpolate without overshoot between knots."""
     where, value = np.array(knots, dtype=np.float64).T
-    return np.asarray(scipy.interpolate.PchipInterpolator(where, value)(at), dtype=np.float64)
+    from scipy.interpolate import PchipInterpolator  # noqa: PLC0415 - loaded when a car is built
+
+    return np.asarray(PchipInterpolator(where, value)(at), dtype=np.float64)
 
 
 def _superellipse(exponent: float, points: int) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from xfrustum.scenes.arguments import choice, settle, switch
-from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect, checked
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -32,6 +32,20 @@ class ColorType(StrEnum):
         return np.dtype(wanted)
 
 
+class Channel(StrEnum):
+    """One of the images of a hogel, in the order in which they are written; color comes last."""
+
+    CERTAINTY = "certainty"
+    NORMAL = "normal"
+    HEIGHT = "height"
+    TRIANGLE = "triangle"
+    COLOR = "color"
+
+
+DRAWN_CHANNELS = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
+"""Images that a renderer has; certainty is the truth's alone."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlateContent:
     """The images that a stream of hogels carries.
@@ -41,7 +55,9 @@ class PlateContent:
     color
         Type of linear RGB.
     ids
-        Whether the stream has triangle numbers.
+        Whether the stream has triangle numbers; asking for the channel is the same.
+    channels
+        The images, in the order of `Channel`; by default color, and triangle numbers with `ids`.
     effects
         Effects that are simulated; None for those that the scene calls for. More effects do not change the
         pictures.
@@ -49,18 +65,23 @@ class PlateContent:
     Raises
     ------
     InputError
-        The type, the switch or an effect is none.
+        The type, the switch, a channel or an effect is none, or there is no channel.
     """
 
     color: ColorType = ColorType.FLOAT16
     ids: bool = False
+    channels: tuple[Channel, ...] = ()
     effects: frozenset[Effect] | None = None
 
     def __post_init__(self) -> None:
+        ids = switch(self.ids, "ids")
+        asked = {choice(Channel, one, "channels") for one in self.channels or (Channel.COLOR,)}
+        channels = tuple(one for one in Channel if one in asked or (ids and one is Channel.TRIANGLE))
         settle(
             self,
             color=choice(ColorType, self.color, "color"),
-            ids=switch(self.ids, "ids"),
+            ids=Channel.TRIANGLE in channels,
+            channels=channels,
             effects=None if self.effects is None else checked(self.effects),
         )
 
@@ -77,8 +98,23 @@ class PlateHogel:
         (H, W, 3) linear RGB in the type that was asked for.
     triangle
         (H, W) int32 numbers, -1 where there is no surface; None unless asked for.
+    height
+        (H, W) float32 height above the plate, NaN where there is no surface; None unless asked for.
+    normal
+        (H, W, 3) float32 unit normals by the mesh's winding, NaN where there is no surface; None likewise.
+    certainty
+        (H, W) uint8 `Certainty`; None unless asked for.
     """
 
     aperture: Aperture
     color: NDArray[Any]
     triangle: Numbers | None
+    height: Singles | None = None
+    normal: Singles | None = None
+    certainty: Bytes | None = None
+
+    def image(self, channel: Channel) -> NDArray[Any]:
+        """Return one of the images; it must have been asked for."""
+        image: NDArray[Any] | None = getattr(self, channel)
+        assert image is not None, f"{channel} was not asked for"
+        return image

@@ -5,12 +5,18 @@ from __future__ import annotations
 import difflib
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.disk.input_files import regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library import builtin
-from xfrustum.scenes.library.hard import cases as hard_cases
-from xfrustum.scenes.model.scene import Scene
+
+if TYPE_CHECKING:
+    from xfrustum.scenes.model.scene import Scene
+
+HARD = "hard/"
+"""Beginning of the names of hard cases: other names are looked up without loading the suite."""
 
 
 def open_scene(text: str | os.PathLike[str]) -> Scene:
@@ -31,12 +37,41 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
     if isinstance(text, os.PathLike):
         return _read(Path(text))
     one_of(text, str, "a scene's name or path")
-    if text in builtin.names():
+    _check_name(text)
+    if text in builtin.SCENES:
         return builtin.build(text)
+    if text.startswith(HARD):
+        from xfrustum.scenes.library.hard import cases as hard_cases  # noqa: PLC0415 - loads NumPy
+
+        if text in hard_cases.CASES:
+            return hard_cases.build(text)
+    return _read(Path(text))
+
+
+def check_scene(text: str) -> None:
+    """Refuse what `open_scene` would refuse, as far as that shows without reading a mesh.
+
+    Raises
+    ------
+    InputError
+        There is no such scene, or its file is not valid.
+    """
+    _check_name(text)
+    if text not in builtin.SCENES and not text.startswith(HARD):
+        regular_size(Path(text), "scene file")
+        from xfrustum.scenes.files.scene_file import checked  # noqa: PLC0415 - loads pydantic
+
+        checked(Path(text))
+
+
+def _check_name(text: str) -> None:
+    """Refuse a text that is neither the path of a file nor the name of a built-in scene."""
+    if text in builtin.SCENES or text.endswith(".toml") or Path(text).exists():
+        return
+    from xfrustum.scenes.library.hard import cases as hard_cases  # noqa: PLC0415 - loads NumPy
+
     if text in hard_cases.CASES:
-        return hard_cases.build(text)
-    if text.endswith(".toml") or Path(text).exists():
-        return _read(Path(text))
+        return
     known = [*builtin.names(), *hard_cases.names()]
     nearest = difflib.get_close_matches(text, known, n=1)
     meant = f" (did you mean {nearest[0]}?)" if nearest else ""
@@ -46,7 +81,8 @@ def open_scene(text: str | os.PathLike[str]) -> Scene:
 
 
 def _read(path: Path) -> Scene:
-    # Built-in scenes and unknown names need no reader of tables and meshes, which takes a second to load.
+    regular_size(path, "scene file")
+    # Built-in scenes and names of nothing need no reader of tables and meshes, which takes a second to load.
     from xfrustum.scenes.files.scene_file import read_scene  # noqa: PLC0415
 
     return read_scene(path)

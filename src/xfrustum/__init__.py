@@ -11,6 +11,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     compare_images(truth, raster, reference) the error between them, per pixel     -> Comparison
     Judge(scene).stream(apertures, settings) many hogels, drawn and judged         -> JudgedHogel, ..
     write_plate(scene, settings, folder)     many apertures, drawn as a stream      -> PlateFiles
+    camera_of(plate, column, row)            the camera of a hogel of a stored plate -> HogelCamera
     make_report(scene, folder)               a sweep over settings, as a page      -> ReportFiles
     budget(scene, settings)                  every wrong pixel charged to its cause -> BudgetReport
     plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin    -> Plan
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from xfrustum.reports.cost.cost import measure_cost as cost
     from xfrustum.reports.effects.plan import EffectsPlan, explain
     from xfrustum.reports.error_report.report import ReportFiles, make_report
+    from xfrustum.reports.plate.camera import camera_of
     from xfrustum.reports.plate.plate import PlateFiles, write_plate
     from xfrustum.reports.scene_check.checking import SceneCheck, check
     from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
@@ -107,6 +109,7 @@ __all__ = [
     "Verification",
     "__version__",
     "budget",
+    "camera_of",
     "check",
     "compare_images",
     "cost",
@@ -153,6 +156,7 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "verify": "reports.verification.verification",
     "read_image": "scenes.files.openexr.images",
     "write_image": "scenes.files.openexr.images",
+    "camera_of": "reports.plate.camera",
     "PlateFiles": "reports.plate.plate",
     "write_plate": "reports.plate.plate",
 }

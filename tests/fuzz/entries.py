@@ -53,6 +53,7 @@ def go_on_with_plate(scene: str, description: Path, out: Path) -> None:
     """
     import numpy as np
 
+    from xfrustum.reports.plate.layout import Layout
     from xfrustum.reports.plate.store import open_store
     from xfrustum.scenes import open_scene
     from xfrustum.scenes.model.plate_content import PlateContent, PlateHogel
@@ -62,16 +63,19 @@ def go_on_with_plate(scene: str, description: Path, out: Path) -> None:
     width, height = opened.frustum.resolution
     black = np.zeros((height, width, 3), dtype=content.color.dtype)
     nothing = np.full((height, width), -1, dtype=np.int32)
-    store = open_store(out, opened, content, json.loads(description.read_text(encoding="utf-8")))
+    layout = Layout(
+        plate=opened.plate, frustum=opened.frustum, units=opened.units, content=content, side=(1, 1)
+    )
+    store = open_store(out, layout, json.loads(description.read_text(encoding="utf-8")))
     with store.claims() as claims:
-        for number, aperture in enumerate(opened.plate.apertures()):
-            whole = store.finished(aperture) and store.readable(aperture)
-            if not whole and claims.take(number):
-                store.damaged(aperture)
-                store.write(PlateHogel(aperture=aperture, color=black, triangle=nothing))
-                claims.release(number)
-            if not (store.finished(aperture) and store.readable(aperture)):
-                raise AssertionError(f"the hogel {aperture.index} is not whole after it was written")
+        for part in store.layout.parts(opened.plate.apertures()):
+            missing = store.state(part, check=True).missing
+            if missing and claims.take(part.block.number):
+                hogels = [PlateHogel(aperture=one, color=black, triangle=nothing) for one in missing]
+                store.write(part.block, {hogel.aperture: store.encoded(hogel) for hogel in hogels})
+                claims.release(part.block.number)
+            if store.state(part, check=True).missing:
+                raise AssertionError(f"block {part.block.number} is not whole after it was written")
 
 
 ENTRIES = (read_scene, read_picture, go_on_with_plate)

@@ -122,7 +122,7 @@ def victims(checkout: Path) -> list[Victim]:
     fuzz = checkout / "tests" / "fuzz"
     renderer = f"{sys.executable} {fuzz / 'renderer.py'} {{i}} {{j}} {{out}}"
     report = ("report", "scene.toml", "--near", "1,0.1", "--depth", "d24")
-    plate = ("plate", "scene.toml", "--near", "0.1", "--ids", "--json")
+    plate = ("plate", "scene.toml", "--near", "0.1", "--ids", "--block", "1x1", "--json")
     verify = ("verify", "scene.toml", "--encoding", "triangle-id", "--apertures", "0,0;1,0;2,1")
     outputs = ("--quiet", "--out", OUT)
     program = ("-m", "xfrustum")

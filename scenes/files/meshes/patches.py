@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
+from xfrustum.scenes.disk.input_files import bounded_memory, check_mesh_file
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.geometry.tessellation import tessellate
 from xfrustum.scenes.model.scene import SceneObject
@@ -64,7 +64,7 @@ def read_patches(path: Path) -> list[Floats]:
     InputError
         The file is missing or damaged.
     """
-    regular_size(path, "patch file", "a mesh path is relative to its scene file")
+    check_mesh_file(path)
     with bounded_memory(path):
         return _nets(path)
 

@@ -16,7 +16,7 @@ from typing import Any
 from PIL import Image
 from trimesh.resolvers import FilePathResolver
 
-from xfrustum.scenes.disk.input_files import allowed_memory, check_declared, regular_size
+from xfrustum.scenes.disk.input_files import allowed_memory, check_declared, check_mesh_file, regular_size
 from xfrustum.scenes.errors import InputError
 
 MEMORY_PER_UNPACKED_BYTE = 16
@@ -101,7 +101,7 @@ def check_mesh_source(path: Path) -> None:
     InputError
         The file is refused, or cannot be unpacked.
     """
-    regular_size(path, "mesh file", "a mesh path is relative to its scene file")
+    check_mesh_file(path)
     name = path.name.lower()
     try:
         if name.endswith((".zip", ".3mf", ".zae", ".3dxml")):

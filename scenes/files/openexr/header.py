@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from xfrustum.scenes.disk.input_files import check_declared, regular_size
+from xfrustum.scenes.disk.input_files import check_declared, check_image_file
 from xfrustum.scenes.errors import InputError
 
 MAGIC = bytes.fromhex("762f3101")
@@ -89,7 +89,7 @@ def check_header(path: Path) -> None:
     InputError
         The header is damaged or declares too much, or the file is no OpenEXR image of flat pixels.
     """
-    regular_size(path, "image file")
+    check_image_file(path)
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST_HEADER)

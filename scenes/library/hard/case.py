@@ -42,6 +42,8 @@ class HardCase:
         Reason why the scene is hard, in one line.
     expected
         Content of the true image, in one line.
+    triangles
+        Number of triangles of all objects, stated so that the cases can be listed without being built.
     objects
         Function that makes the meshes, in scene coordinates.
     plate, frustum
@@ -50,19 +52,17 @@ class HardCase:
         Column and row of the apertures that matter.
     giant
         Whether the case takes minutes or gigabytes.
-    triangles
-        Number of triangles of a giant, which is not built for that; None where the built objects tell.
     """
 
     name: str
     why: str
     expected: str
+    triangles: int
     objects: Callable[[], tuple[SceneObject, ...]]
     plate: Plate = PLATE
     frustum: Frustum = FRUSTUM
     apertures: tuple[tuple[int, int], ...] = ((2, 2),)
     giant: bool = False
-    triangles: int | None = None
 
     def build(self) -> Scene:
         """Return the scene; the same on every machine."""

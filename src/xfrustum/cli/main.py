@@ -6,6 +6,7 @@ a signal; all but the first two say why in one line on standard error.
 
 from __future__ import annotations
 
+import json
 import signal
 import sys
 from collections.abc import Sequence
@@ -167,10 +168,10 @@ def report(
     measured at two corners of the plate too. With --apertures auto, a look through hundreds of apertures
     chooses the worst ones, and the page has a map of the plate.
     """
-    from xfrustum.reports.error_report.report import make_report
-
     _check_no_other_tracer(tracer if options.is_given("tracer") else None, decided_by)
     opened = light.applied(options.open_scene(scene))
+    from xfrustum.reports.error_report.report import make_report
+
     chosen = options.several_or_auto(opened, apertures, quiet=quiet)
     files = make_report(
         opened,
@@ -233,14 +234,14 @@ def trace(
     With shadows or interreflection, Mitsuba traces, and its color is the mean of light paths, with
     their variance in the channels variance.R, variance.G and variance.B.
     """
+    opened = light.applied(options.open_scene(scene))
+    chosen = options.chosen_aperture(opened, aperture)
     from xfrustum.reference import Reference
     from xfrustum.reports.commands.tracing import forecast, trace_alone, trace_to_file
     from xfrustum.reports.commands.transported import trace_transported
     from xfrustum.reports.common.json_ready import json_object
     from xfrustum.reports.common.outputs import check_writable_image
 
-    opened = light.applied(options.open_scene(scene))
-    chosen = options.chosen_aperture(opened, aperture)
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)
     effects = light.chosen(opened, (chosen,))
@@ -275,13 +276,13 @@ def raster(
     *, scene: str, aperture: tuple[int, int] | None, settings: DoubleFrustum, light: Light, out: Path
 ) -> None:
     """Draw one aperture with the two cameras and write it as EXR."""
+    opened = light.applied(options.open_scene(scene))
+    chosen = options.chosen_aperture(opened, aperture)
+    settings.check_against(opened.frustum)
     from xfrustum.raster import Rasterizer
     from xfrustum.reports.common.outputs import check_writable_image
     from xfrustum.scenes.files.openexr.images import write_image
 
-    opened = light.applied(options.open_scene(scene))
-    chosen = options.chosen_aperture(opened, aperture)
-    settings.check_against(opened.frustum)
     check_writable_image(out)
     options.look_at(opened, [chosen], black_is_right=True)
     with Rasterizer(opened, effects=light.chosen(opened, (chosen,), settings)) as rasterizer:
@@ -295,8 +296,14 @@ def raster(
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for error pictures.")
 def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
     """Compare a raster image with the truth, both EXR."""
-    from xfrustum.reports.commands.comparison import FILES, compare_files, table, write_comparison
     from xfrustum.reports.common.outputs import check_writable_folder
+    from xfrustum.scenes.disk.input_files import check_image_file
+
+    if out is not None:
+        check_writable_folder(out, ())
+    for image in (truth, raster):
+        check_image_file(image)
+    from xfrustum.reports.commands.comparison import FILES, compare_files, table, write_comparison
 
     if out is not None:
         check_writable_folder(out, FILES)
@@ -313,13 +320,15 @@ def compare(truth: Path, raster: Path, as_json: bool, out: Path | None) -> None:
 @options.json_option
 def scenes(hard: bool, as_json: bool) -> None:
     """List the built-in scenes, each with what it is for."""
-    from xfrustum.scenes.library import builtin
-    from xfrustum.scenes.library.hard import cases as hard_cases
+    if hard:
+        from xfrustum.scenes.library.hard.cases import listing as listed
+    else:
+        from xfrustum.scenes.library.builtin import listing as listed
 
-    listing = hard_cases.listing() if hard else builtin.listing()
+    listing = listed()
     if as_json:
         entries = [{"name": s.name, "purpose": s.purpose, "triangles": s.triangles} for s in listing]
-        options.print_json({"scenes": entries})
+        click.echo(json.dumps({"scenes": entries}))
         return
     width = max(len(entry.name) for entry in listing)
     for entry in listing:

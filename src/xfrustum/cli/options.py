@@ -250,6 +250,9 @@ _SETTINGS = (
     click.option("--cull", type=Name("Cull"), help="Faces left out, by winding.  [default: none]"),
 )
 
+_SETTING_NAMES = ("near", "depth", "mapping", "pivot", "fit", "offset", "slabs", "camera", "cull")
+_NEAR_WITHOUT_NEED = click.option("--near", type=Positive(), help="Offset of both cameras, 0 < N < reach.")
+
 
 def double_frustum_options(command: Command) -> Command:
     """Add the options of the double frustum; the command receives them as one `settings`."""
@@ -263,8 +266,31 @@ def double_frustum_options(command: Command) -> Command:
     return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
 
+def optional_double_frustum_options(command: Command) -> Command:
+    """Add the options of the double frustum; the command receives None where none of them is given.
+
+    Raises
+    ------
+    click.UsageError
+        Some of them are given without --near.
+    """
+
+    @functools.wraps(command)
+    def with_settings(**options: Any) -> Any:
+        given = [name for name in _SETTING_NAMES if options.get(name) is not None]
+        if given and "near" not in given:
+            raise click.UsageError(f"--{given[0]} is a setting of the two cameras: give --near too")
+        if given:
+            return command(settings=_collect(options), **options)
+        return command(settings=None, **{k: v for k, v in options.items() if k not in _SETTING_NAMES})
+
+    for option in reversed((_NEAR_WITHOUT_NEED, *_SETTINGS[1:])):
+        with_settings = option(with_settings)
+    return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
+
+
 _SEVERAL_NEARS = (
-    click.option("--near", type=Positive(), help="Offset of both cameras, 0 < N < reach."),
+    _NEAR_WITHOUT_NEED,
     click.option("--nears", type=Numbers(), help="Several offsets, each of which is a setting."),
 )
 
@@ -288,10 +314,6 @@ def several_double_frusta_options(command: Command) -> Command:
     for option in reversed((*_SEVERAL_NEARS, *_SETTINGS[1:])):
         with_settings = option(with_settings)
     return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
-
-
-_SETTING_NAMES = frozenset({"near", "depth", "mapping", "pivot", "fit", "offset", "slabs", "camera", "cull"})
-"""Names of the options that `_SETTINGS` adds."""
 
 
 def _collect(options: dict[str, Any]) -> DoubleFrustum:

@@ -49,13 +49,14 @@ UNINTERRUPTED_FUNCTIONS = frozenset(
     {
         ("contextlib", "__enter__"),
         ("contextlib", "__exit__"),
+        ("concurrent.futures.thread", "submit"),
         ("subprocess", "__init__"),
         ("xfrustum.reports.verification.commands", "_end"),
         ("xfrustum.reports.verification.commands", "_start"),
     }
 )
-"""Functions of other modules that run to their end: a block is entered and left as a whole, and a process
-that was started but not yet noted would never be ended."""
+"""Functions of other modules that run to their end: a block is entered and left as a whole, and a process or
+a thread that was started but not yet noted would never be ended."""
 
 WAITING_FUNCTIONS = frozenset({("xfrustum.scenes.disk.durable", "_copy")})
 """Functions of the modules above that are interrupted all the same: they wait for the reader of a pipe."""

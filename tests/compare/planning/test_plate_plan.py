@@ -16,7 +16,8 @@ from tests.support.scene_file import film, part
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
-from xfrustum.compare.planning.hogels import hogel_result
+from xfrustum.compare.judging.judge import Judge
+from xfrustum.compare.planning.hogels import hogel_results
 from xfrustum.compare.planning.partial import largest_share
 from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.plate import PlatePlanner
@@ -133,11 +134,12 @@ def test_the_bound_is_that_of_the_hogels_that_were_not_chosen(near_ball: Scene, 
 
 def test_what_depth_gets_wrong_is_told_from_what_displacement_does(near_ball: Scene) -> None:
     """A large near displaces and orders; a tiny one with few bits does neither."""
-    reference, aperture = Reference(near_ball), near_ball.plate.aperture(*OVER)
-    with Rasterizer(near_ball) as rasterizer:
-        bent = hogel_result(reference, rasterizer, aperture, DoubleFrustum(near=5.0, depth=DepthFormat.D32F))
-        starved = hogel_result(
-            reference, rasterizer, aperture, DoubleFrustum(near=1e-7, depth=DepthFormat.D16)
+    asked = DoubleFrustum(near=5.0, depth=DepthFormat.D32F), DoubleFrustum(near=1e-7, depth=DepthFormat.D16)
+    with Judge(near_ball) as judge:
+        bent, starved = (
+            result
+            for settings in asked
+            for result in hogel_results(judge, [near_ball.plate.aperture(*OVER)], settings)
         )
     assert bent.surface_fraction > 0.01 > bent.depth_wrong
     assert starved.depth_wrong == pytest.approx(starved.surface_fraction) and starved.depth_wrong > 0.01

@@ -36,7 +36,7 @@ from xfrustum.scenes import (
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.plate.double_frustum import Fit, Offset, Pivot
 from xfrustum.scenes.plate.frustum import Screen
 
@@ -137,6 +137,27 @@ def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFru
 def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", (32, 24))
     same_as_one_by_one(scene, DoubleFrustum(near=0.1), [scene.plate.middle], ALL_EFFECTS - {effect})
+
+
+@pytest.mark.parametrize(
+    ("name", "chosen", "points"),
+    [
+        *(("asymmetric-recentered", chosen, 1) for chosen in (*OPTIONS[:3], reversed_d32f(1e-3))),
+        ("asymmetric-recentered", OPTIONS[0], 3),
+        ("mirror-sphere", OPTIONS[0], 1),
+        ("empty", OPTIONS[0], 1),
+    ],
+)
+def test_heights_and_normals_are_the_rasterizers(name: str, chosen: DoubleFrustum, points: int) -> None:
+    """With sub-apertures too: surfaces are those that the middle of the aperture sees."""
+    scene = replace(view(name, (24, 18)), sampling=Sampling(aperture=points))
+    apertures = some_apertures(scene)
+    content = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
+    with PlateRenderer(scene, chosen, content) as plate, Rasterizer(scene) as rasterizer:
+        for hogel in plate.hogels(apertures):
+            image = rasterizer.render(hogel.aperture, chosen)
+            for channel in DRAWN_CHANNELS:
+                np.testing.assert_array_equal(hogel.image(channel), getattr(image, channel))
 
 
 def test_scenes_that_ask_for_finer_sampling_are_refused_and_not_drawn_coarsely() -> None:

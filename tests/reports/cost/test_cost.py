@@ -158,7 +158,7 @@ class Clock:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0.0
         monkeypatch.setattr(
-            "xfrustum.reports.common.timing.time", SimpleNamespace(perf_counter=lambda: self.now)
+            "xfrustum.compare.judging.stopwatch.time", SimpleNamespace(perf_counter=lambda: self.now)
         )
 
     def worker(self, seconds: Iterable[float]) -> Callable[[], None]:

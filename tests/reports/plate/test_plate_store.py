@@ -32,7 +32,8 @@ CHUNK = {"triangle": "triangle/c/2/3/0/0", "color": "color/c/2/3/0/0/0"}
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plate that nobody disturbed."""
-    return write_plate(small(), SETTINGS, tmp_path_factory.mktemp("clean") / "x.zarr", content=EVERYTHING).out
+    out = tmp_path_factory.mktemp("clean") / "x.zarr"
+    return write_plate(small(), SETTINGS, out, content=EVERYTHING, block=(1, 1)).out
 
 
 @pytest.fixture
@@ -176,6 +177,7 @@ def test_a_scene_that_was_moved_with_its_plate_is_gone_on_with(plate: Path, clea
 def test_the_command_says_what_it_mended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "x.zarr"
     line = ["plate", "asymmetric", "--near", "0.1", "--apertures", "3-5,7", "--out", str(out), "--quiet"]
+    line += ["--block", "1x1"]
     assert main(line) == 0
     flipped(out / "color/c/7/4/0/0/0")
     (out / "color/c/7/5/0/0/0").write_bytes(b"")
@@ -242,7 +244,7 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
     def overtaken(*arguments: Any) -> None:
         monkeypatch.setattr(plate_store, "_make", make)
         apertures = [small().plate.aperture(column, 2) for column in range(7)]
-        others.append(write_plate(small(), SETTINGS, out, apertures, EVERYTHING))
+        others.append(write_plate(small(), SETTINGS, out, apertures, EVERYTHING, block=(1, 1)))
         make(*arguments)
 
     monkeypatch.setattr(plate_store, "_make", overtaken)
@@ -257,7 +259,7 @@ def test_a_plate_that_appears_while_another_is_being_made_is_gone_on_with(
 def test_what_another_is_drawing_is_waited_for_and_not_drawn_twice(tmp_path: Path, clean: Path) -> None:
     """Another process has claimed a hogel: the others are drawn, and then either its work is used or done."""
     out = tmp_path / "x.zarr"
-    write_plate(small(), SETTINGS, out, [small().plate.middle], EVERYTHING)
+    write_plate(small(), SETTINGS, out, [small().plate.middle], EVERYTHING, block=(1, 1))
     column, row = 5, 4
     for finishes in (True, False):
         shutil.rmtree(out / f"color/c/{row}/{column}", ignore_errors=True)
@@ -291,8 +293,8 @@ def test_a_failure_leaves_nothing_beside_the_plate(tmp_path: Path, monkeypatch: 
 
 def at_once(out: Path, count: int) -> list[dict[str, Any]]:
     """Start as many processes on one plate and return what they say."""
-    line = "plate asymmetric --near 0.15 --apertures 0-9,28-29 --color uint8 --ids --quiet --json --out"
-    command = [sys.executable, "-m", "xfrustum", *line.split(), str(out)]
+    line = "plate asymmetric --near 0.15 --apertures 0-9,28-29 --color uint8 --ids --block 2x2 --quiet --json"
+    command = [sys.executable, "-m", "xfrustum", *line.split(), "--out", str(out)]
     processes = [
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for _ in range(count)

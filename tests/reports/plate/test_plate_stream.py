@@ -24,16 +24,19 @@ from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.raster import Rasterizer
 from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import MAX_WAITING_HOGELS, blocks_of_apertures, write_plate
-from xfrustum.reports.plate.store import PlateStore
+from xfrustum.reports.plate.store import Encoded, PlateStore
 from xfrustum.scenes import DoubleFrustum, InputError, Plate, Scene
 from xfrustum.scenes.appearance.appearance import Appearance
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.appearance.material import Material
+from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.geometry.smoothing import smoothed
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect
 from xfrustum.scenes.model.look import look_hash
-from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.plate.plate import Aperture
 
 SETTINGS = DoubleFrustum(near=0.15)
@@ -48,8 +51,14 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+def array(group: zarr.Group, name: str) -> zarr.Array[Any]:
+    found = group[name]
+    assert isinstance(found, zarr.Array)
+    return found
+
+
 def chunks(folder: Path) -> dict[str, tuple[int, int]]:
-    """Every finished hogel, with what changes when its file is written again."""
+    """Every file of finished hogels, with what changes when it is written again."""
     found = {}
     for path in folder.glob("color/c/*/*/0/0/0"):
         status = path.stat()
@@ -85,13 +94,13 @@ def test_the_group_says_what_was_drawn_and_how(tmp_path: Path) -> None:
 
 def test_parts_add_up_to_the_whole_and_nothing_is_drawn_twice(tmp_path: Path) -> None:
     scene = small()
-    whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING).out
+    whole = write_plate(scene, SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=(1, 1)).out
     out = tmp_path / "parts.zarr"
     blocks = [(((1, 3), (0, 2)), 9), (((2, 6), (2, 2)), 3), ((None, (4, 4)), 7), ((None, None), 16)]
     before: dict[str, tuple[int, int]] = {}
     for block, drawn in blocks:
         apertures = list(blocks_of_apertures(scene.plate, [block, block]))
-        files = write_plate(scene, SETTINGS, out, apertures, EVERYTHING)
+        files = write_plate(scene, SETTINGS, out, apertures, EVERYTHING, block=(1, 1))
         assert (files.drawn, files.found) == (drawn, len(set(apertures)) - drawn)
         after = chunks(out)
         assert before.items() <= after.items() and len(after) == len(before) + drawn
@@ -158,17 +167,20 @@ def test_the_look_is_everything_that_color_depends_on_and_no_name() -> None:
     assert look_hash(mirrored_in(1.0, mirror, "another name")) == look_hash(scene)
 
 
-def test_a_scene_that_asks_for_finer_sampling_is_drawn_when_told_how(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "x.zarr"
-    arguments = ["plate", "grating", "--near", "0.1", "--apertures", "3,4", "--out", str(out), "--quiet"]
-    assert main([*arguments, "--supersample", "2"]) == 2
-    printed = capsys.readouterr()
-    assert printed.err.count("\n") == 1 and "--supersample 1" in printed.err
-    assert not out.exists()
-    once = ["--supersample", "1", "--multisample", "1", "--aperture-samples", "1"]
-    assert main([*arguments, *once, "--effects", "all"]) == 0
+def test_finer_sampling_is_drawn_as_raster_draws_it_and_said(tmp_path: Path) -> None:
+    scene = replace(small("grating"), sampling=Sampling(supersample=2, multisample=4, aperture=3))
+    apertures = [scene.plate.middle, scene.plate.aperture(0, 4)]
+    out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", apertures, EVERYTHING).out
+    group = zarr.open_group(out, mode="r")
+    with Rasterizer(scene) as rasterizer:
+        for aperture in apertures:
+            image = rasterizer.render(aperture, SETTINGS)
+            np.testing.assert_array_equal(array(group, "color")[aperture.row, aperture.column], image.color)
+            np.testing.assert_array_equal(
+                array(group, "triangle")[aperture.row, aperture.column], image.triangle
+            )
+    said = group.attrs["xfrustum"]
+    assert isinstance(said, dict) and said["sampling"] == {"aperture": 3, "supersample": 2, "multisample": 4}
 
 
 def test_a_plate_says_how_many_sub_apertures_it_has(
@@ -202,19 +214,18 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, out = small(), tmp_path / "x.zarr"
-    original = zarr.Array.__setitem__
 
-    def full(self: zarr.Array[Any], place: tuple[int, int], value: Any) -> None:
-        if place == (3, 2):
+    def full(path: Path, content: bytes, *, host: Path | None = None) -> None:
+        if path == out / "color/c/3/2/0/0/0":
             raise OSError(28, "No space left on device")
-        original(self, place, value)
+        write_file(path, content, host=host)
 
     with monkeypatch.context() as patched:
-        patched.setattr(zarr.Array, "__setitem__", full)
+        patched.setattr(plate_store, "write_file", full)
         with pytest.raises(InputError, match="No space left on device"):
-            write_plate(scene, SETTINGS, out)
+            write_plate(scene, SETTINGS, out, block=(1, 1))
     finished = len(chunks(out))
-    # All hogels before the failed one are there, and one after it that was under way may be.
+    # All hogels before the failed one are there, and some after it that were under way may be.
     assert 23 <= finished < 35
     files = write_plate(scene, SETTINGS, out)
     assert (files.drawn, files.found) == (35 - finished, finished)
@@ -223,10 +234,10 @@ def test_a_full_disk_ends_in_one_line_and_loses_nothing(
 def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The hogels in memory are those asked for or drawn, and not yet written."""
+    """The pixels in memory are those asked for or drawn, and not yet compressed."""
     scene = replace(view("asymmetric", (16, 12)), plate=Plate(size=(80.0, 60.0), hogels=(40, 10)))
     taken, written, most = 0, 0, 0
-    hogels, write = PlateRenderer.hogels, PlateStore.write
+    hogels, encoded = PlateRenderer.hogels, PlateStore.encoded
 
     def counted(self: PlateRenderer, apertures: list[Aperture]) -> Iterator[object]:
         def asked_for() -> Iterator[Aperture]:
@@ -238,13 +249,14 @@ def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
 
         return iter(hogels(self, asked_for()))
 
-    def counted_write(self: PlateStore, hogel: object) -> None:
+    def counted_encoded(self: PlateStore, hogel: PlateHogel) -> Encoded:
         nonlocal written
-        write(self, hogel)  # type: ignore[arg-type]
+        images = encoded(self, hogel)
         written += 1
+        return images
 
     monkeypatch.setattr(PlateRenderer, "hogels", counted)
-    monkeypatch.setattr(PlateStore, "write", counted_write)
+    monkeypatch.setattr(PlateStore, "encoded", counted_encoded)
     write_plate(scene, SETTINGS, tmp_path / "x.zarr")
     with PlateRenderer(scene, SETTINGS) as renderer:
         allowed = renderer.batching.hogels_in_memory + MAX_WAITING_HOGELS
@@ -252,8 +264,13 @@ def test_only_a_few_hogels_are_in_memory_however_large_the_plate(
     assert 1 < most <= allowed < 400
 
 
+KILLED_BLOCK = (9, 1)
+"""Columns and rows of the blocks of plates whose drawing is killed: a ninth of a row."""
+
+
 def command(out: Path, rows: str) -> list[str]:
     arguments = ["plate", "asymmetric", "--near", "0.15", "--apertures", f"*,{rows}", "--color", "uint8"]
+    arguments += ["--block", "x".join(map(str, KILLED_BLOCK))]
     return [sys.executable, "-m", "xfrustum", *arguments, "--ids", "--out", str(out), "--quiet", "--json"]
 
 
@@ -285,11 +302,12 @@ def assert_kills_do_no_harm(tmp_path: Path, rows: str, count: int, delays: Itera
         # Some kills come while the command is still starting.
         kills += killed(out, rows, delay, from_first_hogel=number % 4 != 3)
         after = chunks(out)
-        assert before.items() <= after.items(), "a finished hogel was lost or drawn again"
+        assert before.items() <= after.items(), "a finished block was lost or drawn again"
     assert kills > 0
     before = chunks(out)
+    found = len(before) * KILLED_BLOCK[0] * KILLED_BLOCK[1]
     last = resumed(out, rows)
-    assert (last["drawn"], last["found"]) == (count - len(before), len(before))
+    assert (last["drawn"], last["found"]) == (count - found, found)
     assert before.items() <= chunks(out).items()
     assert tree(out) == tree(clean)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clean.zarr", "killed.zarr"]

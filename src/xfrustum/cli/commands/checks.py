@@ -60,13 +60,13 @@ def budget(
 
     With --apertures auto, of one image for each of several apertures.
     """
+    opened = light.applied(options.open_scene(scene))
+    settings.check_against(opened.frustum)
     from xfrustum.compare.scouting.automatic import AutoApertures
     from xfrustum.reports.commands import budgeting
     from xfrustum.reports.commands.budget_page import FILES, folder_of, write_budget
     from xfrustum.reports.common.outputs import check_writable_folder
 
-    opened = light.applied(options.open_scene(scene))
-    settings.check_against(opened.frustum)
     if out is not None:
         check_writable_folder(out, () if auto else FILES)
     chosen = options.one_or_auto(opened, aperture, auto, quiet=quiet)
@@ -94,6 +94,10 @@ def selfcheck(scenes: tuple[str, ...], quick: bool, quiet: bool, as_json: bool) 
     Without SCENE: all built-in scenes, all hard cases but the giants, a sphere through all its vertices
     and edges, and the scene files in the folder of test data beside the checkout.
     """
+    from xfrustum.scenes.opening.catalogue import check_scene
+
+    for name in scenes:
+        check_scene(name)
     from xfrustum.compare.selfcheck.selfcheck import selfcheck as compare_with_integers
     from xfrustum.compare.selfcheck.selfcheck import table
 
@@ -117,10 +121,11 @@ def bench_truth(
     *, scene: str, resolution: tuple[int, ...] | None, repeat: int, quiet: bool, as_json: bool
 ) -> None:
     """Measure the certified truth beside bare tracers, in million pixels per second."""
+    opened = options.open_scene(scene)
     from xfrustum.reports.benchmarks import truth as benchmarks
 
     sizes = resolution or benchmarks.RESOLUTIONS
-    measured = benchmarks.benchmark_truth(options.open_scene(scene), sizes, repeat, progress=not quiet)
+    measured = benchmarks.benchmark_truth(opened, sizes, repeat, progress=not quiet)
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 
@@ -132,9 +137,10 @@ def bench_truth(
 @options.json_option
 def bench_plate(*, scene: str, resolution: int, repeat: int, quiet: bool, as_json: bool) -> None:
     """Measure one row of a plate, drawn many hogels at once, beside plain loops."""
+    opened = options.open_scene(scene)
     from xfrustum.reports.benchmarks import plate as benchmarks
 
-    measured = benchmarks.benchmark_plate(options.open_scene(scene), resolution, repeat, progress=not quiet)
+    measured = benchmarks.benchmark_plate(opened, resolution, repeat, progress=not quiet)
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 
 

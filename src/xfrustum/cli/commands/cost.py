@@ -40,11 +40,11 @@ def cost(
     The answer is given for the tolerance and for a fifth of it. With --apertures auto, pictures are judged at
     several apertures, the worst of which counts.
     """
+    opened = options.open_scene(scene)
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.cost.cost import measure_cost
     from xfrustum.reports.cost.page import FILES, table, write_cost
 
-    opened = options.open_scene(scene)
     if out is not None:
         check_writable_folder(out, FILES)
     chosen = options.one_or_auto(opened, aperture, auto, quiet=quiet)

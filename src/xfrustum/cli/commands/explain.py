@@ -52,11 +52,11 @@ def explain(
     change the picture. Antialiasing, band limiting and light transport do: they are used if the scene,
     or an option here, asks for them.
     """
+    opened = light.applied(options.open_scene(scene))
     from xfrustum.reports.effects import plan as effects_plan
     from xfrustum.reports.effects import table as effects_table
     from xfrustum.scenes import Camera, DoubleFrustum
 
-    opened = light.applied(options.open_scene(scene))
     settings = DoubleFrustum(
         near=near or effects_plan.DEFAULT_NEAR_PER_REACH * opened.frustum.longest_reach,
         slabs=slabs or (),

@@ -32,13 +32,13 @@ def figure7(
 
     C* is shown as the camera sees it, looking back at the viewer, and as its picture is overlaid.
     """
+    opened = options.open_scene(scene)
+    chosen = options.chosen_aperture(opened, aperture)
+    second = None if other is None else opened.plate.aperture(*other)
     from xfrustum.reports.commands.figure7 import FILES, default_settings, draw_figure, write_figure
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.error_report.report import default_folder
 
-    opened = options.open_scene(scene)
-    chosen = options.chosen_aperture(opened, aperture)
-    second = None if other is None else opened.plate.aperture(*other)
     folder = Path("figure7") / default_folder(opened).name if out is None else out
     check_writable_folder(folder, FILES)
     options.look_at(opened, [chosen])

@@ -76,6 +76,11 @@ def plan(
     The plan is made from the worst apertures of the plate, and measured at these and at a random sample.
     With --aperture or --apertures it is made for these alone.
     """
+    if aperture is not None and apertures is not None:
+        raise click.UsageError(
+            "--aperture names one aperture and --apertures asks for many: give one of them"
+        )
+    opened = options.open_scene(scene)
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.compare.scouting.automatic import AutoApertures
@@ -83,12 +88,7 @@ def plan(
     from xfrustum.raster import require_room
     from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
 
-    if aperture is not None and apertures is not None:
-        raise click.UsageError(
-            "--aperture names one aperture and --apertures asks for many: give one of them"
-        )
     requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
-    opened = options.open_scene(scene)
     # The plan is measured by drawing it, but only after a search that traces and predicts for long.
     require_room(opened)
     chosen: Sequence[Aperture] | AutoApertures | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,16 +51,60 @@ def _span(text: str) -> Span:
     return span
 
 
+class Channels(click.ParamType[tuple[str, ...]]):
+    """Names of a hogel's images, separated by commas."""
+
+    name = "NAME,NAME,.."
+    _names = ("color", "height", "triangle", "normal", "certainty")
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the names."""
+        names = tuple(part.strip().lower() for part in str(value).split(","))
+        for name in names:
+            if name not in self._names:
+                self.fail(f"{name!r} is not one of {', '.join(self._names)}", param, ctx)
+        return names
+
+
+class BlockSize(click.ParamType[tuple[int, int]]):
+    """Columns and rows of hogels as COLUMNSxROWS."""
+
+    name = "CxR"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return columns and rows."""
+        match = re.fullmatch(r"([1-9]\d{0,8})x([1-9]\d{0,8})", str(value).strip().lower())
+        if match is None:
+            self.fail(f"{value!r} is not columns x rows such as 8x8", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -> None:
+    """Refuse a plate that is neither drawn nor traced, or both, and light that only a truth has."""
+    if truth and settings is not None:
+        raise click.UsageError("--truth is traced with the true frustum: leave out --near and its options")
+    if not truth and settings is None:
+        raise click.UsageError("Missing option '--near'; give it, or --truth for a plate of truths")
+    if not truth and (light.shadows or light.interreflection or light.samples):
+        raise click.UsageError(
+            "a rasterizer has no shadows and no interreflection: add --truth, or leave out light transport"
+        )
+
+
 @click.command()
 @options.scene_argument
 @click.option(
     "--apertures",
     "blocks",
     type=Blocks(),
-    help="Columns,rows of blocks, such as 0-80,30;*,0-5.  [default: all]",
+    help="Columns,rows of rectangles, such as 0-80,30;*,0-5.  [default: all]",
 )
-@options.double_frustum_options
-@cli_light.light_options(*cli_light.RASTER)
+@options.optional_double_frustum_options
+@cli_light.light_options(*cli_light.ALL)
 @click.option(
     "--color",
     type=click.Choice(["uint8", "float16", "float32"]),
@@ -67,7 +112,27 @@ def _span(text: str) -> Span:
     show_default=True,
     help="Number type of the linear RGB.",
 )
-@click.option("--ids", is_flag=True, help="Store triangle numbers too.")
+@click.option("--ids", is_flag=True, help="Store triangle numbers too: the channel triangle.")
+@click.option(
+    "--channels",
+    type=Channels(),
+    help="Images: color, height, triangle, normal; of truths certainty too.  [default: color]",
+)
+@click.option(
+    "--block",
+    type=BlockSize(),
+    help="Columns x rows of hogels in one shard, such as 8x8.  [default: at most 16x16 and 64 MiB]",
+)
+@click.option(
+    "--truth",
+    is_flag=True,
+    help="Store truths: traced and certified, with shadows and interreflection; instead of --near.",
+)
+@click.option(
+    "--judge",
+    is_flag=True,
+    help="Trace every hogel too, and store how it differs: in arrays over (row, column), and as Parquet.",
+)
 @click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of a Zarr group.")
 @options.quiet_option
@@ -76,35 +141,56 @@ def plate(
     *,
     scene: str,
     blocks: tuple[tuple[Span, Span], ...] | None,
-    settings: DoubleFrustum,
+    settings: DoubleFrustum | None,
     light: Light,
     color: str,
     ids: bool,
+    channels: tuple[str, ...] | None,
+    block: tuple[int, int] | None,
+    truth: bool,
+    judge: bool,
     check: bool,
     out: Path,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Draw a plate, or blocks of it, into a Zarr group with one chunk for each hogel.
+    """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
 
     What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
-    processes may draw one plate at once.
-    Plates are drawn with one sample a pixel: a scene that asks for more needs them set to 1. With
-    --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
+    processes may draw one plate at once. Any reader of Zarr opens it, xarray with names and units.
+    With --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
     """
-    from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
-    from xfrustum.scenes.model.plate_content import ColorType, PlateContent
-
+    _check_question(settings, light, truth)
     opened = light.applied(options.open_scene(scene))
+    if truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
+        opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
+    from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
+    from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
+
     spans = [(None, None)] if blocks is None else blocks
     chosen = blocks_of_apertures(opened.plate, spans)
     options.look_at(opened, chosen, black_is_right=True)
-    content = PlateContent(color=ColorType(color), ids=ids, effects=light.chosen(opened, settings=settings))
-    files = write_plate(opened, settings, out, chosen, content, check=check, progress=not quiet)
+    content = PlateContent(
+        color=ColorType(color),
+        ids=ids,
+        channels=tuple(map(Channel, channels or ())),
+        effects=light.chosen(opened, settings=settings),
+    )
+    files = write_plate(
+        opened, settings, out, chosen, content, block=block, judge=judge, check=check, progress=not quiet
+    )
     for note in files.notes:
         say(f"note: {note}")
     options.tell(
         as_json,
-        lambda: {"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
-        lambda: f"{files.drawn} hogels drawn, {files.found} found\n{files.out}",
+        lambda: {
+            **{"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
+            "table": files.table,
+        },
+        lambda: "\n".join(
+            [
+                f"{files.drawn} hogels drawn, {files.found} found",
+                *map(str, filter(None, (files.out, files.table))),
+            ]
+        ),
     )

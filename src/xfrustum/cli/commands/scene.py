@@ -43,6 +43,9 @@ def new(
     as_json: bool,
 ) -> None:
     """Write a scene file whose plate, reach and field of view fit MESH."""
+    from xfrustum.scenes.disk.input_files import check_mesh_file
+
+    check_mesh_file(mesh)
     from xfrustum.reports.scene_check.new_scene import new_scene
 
     written = new_scene(mesh, out, units=units, size=size, place=place, force=force)
@@ -58,14 +61,16 @@ def check(scene: str, out: Path | None, as_json: bool) -> int:
 
     Exit status 1 if no aperture of the plate sees anything.
     """
+    from xfrustum.scenes import open_scene
+
+    opened = open_scene(scene)
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.scene_check.checking import FILES, table, write_check
     from xfrustum.reports.scene_check.checking import check as checked
-    from xfrustum.scenes import open_scene
 
     if out is not None:
         check_writable_folder(out, FILES)
-    found = checked(open_scene(scene))
+    found = checked(opened)
     files = () if out is None else write_check(found, out)
     for warning in found.warnings:
         options.warn(warning)

@@ -39,7 +39,7 @@ class Conventions(click.ParamType[tuple[str, ...]]):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, ...]:
         """Return the names."""
-        from xfrustum.compare.diagnosis.encodings import ACCEPTABLE
+        from xfrustum.compare.renderer_model.conventions import ACCEPTABLE
 
         names = tuple(part.strip() for part in str(value).split(","))
         if names == ("all",):
@@ -138,6 +138,7 @@ def verify(
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'. Exit status 1 if
     any hogel is missing or exceeds a limit.
     """
+    opened = options.open_scene(scene)
     from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
     from xfrustum.reports.verification.files import FILES, table, write_junit, write_verification
     from xfrustum.reports.verification.verification import verify as verified
@@ -146,7 +147,6 @@ def verify(
         check_writable_file(junit, "--junit")
     if out is not None:
         check_writable_folder(out, FILES)
-    opened = options.open_scene(scene)
     found = verified(opened, accept=accept or (), progress=not quiet, **asked)
     options.warn_of(opened)
     if out is not None:

@@ -1,0 +1,217 @@
+"""How each hogel of a plate differs from its truth: rows of a table, and the arrays made of its columns.
+
+A block's rows are a Parquet file of their own, a part of a table that is a folder. Times are left out: the
+same plate has the same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from itertools import tee
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from xfrustum.compare.judging.judge import Judge
+from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.reports.common.records import columns_of, named_columns, table_of
+from xfrustum.reports.plate.layout import Block
+from xfrustum.reports.plate.sources import Drawn
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.hogel_image import Certainty
+from xfrustum.scenes.model.look import is_shaded
+from xfrustum.scenes.model.plate_content import PlateHogel
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+PLACES = ("column", "row", "x", "y")
+"""Columns that say which hogel a row is about; all others are measures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredHogel:
+    """One hogel and how it differs from its truth.
+
+    Attributes
+    ----------
+    column, row, x, y
+        Place of the hogel on the plate, and of its aperture in scene units.
+    comparison
+        What `compare --json` tells.
+    """
+
+    column: int
+    row: int
+    x: float
+    y: float
+    comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedPlateHogel(PlateHogel):
+    """A hogel's images with its measures."""
+
+    measured: MeasuredHogel
+
+
+class JudgedSource:
+    """A source whose hogels are judged while they are drawn; a context manager.
+
+    Parameters
+    ----------
+    drawn
+        Source of the images, which are not changed.
+    """
+
+    judged = True
+
+    def __init__(self, drawn: Drawn) -> None:
+        assert drawn.settings is not None, "truths are not judged"
+        self._drawn, self._settings = drawn, drawn.settings
+        self.scene, self.content = drawn.scene, drawn.content
+        self.settings: DoubleFrustum | None = drawn.settings
+        self.simulated, self.renderer, self.transported = drawn.simulated, drawn.renderer, drawn.transported
+        self._judge = Judge(drawn.scene)
+
+    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
+        """Draw and judge hogels, and yield them in the order of their apertures."""
+        to_draw, to_judge = tee(apertures)
+        judged = self._judge.stream(to_judge, [self._settings])
+        assert isinstance(judged, Generator)
+        with closing(judged):
+            for hogel, found in zip(self._drawn.hogels(to_draw), judged, strict=True):
+                here = hogel.aperture
+                measured = MeasuredHogel(
+                    column=here.column,
+                    row=here.row,
+                    x=here.x,
+                    y=here.y,
+                    comparison=found.drawings[0].comparison,
+                )
+                yield JudgedPlateHogel(**{**vars(hogel), "measured": measured})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._judge.release()
+        self._drawn.__exit__(kind, error, trace)
+
+
+def measures_of(scene: Scene) -> dict[str, str]:
+    """Return the names of the measures of a scene's hogels, and the unit of each.
+
+    Errors of color are measures only where the scene says how it looks.
+    """
+    empty = ComparisonNumbers(
+        pixels=0,
+        judged=0,
+        covered=0,
+        at_plate=0,
+        surface=None,
+        triangle=None,
+        displacement_px=None,
+        height=None,
+        radiance=None,
+        certainty={kind.name.lower(): 0 for kind in Certainty},
+    )
+    row = MeasuredHogel(column=0, row=0, x=0.0, y=0.0, comparison=empty)
+    found = {}
+    for column in columns_of(MeasuredHogel, [row]):
+        numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+        kept = is_shaded(scene) or not column.name.startswith("radiance")
+        if column.name not in PLACES and numeric and kept:
+            found[column.name] = _unit(column.name, scene.units)
+    return found
+
+
+def _unit(name: str, length: str) -> str:
+    if name.startswith("displacement_px"):
+        return "px"
+    return length if name.startswith("height") else "1"
+
+
+class Table:
+    """The measures of a plate's hogels as a folder of Parquet files, one for each block.
+
+    Parameters
+    ----------
+    folder
+        The folder; it need not exist.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, block: Block) -> Path:
+        """Return the file of a block."""
+        return self.folder / f"block-{block.number:08}.parquet"
+
+    def rows(self, block: Block) -> pa.Table | None:
+        """Return the rows of a block, by row and column; None where its file is missing or damaged."""
+        try:
+            found = pq.read_table(self.path(block))
+        except (OSError, pa.ArrowException, ValueError):
+            return None
+        return found if set(PLACES) <= set(found.column_names) else None
+
+    def measured(self, block: Block) -> set[tuple[int, int]]:
+        """Return column and row of each hogel of a block that has been judged."""
+        found = self.rows(block)
+        if found is None:
+            return set()
+        return set(zip(found["column"].to_pylist(), found["row"].to_pylist(), strict=True))
+
+
+def merged(before: pa.Table | None, hogels: Iterable[MeasuredHogel]) -> pa.Table:
+    """Return rows of a block with those of some hogels added, or put in the place of older ones."""
+    added = table_of(MeasuredHogel, list(hogels))
+    rows = {} if before is None or before.schema != added.schema else _by_place(before)
+    rows |= _by_place(added)
+    # From plain values, so that equal rows make equal bytes, whatever tables they come from.
+    return pa.Table.from_pylist([rows[place] for place in sorted(rows)], schema=added.schema)
+
+
+def _by_place(table: pa.Table) -> dict[tuple[int, int], dict[str, Any]]:
+    """Return the rows of a table by row and column of their hogels."""
+    return {(row["row"], row["column"]): row for row in table.to_pylist()}
+
+
+def parquet_of(table: pa.Table) -> bytes:
+    """Return a table as a Parquet file."""
+    file = io.BytesIO()
+    pq.write_table(table, file)
+    return file.getvalue()
+
+
+def maps_of(table: pa.Table, block: Block, names: Iterable[str]) -> Mapping[str, Floats]:
+    """Return each measure of a block over (row, column), NaN where there is none.
+
+    Parameters
+    ----------
+    table
+        Rows of the block.
+    block
+        The block.
+    names
+        Names of the measures.
+    """
+    width, height = block.side
+    columns = np.array(table["column"].to_pylist(), dtype=np.int64) - block.columns.start
+    rows = np.array(table["row"].to_pylist(), dtype=np.int64) - block.rows.start
+    maps: dict[str, Floats] = {}
+    for name in names:
+        values: list[Any] = table[name].to_pylist() if name in table.column_names else [None] * len(rows)
+        maps[name] = np.full((height, width), np.nan)
+        maps[name][rows, columns] = [np.nan if value is None else value for value in values]
+    return maps

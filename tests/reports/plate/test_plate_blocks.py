@@ -1,0 +1,370 @@
+"""Blocks of hogels: shards that Zarr reads, whole or absent, drawn by any process, labelled for xarray."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import re
+import shutil
+import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray
+import zarr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, array, small, tree
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference
+from xfrustum.reports.plate.blocks import PlatePlan, blocks_of, close, draw_block, plan_plate
+from xfrustum.reports.plate.camera import camera_of
+from xfrustum.reports.plate.layout import BLOCK_BYTES, MAX_BLOCK_SIDE, Layout, default_side
+from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
+from xfrustum.reports.plate.shards import assembled, read_places
+from xfrustum.reports.plate.stored import StoredPlate
+from xfrustum.scenes import InputError, Plate, Scene, open_scene
+from xfrustum.scenes.appearance.sampling import Transport
+from xfrustum.scenes.model.effects import ALL_EFFECTS
+from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, Channel, ColorType, PlateContent
+
+BLOCK = (3, 2)
+ALL = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
+SHARD = "color/c/1/0/0/0/0"
+"""The block of columns 0 to 2 and rows 2 and 3."""
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plate in blocks that nobody disturbed."""
+    out = tmp_path_factory.mktemp("clean") / "x.zarr"
+    return write_plate(small(), SETTINGS, out, content=ALL, block=BLOCK).out
+
+
+@pytest.fixture
+def plate(clean: Path, tmp_path: Path) -> Path:
+    """A copy to be damaged."""
+    return Path(shutil.copytree(clean, tmp_path / "x.zarr"))
+
+
+def test_blocks_are_shards_with_a_chunk_for_each_hogel_and_hold_the_rasterizers_images(clean: Path) -> None:
+    scene, group = small(), zarr.open_group(clean, mode="r")
+    assert array(group, "color").shards == (2, 3, 12, 20, 3) and array(group, "color").chunks == (
+        1,
+        1,
+        12,
+        20,
+        3,
+    )
+    assert array(group, "height").shards == (2, 3, 12, 20)
+    with Rasterizer(scene) as rasterizer:
+        for aperture in scene.plate.apertures():
+            image = rasterizer.render(aperture, SETTINGS)
+            for channel in ALL.channels:
+                stored = array(group, channel)[aperture.row, aperture.column]
+                np.testing.assert_array_equal(stored, getattr(image, channel))
+
+
+def test_a_block_does_not_depend_on_the_order_in_which_its_hogels_were_drawn(
+    clean: Path, tmp_path: Path
+) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    for some in ([(2, 2), (6, 4)], [(0, 0)], [(1, 3), (2, 3), (0, 2)]):
+        apertures = [scene.plate.aperture(*index) for index in some]
+        assert write_plate(scene, SETTINGS, out, apertures, ALL, block=BLOCK).drawn == len(some)
+    files = write_plate(scene, SETTINGS, out, content=ALL)
+    assert (files.drawn, files.found) == (29, 6)
+    assert tree(out) == tree(clean)
+
+
+@pytest.mark.parametrize("damage", ["cut off", "index", "bit", "gone"])
+def test_a_damaged_block_is_drawn_again(damage: str, plate: Path, clean: Path) -> None:
+    shard = plate / SHARD
+    data = shard.read_bytes()
+    if damage == "gone":
+        shard.unlink()
+    elif damage == "bit":
+        shard.write_bytes(data[:200] + bytes([data[200] ^ 1]) + data[201:])
+    else:
+        cut = {"cut off": data[:-1], "index": data[:-6] + bytes([data[-6] ^ 1]) + data[-5:]}[damage]
+        shard.write_bytes(cut)
+    files = write_plate(small(), SETTINGS, plate, content=ALL, check=damage == "bit")
+    expected = {"bit": (1, 34, 1), "gone": (6, 29, 0)}.get(damage, (6, 29, 6))
+    assert (files.drawn, files.found, files.damaged) == expected
+    assert tree(plate) == tree(clean)
+
+
+def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(plate: Path, clean: Path) -> None:
+    (plate / SHARD).unlink()
+    with pytest.raises(InputError, match=r"another .*layout\.block"):
+        write_plate(small(), SETTINGS, plate, content=ALL, block=(2, 2))
+    assert write_plate(small(), SETTINGS, plate, content=ALL).drawn == 6
+    assert tree(plate) == tree(clean)
+
+
+def test_a_plate_from_before_there_were_blocks_goes_on_as_it_is(tmp_path: Path) -> None:
+    """Its group says nothing of a layout, its arrays have other names of dimensions, and no coordinates."""
+    scene, out = small(), tmp_path / "x.zarr"
+    write_plate(scene, SETTINGS, out, [scene.plate.middle], EVERYTHING, block=(1, 1))
+    for name in ("x", "y", "u", "v", "row", "column"):
+        shutil.rmtree(out / name)
+    said = json.loads((out / "zarr.json").read_bytes())
+    del said["attributes"]["xfrustum"]["layout"], said["consolidated_metadata"]
+    del said["attributes"]["coordinates"], said["attributes"]["units"]
+    (out / "zarr.json").write_text(json.dumps(said))
+    for name, dimensions in (("color", ["y", "x", "rgb"]), ("triangle", ["y", "x"])):
+        said = json.loads((out / name / "zarr.json").read_bytes())
+        said |= {"dimension_names": ["row", "column", *dimensions], "attributes": {}}
+        (out / name / "zarr.json").write_text(json.dumps(said))
+    before = {path: (out / path).read_bytes() for path in tree(out)}
+    files = write_plate(scene, SETTINGS, out, content=EVERYTHING)
+    assert (files.drawn, files.found, files.notes) == (34, 1, ())
+    after = tree(out)
+    assert before.items() <= after.items()
+    assert {path for path in after if path not in before} <= {path for path in after if "/c/" in path}
+    with pytest.raises(InputError, match="another layout"):
+        write_plate(scene, SETTINGS, out, content=EVERYTHING, block=BLOCK)
+
+
+def test_xarray_shows_names_coordinates_and_units(clean: Path) -> None:
+    scene = small()
+    plate = xarray.open_zarr(clean)
+    assert plate.color.dims == ("row", "column", "v", "u", "rgb") and plate.height.dims == (
+        "row",
+        "column",
+        "v",
+        "u",
+    )
+    assert set(plate.coords) == {"row", "column", "x", "y", "u", "v"}
+    shown = repr(plate)
+    assert all(name in shown for name in ("row", "column", "color", "height", "normal", "triangle"))
+    assert re.search(r"units: +mm", shown)
+    for name in ("x", "y", "height"):
+        assert plate[name].attrs["units"] == scene.units == "mm"
+    hogel = scene.plate.aperture(5, 1)
+    here = plate.isel(row=1, column=5)
+    assert (float(here.x), float(here.y)) == (hogel.x, hogel.y)
+    width, height = scene.frustum.resolution
+    np.testing.assert_array_equal(plate.u, (2 * np.arange(width) + 1) / width - 1)
+    np.testing.assert_array_equal(plate.v, 1 - (2 * np.arange(height) + 1) / height)
+    assert plate.triangle.dtype == np.int32 and plate.color.dtype == np.float32
+
+
+@pytest.mark.parametrize("name", ["asymmetric-recentered", "sheets"])
+def test_the_camera_of_any_hogel_is_the_rasterizers(name: str, tmp_path: Path) -> None:
+    scene = small(name)
+    out = write_plate(scene, SETTINGS, tmp_path / "x.zarr", [scene.plate.middle]).out
+    opened = (out, str(out), zarr.open_group(out, mode="r"), xarray.open_zarr(out))
+    for index in ((0, 0), (6, 4), (3, 1)):
+        with Rasterizer(scene) as rasterizer:
+            drawn = rasterizer.render(
+                scene.plate.aperture(*index), SETTINGS, normals=False, color=False
+            ).camera
+        for store in opened:
+            camera = camera_of(store, *index)
+            # The rasterizer's own formula for the window differs in the last bit of a double.
+            assert replace(camera, renderer="", shear=(0, 0), half_extent=(1, 1)) == replace(
+                drawn, renderer="", shear=(0, 0), half_extent=(1, 1)
+            )
+            np.testing.assert_allclose(camera.shear, drawn.shear, rtol=4 * 2**-53, atol=0)
+            np.testing.assert_allclose(camera.half_extent, drawn.half_extent, rtol=4 * 2**-53, atol=0)
+    with pytest.raises(InputError, match="lies outside the plate"):
+        camera_of(out, 7, 0)
+
+
+@pytest.mark.parametrize("block", [(1, 1), BLOCK])
+def test_a_stored_plate_says_which_hogels_are_finished(block: tuple[int, int], tmp_path: Path) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    drawn = [scene.plate.aperture(*index) for index in ((2, 2), (6, 4), (0, 0))]
+    write_plate(scene, SETTINGS, out, drawn, EVERYTHING, block=block)
+    stored = StoredPlate(out)
+    assert [aperture for aperture in scene.plate.apertures() if stored.finished(aperture)] == sorted(
+        drawn, key=lambda one: (one.row, one.column)
+    )
+    assert list(stored.arrays) == ["triangle", "color"]
+    assert stored.description["scene"]["hash"] == scene.content_hash
+    for path in (tmp_path, tmp_path / "nosuch.zarr"):
+        with pytest.raises(InputError, match="is no plate"):
+            StoredPlate(path)
+
+
+def test_what_is_no_plate_has_no_cameras(tmp_path: Path) -> None:
+    zarr.create_group(tmp_path / "other.zarr")
+    with pytest.raises(InputError, match="is no plate of xfrustum"):
+        camera_of(tmp_path / "other.zarr", 0, 0)
+    with pytest.raises(InputError, match="no such"):
+        camera_of(tmp_path / "nosuch.zarr", 0, 0)
+    group = zarr.create_group(tmp_path / "damaged.zarr", attributes={"xfrustum": {"plate": {"size": "x"}}})
+    with pytest.raises(InputError, match="damaged"):
+        camera_of(group, 0, 0)
+
+
+def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
+    scene, out = small(), tmp_path / "x.zarr"
+    content = PlateContent(color=ColorType.FLOAT32, channels=tuple(Channel))
+    apertures = [scene.plate.middle, scene.plate.aperture(0, 4)]
+    assert write_plate(scene, None, out, apertures, content).drawn == 2
+    group = zarr.open_group(out, mode="r")
+    for truth in Reference(scene).stream(apertures):
+        here = truth.camera.aperture
+        for channel in Channel:
+            stored = np.asarray(array(group, channel)[here.row, here.column])
+            np.testing.assert_array_equal(stored, np.asarray(getattr(truth, channel), dtype=stored.dtype))
+    assert camera_of(out, 0, 4).settings is None
+    with pytest.raises(InputError, match=r"another .*settings"):
+        write_plate(scene, SETTINGS, out, apertures, replace(content, channels=(Channel.COLOR,)))
+    with pytest.raises(InputError, match="certainty is the truth's alone"):
+        write_plate(scene, SETTINGS, tmp_path / "y.zarr", apertures, content)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--truth", "--near", "0.1"], "leave out --near"),
+        ([], "--near"),
+        (["--depth", "d16"], "give --near too"),
+        (["--near", "0.1", "--shadows"], "add --truth"),
+        (["--near", "0.1", "--channels", "color,depth"], "is not one of"),
+        (["--near", "0.1", "--block", "0x4"], "columns x rows"),
+        (["--near", "0.1", "--channels", "certainty"], "certainty"),
+    ],
+)
+def test_questions_that_make_no_sense_are_refused_in_one_line(
+    more: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "x.zarr"
+    line = ["plate", "asymmetric", "--apertures", "3,4", "--quiet", "--out", str(out), *more]
+    assert main(line) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1 and said in printed.err
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_shadows_are_in_the_truth(tmp_path: Path) -> None:
+    scene = replace(small("crossing"), transport=Transport(shadows=True, samples=4))
+    out = write_plate(scene, None, tmp_path / "x.zarr", [scene.plate.middle]).out
+    said: Any = zarr.open_group(out, mode="r").attrs["xfrustum"]
+    assert said["transport"] == {"shadows": True, "interreflection": False, "samples": 4}
+    assert "settings" not in said
+
+
+def named() -> Scene:
+    """Return a scene that any process opens by its name."""
+    return open_scene("hard/only-behind")
+
+
+def test_blocks_drawn_by_single_calls_are_those_of_the_whole(tmp_path: Path) -> None:
+    whole = write_plate(named(), SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=BLOCK).out
+    content = replace(EVERYTHING, effects=ALL_EFFECTS)
+    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr", content=content, block=BLOCK)
+    again = PlatePlan.from_json(plan.to_json())
+    assert again == plan
+    numbers = list(blocks_of(plan))
+    assert numbers == [0, 1, 2, 3, 4, 5]
+    try:
+        counts = [draw_block(again, number).drawn for number in reversed(numbers)]
+        assert draw_block(plan, 0).found == 6
+    finally:
+        close()
+    assert sum(counts) == 25
+    assert tree(tmp_path / "x.zarr") == tree(whole)
+
+
+def test_a_process_that_finds_another_scene_refuses(tmp_path: Path) -> None:
+    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr")
+    with pytest.raises(InputError, match="is not the scene that the plate was begun with"):
+        draw_block(replace(plan, hash="0" * 64), 0)
+    with pytest.raises(InputError, match="no file or name"):
+        plan_plate(replace(named(), source=""), SETTINGS, tmp_path / "y.zarr")
+
+
+@pytest.mark.slow
+def test_processes_draw_blocks_of_one_plate_side_by_side(tmp_path: Path) -> None:
+    whole = write_plate(named(), SETTINGS, tmp_path / "whole.zarr", content=EVERYTHING, block=BLOCK).out
+    plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr", content=EVERYTHING, block=BLOCK)
+    spawned = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, mp_context=spawned) as pool:
+        files = list(pool.map(draw_block, [plan] * 12, [*blocks_of(plan)] * 2))
+    close()
+    assert (sum(one.drawn for one in files), sum(one.found for one in files)) == (25, 25)
+    assert tree(tmp_path / "x.zarr") == tree(whole)
+
+
+sizes = st.integers(1, 9)
+
+
+@given(columns=sizes, rows=sizes, width=sizes, height=sizes, data=st.data())
+@settings(max_examples=60, deadline=None)
+def test_every_hogel_lies_in_one_block_at_a_place_of_its_own(
+    columns: int, rows: int, width: int, height: int, data: st.DataObject
+) -> None:
+    plate = Plate(size=(1.0, 1.0), hogels=(columns, rows))
+    layout = Layout(
+        plate=plate,
+        frustum=small().frustum,
+        units="mm",
+        content=PlateContent(),
+        side=(min(width, columns), min(height, rows)),
+    )
+    ends = st.tuples(st.integers(0, columns - 1), st.integers(0, columns - 1)).map(
+        lambda two: tuple(sorted(two))
+    )
+    others = st.tuples(st.integers(0, rows - 1), st.integers(0, rows - 1)).map(lambda two: tuple(sorted(two)))
+    spans: Any = data.draw(st.lists(st.tuples(ends, others), min_size=1, max_size=3))
+    asked = blocks_of_apertures(plate, spans)
+    parts = list(layout.parts(asked))
+    found = [aperture for part in parts for aperture in part.apertures]
+    assert sorted(a.index for a in found) == sorted(a.index for a in asked)
+    assert len({part.block.number for part in parts}) == len(parts)
+    for part in parts:
+        places = {part.block.place_of(aperture) for aperture in part.apertures}
+        assert len(places) == len(part.apertures) and places <= set(range(layout.hogels_in_block))
+        assert all(layout.block_of(aperture) == part.block.number for aperture in part.apertures)
+    listed = {part.block.number: set(part.apertures) for part in layout.parts(list(asked))}
+    assert listed == {part.block.number: set(part.apertures) for part in parts}
+
+
+@given(
+    chunks=st.dictionaries(st.integers(0, 7), st.binary(min_size=1, max_size=40)), flip=st.integers(0, 10_000)
+)
+@settings(max_examples=60, deadline=None)
+def test_a_shards_index_says_what_is_there_and_knows_when_it_is_damaged(
+    chunks: Mapping[int, bytes], flip: int
+) -> None:
+    """The chunks are no Zstandard frames, and so count as damaged: each is found by the index."""
+    with_index = bytearray(assembled(chunks, 8))
+    index = len(with_index) - 8 * 16 - 4
+    assert bytes(with_index[:index]) == b"".join(chunks[number] for number in sorted(chunks))
+    place = index + flip % (len(with_index) - index)
+    damaged = bytes(with_index[:place]) + bytes([with_index[place] ^ 1]) + bytes(with_index[place + 1 :])
+    for data, expected in ((bytes(with_index), frozenset(chunks)), (damaged, frozenset(range(8)))):
+        assert _looked_at(data) == expected
+
+
+def _looked_at(data: bytes) -> frozenset[int]:
+    """Return the numbers of the damaged chunks of a file."""
+    with tempfile.NamedTemporaryFile() as file:
+        file.write(data)
+        file.flush()
+        found = read_places(Path(file.name), 8, 100)
+    assert not found.places
+    return found.damaged
+
+
+def test_the_default_block_holds_at_most_what_it_says() -> None:
+    for resolution in ((8, 8), (128, 128), (512, 512), (4096, 4096)):
+        frustum = replace(small().frustum, resolution=resolution)
+        plate = Plate(size=(1.0, 1.0), hogels=(81, 61))
+        columns, rows = default_side(plate, frustum, ALL)
+        layout = Layout(plate=plate, frustum=frustum, units="", content=ALL, side=(columns, rows))
+        stored = sum(one.chunk_bytes for one in layout.arrays) * columns * rows
+        assert columns == rows <= MAX_BLOCK_SIDE
+        assert stored <= BLOCK_BYTES or columns == 1
