@@ -10,26 +10,28 @@ from __future__ import annotations
 
 import itertools
 import logging
-import os
 import queue
 import secrets
-import signal
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import dask
-from distributed import Client, Future, KilledWorker, LocalCluster, Nanny
-from distributed.utils import CancelledError
+from distributed import Client, Future, KilledWorker, LocalCluster
 
 from xfrustum.reports.cluster.job import Job, ask_session, do_block
+from xfrustum.reports.cluster.processes import WorkerProcesses
 from xfrustum.scenes.errors import InputError
 from xfrustum.terminal import messages
 
 Answer = TypeVar("Answer")
+
+Submitted = tuple[int, Future[Any]]
+"""Number of a block, and its task."""
 
 TASKS_PER_THREAD = 2
 """Tasks under way for each thread of the workers: one that runs, and one that waits at the worker."""
@@ -56,76 +58,12 @@ MAX_ATTEMPTS = 20
 """Times that a block is given out again after the workers that had it died: more are no accident."""
 
 CLOSE_S = 10.0
-"""Seconds that workers have to end."""
-
-THREAD_VARIABLES = ("XFRUSTUM_THREADS", "LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Environment variables that bound the threads of a process: the reference's, those of Mesa's software
-renderer, and those of linear algebra."""
-
-DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
-"""Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
-
-
-DEAD_S = 3.0
-"""Seconds without a process after which a worker is replaced; Dask starts the next one at once, or never."""
-
-WORKER_MODULE = "xfrustum.reports.cluster.worker"
-"""Module that prepares a worker process."""
-
-
-class _Machine(LocalCluster):  # type: ignore[misc,unused-ignore]  # its base is untyped
-    """Worker processes of this machine, each with its share of the threads and a device by its index."""
-
-    def __init__(self, threads: int, devices: tuple[int, ...]) -> None:
-        self._threads, self._devices = threads, devices
-        self._dead_since: dict[Any, float] = {}
-        super().__init__(
-            n_workers=0,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",
-            # Workers hold one block at a time and no results; libraries in C take what they need.
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-            preload=WORKER_MODULE,
-        )
-
-    def new_worker_spec(self) -> dict[Any, Any]:
-        """Return name and description of the next worker."""
-        ((name, spec),) = super().new_worker_spec().items()
-        environment = {variable: str(self._threads) for variable in THREAD_VARIABLES}
-        if self._devices:
-            environment[DEVICE_VARIABLE] = str(self._devices[int(name) % len(self._devices)])
-        return {name: {**spec, "options": {**spec["options"], "env": environment}}}
-
-    def replace_dead(self) -> None:
-        """Start a new worker for each whose process has been dead for longer than a restart takes.
-
-        Dask restarts a worker that dies, but not one that dies again while it starts.
-        """
-        now = time.monotonic()
-        for name, nanny in list(self.workers.items()):
-            if not isinstance(nanny, Nanny) or nanny.pid is not None:
-                self._dead_since.pop(name, None)
-            elif now - self._dead_since.setdefault(name, now) > DEAD_S:
-                self._dead_since.pop(name)
-                self.worker_spec.pop(name, None)
-                self.scale(len(self.worker_spec) + 1)
-
-    def kill(self) -> None:
-        """End all workers at once, whatever they are doing: what is not finished leaves no trace."""
-        for nanny in list(self.workers.values()):
-            if isinstance(nanny, Nanny):
-                nanny.auto_restart = False
-                pid = nanny.pid
-                if pid is not None:
-                    with suppress(ProcessLookupError):
-                        os.kill(pid, signal.SIGKILL)
+"""Seconds that a scheduler has to end."""
 
 
 @contextmanager
 def machine_cluster(workers: int, threads: int, devices: tuple[int, ...] = ()) -> Iterator[Workers]:
-    """Start worker processes on this machine, and stop them in the end.
+    """Start a scheduler and worker processes on this machine, and stop them in the end.
 
     Parameters
     ----------
@@ -136,28 +74,24 @@ def machine_cluster(workers: int, threads: int, devices: tuple[int, ...] = ()) -
     devices
         Indices of EGL devices, which workers take in turn; the first device for all where there are none.
     """
-    settings = {
-        "distributed.worker.multiprocessing-method": "spawn",
-        "distributed.scheduler.allowed-failures": MAX_ATTEMPTS,
-        # Profiles of Python's stack are of no use here, and take time.
-        "distributed.worker.profile.enabled": False,
-    }
-    with dask.config.set(settings):
-        cluster = _Machine(threads, devices)
+    with dask.config.set({"distributed.scheduler.allowed-failures": MAX_ATTEMPTS}):
+        # Dask's own worker processes are not started again where they die while they start.
+        cluster = LocalCluster(
+            n_workers=0, dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL, processes=True
+        )
+        processes = WorkerProcesses(cluster.scheduler_address, workers, threads, devices)
         try:
-            cluster.scale(workers)
+            processes.tend()
             with _connected(cluster) as client:
                 yield Workers(
                     client=client,
                     address=None,
                     count=workers,
                     dashboard=cluster.dashboard_link,
-                    tend=cluster.replace_dead,
+                    tend=processes.tend,
                 )
-        except BaseException:
-            cluster.kill()
-            raise
         finally:
+            processes.kill()
             cluster.close(timeout=CLOSE_S)
 
 
@@ -213,7 +147,7 @@ class Workers:
     dashboard
         Address of the page on which to watch them.
     tend
-        Called now and then; replaces workers that are lost for good.
+        Called now and then; starts workers again that have died.
     """
 
     client: Client
@@ -231,7 +165,7 @@ class Workers:
         return self.count or self._threads or 1
 
     def finished(
-        self, job: Job, numbers: Iterator[int], work: Callable[[Job, int], Any] = do_block
+        self, job: Job, numbers: Iterator[int], work: Callable[[Any, int], Any] = do_block
     ) -> Iterator[int]:
         """Have blocks done, and yield the number of each whose task has come to an end, in any order.
 
@@ -249,7 +183,7 @@ class Workers:
         run = secrets.token_hex(4)
         again: deque[int] = deque()
         attempts: dict[int, int] = {}
-        under_way: dict[str, tuple[int, Future]] = {}
+        under_way: dict[str, Submitted] = {}
         ended: queue.SimpleQueue[str] = queue.SimpleQueue()
         serial = itertools.count()
         try:
@@ -306,7 +240,9 @@ class Workers:
             self._counted_at = time.monotonic()
         return max(MIN_TASKS, TASKS_PER_THREAD * max(self._threads, self.count or 0))
 
-    def _look_after_connection(self, under_way: dict[str, tuple[int, Future]], again: deque[int]) -> None:
+    def _look_after_connection(
+        self, under_way: dict[str, tuple[int, Future[Any]]], again: deque[int]
+    ) -> None:
         """Connect anew where the client has given up; its tasks are lost, and their blocks come again.
 
         Raises
@@ -335,7 +271,7 @@ class Workers:
             self._lost_at = None
 
 
-def _succeeded(future: Future) -> bool:
+def _succeeded(future: Future[Any]) -> bool:
     """Return whether a task ended well; False where it was lost with its worker or its scheduler.
 
     Raises whatever the task raised.

@@ -150,14 +150,3 @@ def do_block(job: Job, number: int) -> None:
 def ask_session(job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
     """Call a function with the session of a job in a worker process, and return its small answer."""
     return _in_renderer(lambda: question(_desks.desk.session(job), *arguments))
-
-
-def close_desk() -> None:
-    """Close the session of this process, where it has one, in the thread that opened it."""
-    if _renderer is not None:
-        _in_renderer(_close_mine)
-
-
-def _close_mine() -> None:
-    """Close the desk of this thread."""
-    _desks.desk.close()

@@ -94,7 +94,7 @@ class Engine:
 
 
 class Team(Protocol):
-    """Who does blocks: the workers of a cluster, or this process."""
+    """The workers of a cluster, or this process: all that blocks are given to."""
 
     @property
     def workers(self) -> int:
@@ -173,7 +173,7 @@ def run_blocks(
     job, numbers
         Job, and numbers of its blocks.
     team
-        Who does them.
+        Workers that do them.
     hogels
         Number of hogels of these blocks, for the bar.
     what

@@ -226,12 +226,6 @@ class _Run:
             worst=worst,
         )
 
-    def _images(self) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
-        """Yield the image of each hogel; the renderer is asked in the caller's thread."""
-        for aperture in self.asked:
-            kept = aperture in self.kept
-            yield aperture, self.kept.pop(aperture) if kept else self._had(aperture)
-
     def question(
         self,
         sample: Sequence[Aperture],
@@ -252,19 +246,21 @@ class _Run:
             read_as_found=ENCODING in accept and found.encoding.reading is not None,
         )
 
+    def _images(self) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
+        """Yield the image of each hogel; the renderer is asked in the caller's thread."""
+        for aperture in self.asked:
+            kept = aperture in self.kept
+            yield aperture, self.kept.pop(aperture) if kept else self._had(aperture)
+
     def _had(self, aperture: Aperture) -> HogelImage | Problem:
         try:
             return self.source.image(aperture)
         except Problem as problem:
             return problem
 
-    def hogel(self, aperture: Aperture, question: _Question, worst: WorstHogels) -> Hogel:
-        """Judge one hogel, and keep its pictures where it is among the worst."""
-        image = self.kept.pop(aperture, None) or self._had(aperture)
-        judged, figures = self._hogel(question, (aperture, image))
-        if figures is not None:
-            worst.add(judged.aperture, *figures)
-        return judged
+    def judged(self, question: _Question, aperture: Aperture) -> tuple[Hogel, tuple[Figures, Figures] | None]:
+        """Judge one hogel alone; see `_hogel`."""
+        return self._hogel(question, (aperture, self._had(aperture)))
 
     def _hogel(
         self, question: _Question, one: tuple[Aperture, HogelImage | Problem]
@@ -355,12 +351,14 @@ class HogelVerifier:
 
     def hogel(self, aperture: Aperture) -> Hogel:
         """Judge one hogel."""
-        return self._run.hogel(aperture, self._question, WorstHogels())
+        return self._run.judged(self._question, aperture)[0]
 
     def pictures(self, aperture: Aperture) -> dict[str, str]:
         """Return pictures of one hogel as data URLs; none where it is missing."""
         worst = WorstHogels()
-        self._run.hogel(aperture, self._question, worst)
+        figures = self._run.judged(self._question, aperture)[1]
+        if figures is not None:
+            worst.add(aperture, *figures)
         return worst.kept[0].pictures if worst.kept else {}
 
 

@@ -17,6 +17,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin    -> Plan
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
     explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
+    survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
@@ -55,6 +56,8 @@ if TYPE_CHECKING:
     from xfrustum.reports.plate.plate import PlateFiles, write_plate
     from xfrustum.reports.scene_check.checking import SceneCheck, check
     from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
+    from xfrustum.reports.survey.answer import Survey
+    from xfrustum.reports.survey.survey import survey
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.reports.verification.verification import verify
     from xfrustum.scenes import (
@@ -102,6 +105,7 @@ __all__ = [
     "Requirement",
     "Scene",
     "SceneCheck",
+    "Survey",
     "Verification",
     "__version__",
     "budget",
@@ -116,6 +120,7 @@ __all__ = [
     "open_scene",
     "plan",
     "read_image",
+    "survey",
     "verify",
     "write_image",
     "write_plate",
@@ -145,6 +150,8 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "check": "reports.scene_check.checking",
     "NewScene": "reports.scene_check.new_scene",
     "new_scene": "reports.scene_check.new_scene",
+    "Survey": "reports.survey.answer",
+    "survey": "reports.survey.survey",
     "Verification": "reports.verification.verdict",
     "verify": "reports.verification.verification",
     "read_image": "scenes.files.openexr.images",

@@ -290,7 +290,7 @@ def optional_double_frustum_options(command: Command) -> Command:
 
 
 _SEVERAL_NEARS = (
-    click.option("--near", type=Positive(), help="Offset of both cameras, 0 < N < reach."),
+    _NEAR_WITHOUT_NEED,
     click.option("--nears", type=Numbers(), help="Several offsets, each of which is a setting."),
 )
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.reports.cluster.toy_work import ToyJob, made, parts_of
 from tests.support.scene_file import film, named, part
-from tests.support.toy_work import ToyJob, made, parts_of
 from xfrustum.compare.scouting.strata import GrowingSample
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
 from xfrustum.reports.cluster.parts import Parts

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.reports.cluster.toy_work import ToyJob, made, parts_of, process_of
 from tests.support.processes import signals_by_default
-from tests.support.toy_work import ToyJob, made, parts_of, process_of
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
 from xfrustum.scenes import InputError, open_scene
 

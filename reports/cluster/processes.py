@@ -1,0 +1,87 @@
+"""Worker processes of this machine: started, started again when they die, and ended with the command.
+
+Each is a new interpreter and no fork, for a process that was forked from one with an OpenGL context hangs.
+Its environment says how many threads its libraries may use, and which device draws.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+
+from xfrustum.scenes.errors import InputError
+
+THREAD_VARIABLES = ("XFRUSTUM_THREADS", "LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Environment variables that bound the threads of a process: the reference's, those of Mesa's software
+renderer, and those of linear algebra."""
+
+DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
+"""Environment variable that chooses the EGL device of a process; CUDA_VISIBLE_DEVICES does not."""
+
+WORKER_MODULE = "xfrustum.reports.cluster.worker"
+"""Program of a worker process."""
+
+MAX_STARTS = 25
+"""Number of processes that may be started for one worker: more that die are no accident."""
+
+
+class WorkerProcesses:
+    """The worker processes of one scheduler.
+
+    Parameters
+    ----------
+    address
+        Address of the scheduler.
+    count
+        Number of processes.
+    threads
+        Number of threads that the libraries of each may use.
+    devices
+        Indices of EGL devices, which processes take in turn; the first device for all where there are none.
+    """
+
+    def __init__(self, address: str, count: int, threads: int, devices: tuple[int, ...] = ()) -> None:
+        self._address, self._threads, self._devices = address, threads, devices
+        self._running: list[subprocess.Popen[bytes] | None] = [None] * count
+        self._serial = itertools.count()
+
+    def tend(self) -> None:
+        """Start each process that has not been started, or has died.
+
+        Raises
+        ------
+        InputError
+            They die again and again.
+        """
+        for place, process in enumerate(self._running):
+            if process is None or process.poll() is not None:
+                self._start(place)
+
+    def kill(self) -> None:
+        """End all processes at once, whatever they are doing: what is not finished leaves no trace."""
+        for process in self._running:
+            if process is not None:
+                process.kill()
+        for process in self._running:
+            if process is not None:
+                process.wait()
+
+    def _start(self, place: int) -> None:
+        serial = next(self._serial)
+        if serial >= MAX_STARTS * len(self._running):
+            raise InputError(
+                f"{serial} worker processes have died one after the other; try --workers 1, which tells why"
+            )
+        environment = {**os.environ, **{variable: str(self._threads) for variable in THREAD_VARIABLES}}
+        if self._devices:
+            environment[DEVICE_VARIABLE] = str(self._devices[place % len(self._devices)])
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+        self._running[place] = subprocess.Popen(
+            [sys.executable, "-m", WORKER_MODULE, self._address, f"{place}-{serial}"],
+            stdin=subprocess.DEVNULL,
+            # Standard output belongs to the command.
+            stdout=subprocess.DEVNULL,
+            env=environment,
+        )

@@ -1,0 +1,133 @@
+"""Surveys on worker processes: the same bytes, whoever is killed, and no process left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.support.processes import signals_by_default
+from tests.support.scene_file import film, named, part
+
+LONGEST_WAIT_S = 300
+
+
+@pytest.fixture(scope="module")
+def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "boxes.toml"
+    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
+    path.write_text(named("boxes", "mm") + film((40, 32), (9, 7), (48, 48), (60, 60), (60, 60)) + objects)
+    return path
+
+
+def started(scene_path: Path, out: Path, workers: int) -> subprocess.Popen[str]:
+    words = ["survey", str(scene_path), "--near", "0.8", "--all", "--out", str(out), "--json"]
+    return subprocess.Popen(
+        [sys.executable, "-m", "xfrustum", *words, "--workers", str(workers)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=signals_by_default,  # noqa: PLW1509 - no thread holds a lock that it needs
+    )
+
+
+def parts_of(out: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in out.glob("survey.parquet/part-*")}
+
+
+def wait_for_parts(out: Path, count: int) -> None:
+    end = time.monotonic() + LONGEST_WAIT_S
+    while len(list(out.glob("survey.parquet/part-*"))) < count:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """Return the worker processes of a command; others that it has started hold no scene."""
+    with suppress(psutil.NoSuchProcess):
+        children = psutil.Process(process.pid).children(recursive=True)
+        return [one for one in children if "xfrustum.reports.cluster.worker" in one.cmdline()]
+    return []
+
+
+@pytest.fixture(scope="module")
+def undisturbed(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("undisturbed") / "survey"
+    run = started(scene_path, out, 1)
+    printed, _ = run.communicate(timeout=LONGEST_WAIT_S)
+    assert run.returncode == 0 and json.loads(printed)["judged"] == 63
+    return out
+
+
+@pytest.mark.slow
+def test_workers_make_the_same_bytes_as_one_process_however_many_are_killed(
+    scene_path: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    out, chance = tmp_path / "survey", random.Random(3)
+    kills: list[int] = []
+    run = started(scene_path, out, 2)
+
+    def kill_at_random() -> None:
+        while run.poll() is None and len(kills) < 20:
+            time.sleep(chance.uniform(0.2, 2.0))
+            some = workers_of(run)
+            if some:
+                with suppress(psutil.NoSuchProcess):
+                    chance.choice(some).kill()
+                    kills.append(1)
+
+    wait_for_parts(out, 1)
+    killer = threading.Thread(target=kill_at_random)
+    killer.start()
+    printed, errors = run.communicate(timeout=LONGEST_WAIT_S)
+    killer.join()
+    assert run.returncode == 0, errors
+    assert kills
+    assert json.loads(printed)["workers"] == 2
+    assert "note: dashboard: http://127.0.0.1:" in errors
+    assert parts_of(out) == parts_of(undisturbed)
+    assert (out / "index.html").read_bytes() == (undisturbed / "index.html").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("stop", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_a_survey_and_its_workers_and_the_next_one_goes_on(
+    stop: signal.Signals, status: int, scene_path: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "survey"
+    run = started(scene_path, out, 2)
+    wait_for_parts(out, 1)
+    workers = workers_of(run)
+    os.kill(run.pid, stop)
+    _, errors = run.communicate(timeout=60)
+    assert run.returncode == status
+    assert errors.splitlines()[-1] in ("xfrustum: interrupted", "xfrustum: terminated")
+    assert workers
+    gone, alive = psutil.wait_procs(workers, timeout=10)
+    assert not alive and len(gone) == len(workers)
+    again = started(scene_path, out, 1)
+    again.communicate(timeout=LONGEST_WAIT_S)
+    assert again.returncode == 0
+    assert parts_of(out) == parts_of(undisturbed)
+
+
+@pytest.mark.slow
+def test_workers_end_when_their_command_is_killed(scene_path: Path, tmp_path: Path) -> None:
+    run = started(scene_path, tmp_path / "survey", 2)
+    wait_for_parts(tmp_path / "survey", 1)
+    workers = workers_of(run)
+    run.kill()
+    run.communicate()
+    assert workers
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    assert not alive
