@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.lines.cone import ROUNDING, Cones
+from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
 from xfrustum.scenes.arrays import Floats, Indices, Numbers
@@ -172,7 +173,7 @@ def surely_counts(s: Any, error: Any, first: Any, last: Any) -> Any:
     return (s - error >= first) & (s + error <= last) & (error <= abs(s))
 
 
-def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
+def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil | LineGrid) -> Pairs:
     """Return pairs with doubtful coverage decided by edge functions, without those that surely do not meet.
 
     Parameters
@@ -181,6 +182,8 @@ def settled(cones: Cones, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
         The triangles, and (N,) the triangle of each pair as an index into them.
     found
         Pairs whose s is possible, `sure` where they are known to meet.
+    pencil
+        Lines of the pixels.
     """
     doubtful = np.flatnonzero(~found.sure)
     if not len(doubtful):

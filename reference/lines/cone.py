@@ -112,13 +112,31 @@ def cones(
     """
     if holds_center is None:
         holds_center = np.zeros(len(number), dtype=np.bool_)
-    # Corner, coordinate, triangle: the corners p_i, and q_i relative to the center. One rounding each.
+    # Corner, coordinate, triangle: the corners p_i.
     points = np.ascontiguousarray(triangles[number].transpose(1, 2, 0))
-    corners = points - np.asarray(pencil.center)[:, None]
+    center = np.asarray(pencil.center)[:, None]
+    low, high = s_bounds(points[:, 2] - center[2], pencil)
+    within = (low >= pencil.s_range[0]) & (high <= pencil.s_range[1])
+    return cones_about(center, points, number, within, holds_center)
+
+
+def cones_about(center: Floats, points: Floats, number: Indices, within: Mask, holds_center: Mask) -> Cones:
+    """Return triangles as cones about a center, or each about a center of its own.
+
+    Parameters
+    ----------
+    center
+        (3, 1) the common center, or (3, T) centers.
+    points
+        (3, 3, T) corners p_i by corner and coordinate, scene units.
+    number, within, holds_center
+        (T,) as in `Cones`.
+    """
+    # The corners q_i relative to the center. One rounding each.
+    corners = points - center
     # The normal, from edge vectors p_j - p_0: q_j - q_0 would be rounded twice.
     first, second = points[1] - points[0], points[2] - points[0]
     normal, normal_magnitude = cross(first, second), cross_magnitude(first, second)
-    low, high = s_bounds(corners[:, 2], pencil)
     # The plane's distance, and its bound from the sum of all absolute products in q_0 . n. Where the center
     # lies in the triangle both are exactly zero.
     plane = _dot(corners[0], normal)
@@ -132,5 +150,5 @@ def cones(
         plane=np.where(holds_center, 0.0, plane),
         plane_bound=np.where(holds_center, 0.0, plane_bound),
         holds_center=holds_center,
-        within=(low >= pencil.s_range[0]) & (high <= pencil.s_range[1]),
+        within=within,
     )
