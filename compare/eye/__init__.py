@@ -7,4 +7,6 @@ drawn_points  The surface point that each pixel of a drawn view shows, from its 
 loss          The loss on the way to an eye: the display's (A against B) and the renderer's (B against C)
 moved         The scene that a viewer sees where cameras step back by a near offset: a theorem and its
               closed form
+stereo        Two eyes: how far the disparity of surface points is off, and at which depth they are
+              therefore seen
 """

@@ -147,7 +147,7 @@ def _moved(
 ) -> tuple[Floats, Indices]:
     """Return triangles that no cut crosses moved along z; those in the plate are moved both ways."""
     first = settings.slabs[0] if settings.slabs else np.inf
-    behind, before = (triangles[..., 2] <= 0).all(axis=1), (triangles[..., 2] >= 0).all(axis=1)
+    behind, before = (np.asarray((sign * triangles[..., 2] >= 0).all(axis=1)) for sign in (-1, 1))
     halves = []
     for side, here in ((-1.0, behind), (1.0, before)):
         half = triangles[here].copy()
@@ -163,7 +163,7 @@ def _moved(
 def _cut(triangles: Floats, origin: Indices, height: float) -> tuple[Floats, Indices]:
     """Return triangles cut in three by a height, so that none crosses it, with the numbers they came from."""
     above = triangles[..., 2] - height
-    crossing: Mask = (above > 0).any(axis=1) & (above < 0).any(axis=1)
+    crossing: Mask = np.asarray((above > 0).any(axis=1) & (above < 0).any(axis=1))
     if not crossing.any():
         return triangles, origin
     cut, upper = triangles[crossing], above[crossing] > 0

@@ -37,4 +37,5 @@ class EyeImage:
     @property
     def covered(self) -> Mask:
         """Pixels that show a surface."""
-        return (self.triangle != NOTHING) | (self.object != NOTHING)
+        covered: Mask = (self.triangle != NOTHING) | (self.object != NOTHING)
+        return covered

@@ -263,13 +263,40 @@ def double_frustum_options(command: Command) -> Command:
     return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
 
-def _collect(options: dict[str, Any]) -> DoubleFrustum:
-    """Remove the settings from a command's options, and return them."""
+def free_double_frustum_options(command: Command) -> Command:
+    """Add the same options, none of which is needed: without --near the command receives None."""
+
+    @functools.wraps(command)
+    def with_settings(**options: Any) -> Any:
+        if options["near"] is not None:
+            return command(settings=_collect(options), **options)
+        given = [name for name in _settings_names() if options.pop(name, None) is not None]
+        if given:
+            raise click.UsageError(f"--{given[0]} is about the cameras that draw: give --near too")
+        return command(settings=None, **options)
+
+    near = click.option(
+        "--near", type=Positive(), help="Offset of both cameras, 0 < N < reach: draws hogels."
+    )
+    for option in reversed((near, *_SETTINGS[1:])):
+        with_settings = option(with_settings)
+    return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
+
+
+def _settings_names() -> list[str]:
+    """Return the names of the settings of the double frustum."""
     from dataclasses import fields
 
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-    given = {f.name: options.pop(f.name, None) for f in fields(DoubleFrustum)}
+    return [field.name for field in fields(DoubleFrustum)]
+
+
+def _collect(options: dict[str, Any]) -> DoubleFrustum:
+    """Remove the settings from a command's options, and return them."""
+    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+    given = {name: options.pop(name, None) for name in _settings_names()}
     return DoubleFrustum(**{name: value for name, value in given.items() if value is not None})
 
 

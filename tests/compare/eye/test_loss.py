@@ -71,7 +71,7 @@ def surfaces_beside(scene: Scene, pixels: HogelPixels, row: int, column: int) ->
     step = EDGE_PX * 2 * np.array(pencil.half_extent) / pencil.resolution
     lines = line + np.stack((step[0] * np.cos(around), step[1] * np.sin(around), 0 * around), axis=-1)
     found = first_surfaces_along(scene.triangles, pencil.center, lines, pencil.s_range)
-    return found.triangle.tolist()
+    return [int(number) for number in found.triangle]
 
 
 @pytest.fixture(scope="module")
@@ -179,8 +179,10 @@ def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
             np.testing.assert_array_equal(views.drawn.triangle[here], whole.triangle[there])
             np.testing.assert_array_equal(views.drawn.color[here], whole.color[there])
             # Points are single precision there, and sloping triangles double precision's planes here.
-            size = 4 * np.finfo(np.float32).eps * 150
-            np.testing.assert_allclose(views.drawn.position[here], whole.position[there], atol=size)
+            size = float(4 * np.finfo(np.float32).eps * 150)
+            np.testing.assert_allclose(
+                views.drawn.position[here], np.asarray(whole.position[there]), atol=size
+            )
 
 
 def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:

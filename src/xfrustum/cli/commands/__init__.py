@@ -9,4 +9,5 @@ plate    The command that draws whole plates
 scene    Commands about scene files: `new` writes one that fits a mesh, `check` looks for mistakes in one
 study    Commands that study many scenes and settings instead of one
 verify   The command that judges renderers of other people
+view     The command that shows what eyes before the plate see
 """
