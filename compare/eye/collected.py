@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from xfrustum.scenes.arrays import Floats, Indices, Numbers
 from xfrustum.scenes.model.eye import Eye, HogelPixels, Replay
 from xfrustum.scenes.model.eye_image import EyeImage
 from xfrustum.scenes.model.hogel_image import NOTHING
-from xfrustum.scenes.model.plate_content import ColorType
+from xfrustum.scenes.model.plate_content import ColorType, FilmPart
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -134,10 +134,28 @@ def hogels_of(takes: Iterable[Replay]) -> list[tuple[int, int]]:
     return sorted(every, key=lambda index: (index[1], index[0]))
 
 
-def drawn_hogels(renderer: PlateRenderer, indices: Sequence[tuple[int, int]]) -> Iterator[DrawnHogel]:
-    """Draw hogels and yield them in order."""
+def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
+    """Return the part of each hogel's film that holds all pixels that some eyes are shown."""
+    columns: dict[int, tuple[int, int]] = {}
+    rows: dict[int, tuple[int, int]] = {}
+    every = list(takes)
+    for pixels in (pixels for taken in every for pixels in (taken.shown, *taken.colors)):
+        _widen(columns, pixels.hogel_column[pixels.columns], pixels.film_column[pixels.columns])
+        _widen(rows, pixels.hogel_row[pixels.rows], pixels.film_row[pixels.rows])
+    return {(i, j): FilmPart(columns=columns[i], rows=rows[j]) for i, j in hogels_of(every)}
+
+
+def _widen(ranges: dict[int, tuple[int, int]], hogel: Indices, pixel: Indices) -> None:
+    for number in np.unique(hogel).tolist():
+        here = pixel[hogel == number]
+        low, high = ranges.get(number, (int(here[0]), int(here[0])))
+        ranges[number] = min(low, int(here.min())), max(high, int(here.max()))
+
+
+def drawn_hogels(renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+    """Draw parts of hogels and yield them in order; pixels outside of the parts mean nothing."""
     plate = renderer.scene.plate
-    for hogel in renderer.hogels(plate.aperture(*index) for index in indices):
+    for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
         yield DrawnHogel(index=hogel.aperture.index, color=hogel.color, triangle=hogel.triangle)
 
 

@@ -15,12 +15,13 @@ from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.programs import picture_defines, reflection_defines, set_camera
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment, reflecting
+from xfrustum.raster.plate.clusters import WHOLE_FILM
 from xfrustum.raster.plate.drawing import PlateDrawing
 from xfrustum.raster.plate.geometry import PlateGeometry
 from xfrustum.raster.plate.program import hogel_block, picture_program, reflection_program
 from xfrustum.raster.plate.reflection import Reflections
 from xfrustum.raster.plate.submissions import Slot
-from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
@@ -108,13 +109,25 @@ class PlatePicture:
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
         slot.target.begin()
 
-    def upload(self, slot: Slot, number: int, hogels: Sequence[Pass]) -> list[int]:
-        """Upload what a camera draws for the hogels, and return the number of draws of each drawing."""
+    def upload(
+        self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM
+    ) -> list[int]:
+        """Upload what a camera draws for the hogels, and return the number of draws of each drawing.
+
+        Parameters
+        ----------
+        slot
+            Slot that is drawn into.
+        number, hogels
+            The camera, and what it is for each hogel.
+        windows
+            (L, 4) the part of each hogel's film that is wanted; see `clusters.clip_planes`.
+        """
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
         return [
-            drawing.upload(number, matrices, commands[number])
+            drawing.upload(number, matrices, commands[number], windows)
             for drawing, commands in zip(self.drawings, slot.commands, strict=True)
         ]
 

@@ -94,7 +94,8 @@ class EyeReference:
         """
         taken = self.replay(eye)
         width, height = eye.resolution
-        shown, grid, found = self._traced(eye, taken.shown, None)
+        shown = taken.shown
+        grid, found = self._traced(eye, shown, None)
         triangle = np.full((height, width), NOTHING, dtype=np.int32)
         position = np.full((height, width, 3), np.nan)
         certainty = np.full((height, width), Certainty.PROVEN, dtype=np.uint8)
@@ -107,7 +108,9 @@ class EyeReference:
             per_point = len(taken.colors) // len(eye.pupil_points)
             for number, pixels in enumerate(taken.colors):
                 point = eye.pupil_points[number // per_point]
-                part = self._part_color(eye, pixels, point)
+                # With a box and a pinhole, what is seen is what is shown.
+                known = (grid, found) if len(taken.colors) == 1 else None
+                part = self._part_color(eye, pixels, point, known)
                 weight = pixels.row_weight[pixels.rows][:, None] * pixels.column_weight[pixels.columns]
                 color[np.ix_(pixels.rows, pixels.columns)] += weight[..., None] * part
         return self._image(eye, (triangle, position, certainty), color)
@@ -120,14 +123,15 @@ class EyeReference:
     def _tracer(self) -> Tracer:
         return EmbreeTracer(self.scene)
 
-    def _part_color(self, eye: Eye, pixels: HogelPixels, point: Floats) -> Singles:
-        _, grid, found = self._traced(eye, pixels, point)
+    def _part_color(
+        self, eye: Eye, pixels: HogelPixels, point: Floats, known: tuple[LineGrid, FirstSurfaces] | None
+    ) -> Singles:
+        """Return the color of some hogels' pixels; `known` are their lines and surfaces, if at hand."""
+        grid, found = known or self._traced(eye, pixels, point)
         places = grid.points() + found.s[..., None] * grid.directions()
         return self._radiance(found.triangle, places, grid.directions())
 
-    def _traced(
-        self, eye: Eye, pixels: HogelPixels, point: Floats | None
-    ) -> tuple[HogelPixels, LineGrid, FirstSurfaces]:
+    def _traced(self, eye: Eye, pixels: HogelPixels, point: Floats | None) -> tuple[LineGrid, FirstSurfaces]:
         """Return the lines of some hogels' pixels, and the surfaces that are first along them."""
         rays = eye_pencil(self.scene, eye, point)
         grid = hogel_lines(self.scene, pixels)
@@ -145,7 +149,7 @@ class EyeReference:
             eye=rays.center[1],
             height=rays.center[2],
         )
-        return pixels, grid, first_along_grid(self.scene.triangles, grid, columns, rows)
+        return grid, first_along_grid(self.scene.triangles, grid, columns, rows)
 
     def _decided(self, pencil: Pencil) -> FirstSurfaces:
         decide: Callable[[range], FirstSurfaces] = Certifier(self.scene.triangles, pencil).decide

@@ -84,6 +84,7 @@ def render_page(found: SceneView) -> str:
         "objects": _objects(found),
         "units": found.scene.units,
         "size": found.views[0].eye.resolution,
+        "aspect": found.scene.plate.size[0] / found.scene.plate.size[1],
     }
     values = {
         "found": found,
@@ -161,8 +162,8 @@ def _stereo_sentence(pair: PairRecord, units: str) -> str:
     if depth is None:
         return "No surface point is shown to both eyes."
     return (
-        f"Two eyes see what the renderer draws {digits(depth.p1)} to {digits(depth.p99)} {units} farther away "
-        "than it is."
+        f"Two eyes see what the renderer draws {digits(depth.p1)} to {digits(depth.p99)} {units} "
+        "farther away than it is."
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -21,7 +21,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.look import look_hash
-from xfrustum.scenes.model.plate_content import PlateContent
+from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -43,8 +43,8 @@ class Source(Protocol):
     name: str
     settings: DoubleFrustum | None
 
-    def hogels(self, indices: Sequence[Index]) -> Iterator[DrawnHogel]:
-        """Yield the hogels of some columns and rows, in order."""
+    def hogels(self, parts: Mapping[Index, FilmPart]) -> Iterator[DrawnHogel]:
+        """Yield hogels in order; only pixels in the part of each film that is asked for mean anything."""
         ...
 
 
@@ -73,11 +73,11 @@ class Drawing:
         self._scene, self._how = scene, settings
         self._content = PlateContent(color=DEFAULT_COLOR, ids=True, effects=effects)
 
-    def hogels(self, indices: Sequence[Index]) -> Iterator[DrawnHogel]:
+    def hogels(self, parts: Mapping[Index, FilmPart]) -> Iterator[DrawnHogel]:
         """Draw the hogels."""
         scene = replace(self._scene, sampling=Sampling())
         with PlateRenderer(scene, self._how, self._content) as renderer:
-            yield from drawn_hogels(renderer, indices)
+            yield from drawn_hogels(renderer, parts)
 
 
 class StoredPlate:
@@ -122,7 +122,7 @@ class StoredPlate:
             raise InputError(f"--plate {path}: its arrays are damaged; xfrustum plate mends them")
         self._store = PlateStore(path, self._arrays)
 
-    def hogels(self, indices: Sequence[Index]) -> Iterator[DrawnHogel]:
+    def hogels(self, parts: Mapping[Index, FilmPart]) -> Iterator[DrawnHogel]:
         """Read the hogels.
 
         Raises
@@ -130,21 +130,21 @@ class StoredPlate:
         InputError
             Some have not been drawn, or cannot be read.
         """
-        missing = [i for i in indices if not self._store.finished(self._scene.plate.aperture(*i))]
+        missing = [i for i in parts if not self._store.finished(self._scene.plate.aperture(*i))]
         if missing:
             first = missing[0]
             raise InputError(
-                f"--plate {self._path}: {len(missing)} of {len(indices)} hogels that the eyes are shown are "
+                f"--plate {self._path}: {len(missing)} of {len(parts)} hogels that the eyes are shown are "
                 f"not there, such as {first[0]},{first[1]}; draw them with xfrustum plate"
             )
-        for column, row in indices:
+        for column, row in parts:
             try:
-                parts = {name: np.asarray(array[row, column]) for name, array in self._arrays.items()}
+                arrays = {name: np.asarray(array[row, column]) for name, array in self._arrays.items()}
             except (RuntimeError, ValueError, OSError) as error:
                 raise InputError(
                     f"--plate {self._path}: hogel {column},{row} is damaged; xfrustum plate --check mends it"
                 ) from error
-            yield DrawnHogel(index=(column, row), color=parts[COLOR], triangle=parts.get(TRIANGLE))
+            yield DrawnHogel(index=(column, row), color=arrays[COLOR], triangle=arrays.get(TRIANGLE))
 
 
 @dataclass(kw_only=True)
@@ -172,7 +172,7 @@ class Images:
             pattern=self.pattern, reference=Reference(self.scene), encoding=Encoding(self.encoding)
         )
 
-    def hogels(self, indices: Sequence[Index]) -> Iterator[DrawnHogel]:
+    def hogels(self, parts: Mapping[Index, FilmPart]) -> Iterator[DrawnHogel]:
         """Read the files.
 
         Raises
@@ -180,7 +180,7 @@ class Images:
         InputError
             One is missing or cannot be read.
         """
-        apertures = [self.scene.plate.aperture(*index) for index in indices]
+        apertures = [self.scene.plate.aperture(*index) for index in parts]
         self._files.check(apertures)
         for aperture in apertures:
             try:

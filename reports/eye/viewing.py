@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.compare.eye.collected import Collector, DrawnHogel, collected, hogels_of
+from xfrustum.compare.eye.collected import Collector, DrawnHogel, collected, film_parts, hogels_of
 from xfrustum.compare.eye.loss import Loss, LossMaps, Views, display_loss, pixels_per_degree, renderer_loss
 from xfrustum.compare.eye.stereo import Disparity, disparity
 from xfrustum.reference.eye.view import EyeReference
@@ -209,9 +209,9 @@ def _drawn(
     collectors = [
         Collector(scene, eye, taken, source.settings) for eye, taken in zip(eyes, takes, strict=True)
     ]
-    needed = hogels_of(takes)
-    with progress_bar(len(needed), "hogels", "hogel", shown=progress) as bar:
-        drawn = collected(_counted(source.hogels(needed), bar.update), collectors)
+    parts = film_parts(takes)
+    with progress_bar(len(parts), "hogels", "hogel", shown=progress) as bar:
+        drawn = collected(_counted(source.hogels(parts), bar.update), collectors)
     return [*drawn], any(collector.numbered for collector in collectors)
 
 

@@ -13,6 +13,8 @@ let timer = null;
 const zoom = Math.max(1, Math.round(1200 / width));
 canvas.width = width * zoom;
 canvas.height = height * zoom;
+// Cells of the plate need not be square: the picture has the shape of the plate.
+canvas.style.aspectRatio = String(data.aspect);
 
 function loaded(address) {
   if (!cache.has(address)) {

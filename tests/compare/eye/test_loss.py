@@ -15,7 +15,7 @@ from xfrustum.compare.eye.collected import (
     DrawnHogel,
     collected,
     drawn_hogels,
-    hogels_of,
+    film_parts,
 )
 from xfrustum.compare.eye.loss import Views, display_loss, renderer_loss, shown_at
 from xfrustum.compare.eye.moved import moved_scene
@@ -50,7 +50,7 @@ def views_of(
     takes = [reference.replay(eye) for eye in eyes]
     collectors = [Collector(scene, eye, taken, settings) for eye, taken in zip(eyes, takes, strict=True)]
     with PlateRenderer(scene, settings, PlateContent(color=color, ids=True)) as renderer:
-        drawn = collected(drawn_hogels(renderer, hogels_of(takes)), collectors)
+        drawn = collected(drawn_hogels(renderer, film_parts(takes)), collectors)
     return [
         Views(true=reference.true_view(eye), replayed=reference.replayed(eye), drawn=image, taken=taken)
         for eye, image, taken in zip(eyes, drawn, takes, strict=True)
