@@ -163,7 +163,7 @@ def _moved(
 def _cut(triangles: Floats, origin: Indices, height: float) -> tuple[Floats, Indices]:
     """Return triangles cut in three by a height, so that none crosses it, with the numbers they came from."""
     above = triangles[..., 2] - height
-    crossing: Mask = np.asarray((above > 0).any(axis=1) & (above < 0).any(axis=1))
+    crossing: Mask = (above.max(axis=1, initial=0.0) > 0) & (above.min(axis=1, initial=0.0) < 0)
     if not crossing.any():
         return triangles, origin
     cut, upper = triangles[crossing], above[crossing] > 0

@@ -7,6 +7,7 @@ drawing      The draws of one program: the triangles that each camera draws with
              once
 geometry     A scene as all hogels of a plate share it: on the GPU once, sorted by the cameras that can
              see it
+parts        Parts of films that are wanted: drawn and read back alone, with the pixels of whole films
 picture      The pictures of several hogels: every camera's picture and, over them, every camera's
              reflections
 plain_loop   What drawing many hogels at once is measured against: one hogel after the other, all

@@ -95,7 +95,7 @@ class PlatePicture:
         """Whether any triangle is drawn once more for its reflection."""
         return self._reflections is not None
 
-    def begin(self, slot: Slot, enabled: int) -> None:
+    def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:
         """Clear a slot's target and draw into it from now on.
 
         Parameters
@@ -104,10 +104,12 @@ class PlatePicture:
             Slot that is drawn into.
         enabled
             moderngl's flags of what is enabled while pictures are drawn.
+        box
+            Part of the films that is drawn; see `LayeredTarget.begin`.
         """
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
-        slot.target.begin()
+        slot.target.begin(box)
 
     def upload(
         self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM

@@ -5,7 +5,7 @@ docs/adr/0006 has the reasons. Images are those of `Rasterizer`, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from xfrustum.raster.device.capacity import check_room
 from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.plate.averaging import averaged
-from xfrustum.raster.plate.clusters import WHOLE_FILM
+from xfrustum.raster.plate.parts import WHOLE, Parts, Wanted
 from xfrustum.raster.plate.picture import (
     PICTURE,
     REFLECTION,
@@ -31,10 +31,9 @@ from xfrustum.raster.plate.program import lets_vertices_choose_layers
 from xfrustum.raster.plate.submissions import Batching, Slot, groups, make_rounds
 from xfrustum.raster.plate.targets import LayeredTarget, TargetFormat
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
-from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Question, needed
-from xfrustum.scenes.model.plate_content import ColorType, FilmPart, PlateContent, PlateHogel
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -130,9 +129,7 @@ class PlateRenderer(ContextOwner):
         """Largest number of triangles that each camera draws: those on its side of the plate or across it."""
         return [] if self._picture is None else self._picture.triangles_of_cameras
 
-    def hogels(
-        self, apertures: Iterable[Aperture], parts: Mapping[tuple[int, int], FilmPart] | None = None
-    ) -> Iterator[PlateHogel]:
+    def hogels(self, apertures: Iterable[Aperture], parts: Parts | None = None) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order.
 
         While one round of submissions is drawn, the round before it is read back: at most
@@ -160,9 +157,10 @@ class PlateRenderer(ContextOwner):
         self,
         apertures: Iterable[Aperture],
         stage: Stage,
-        parts: Mapping[tuple[int, int], FilmPart] | None = None,
+        parts: Parts | None = None,
     ) -> Iterator[PlateHogel]:
         waiting: list[tuple[Slot, list[Aperture]]] = []
+        size = self.scene.frustum.resolution
         submissions = groups(apertures, self.batching.hogels)
         for number, submitted in enumerate(groups(submissions, self.batching.submissions)):
             slots = self._rounds[number % len(self._rounds)]
@@ -170,7 +168,7 @@ class PlateRenderer(ContextOwner):
             # OpenGL draws in whichever context is current: the caller may have others.
             with self._context:
                 for slot, group in drawn:
-                    self._draw(slot, group, stage, windows=self._windows(group, parts))
+                    self._draw(slot, group, stage, wanted=Wanted.of(group, parts, size))
                     # The device fills these pixels while the next submission's vertices are transformed.
                     GL.glFlush()
                 # A driver that draws in software finishes everything before it lets anything be read.
@@ -219,39 +217,25 @@ class PlateRenderer(ContextOwner):
     def _passes(self, aperture: Aperture) -> list[Pass]:
         return [pass_of(self.scene, aperture, self.settings, camera) for camera in self._cameras]
 
-    def _windows(
-        self, apertures: Sequence[Aperture], parts: Mapping[tuple[int, int], FilmPart] | None
-    ) -> Floats:
-        """Return the wanted part of each film, with its pixels' borders, as least and largest u and v."""
-        if parts is None:
-            return WHOLE_FILM
-        width, height = self.scene.frustum.resolution
-        windows = np.empty((len(apertures), 4))
-        for window, aperture in zip(windows, apertures, strict=True):
-            (left, right), (top, bottom) = parts[aperture.index].columns, parts[aperture.index].rows
-            window[:2] = 2 * left / width - 1, 2 * (right + 1) / width - 1
-            window[2:] = 1 - 2 * (bottom + 1) / height, 1 - 2 * top / height
-        return windows
-
     def _draw(
         self,
         slot: Slot,
         apertures: Sequence[Aperture],
         stage: Stage,
         enabled: int = moderngl.DEPTH_TEST,
-        windows: Floats = WHOLE_FILM,
+        wanted: Wanted = WHOLE,
     ) -> None:
         picture = self._picture
         if picture is None:
-            slot.target.begin()
+            slot.target.begin(wanted.box)
             return
-        picture.begin(slot, enabled)
+        picture.begin(slot, enabled, wanted.box)
         draws = []
         # One camera for all hogels, then the next camera: the state that they share is set once.
         cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
         for number, hogels in enumerate(cameras):
             with stage("upload"):
-                draws.append(picture.upload(slot, number, hogels, windows))
+                draws.append(picture.upload(slot, number, hogels, wanted.windows))
             with stage("C" if self._cameras[number].orthoscopic else "C*"):
                 picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
         if picture.reflects:

@@ -55,13 +55,15 @@ def loss_map(image: EyeImage, maps: LossMaps) -> Bytes:
     picture = picture * (1 - 0.8 * moved) + 0.8 * moved * np.array(MOVED)
     if maps.wrong is not None:
         picture[maps.wrong] = WRONG
-    return np.rint(picture).astype(np.uint8)
+    levels: Bytes = np.rint(picture).astype(np.uint8)
+    return levels
 
 
 def numbers_picture(image: EyeImage) -> Bytes:
     """Return triangle numbers plus one as red * 65536 + green * 256 + blue, (H, W, 3)."""
     packed = (image.triangle + 1).astype(np.uint32)
-    return np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
+    picture: Bytes = np.stack((packed >> 16 & 255, packed >> 8 & 255, packed & 255), axis=-1).astype(np.uint8)
+    return picture
 
 
 def heights_picture(image: EyeImage, low: float, high: float) -> Bytes:
@@ -107,4 +109,5 @@ def side_by_side(pictures: Sequence[Bytes]) -> Bytes:
 
 
 def _levels(values: Singles | Floats) -> Bytes:
-    return np.rint(LEVELS * np.asarray(values)).astype(np.uint8)
+    levels: Bytes = np.rint(LEVELS * np.asarray(values)).astype(np.uint8)
+    return levels

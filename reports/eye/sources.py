@@ -115,7 +115,8 @@ class StoredPlate:
         given = {name: value for name, value in dict(told["settings"]).items() if name in names}
         self.settings: DoubleFrustum | None = DoubleFrustum(**given)
         self._path, self._scene = path, scene
-        self._arrays = {name: group[name] for name in (TRIANGLE, COLOR) if name in group}
+        found = {name: group[name] for name in (TRIANGLE, COLOR) if name in group}
+        self._arrays = {name: array for name, array in found.items() if isinstance(array, zarr.Array)}
         width, height = scene.frustum.resolution
         expected = (*scene.plate.hogels[::-1], height, width)
         if COLOR not in self._arrays or any(a.shape[:4] != expected for a in self._arrays.values()):

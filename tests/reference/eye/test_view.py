@@ -155,7 +155,9 @@ def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> N
     scene = view("crossing", (64, 48))
     eyes = EyeReference(scene)
     tent = eyes.replay(replace(EYE, beam="tent"))  # type: ignore[arg-type]  # names are taken
-    weights = sum(np.multiply.outer(part.row_weight, part.column_weight) for part in tent.colors)
+    weights = np.zeros((45, 60))
+    for part in tent.colors:
+        weights += np.multiply.outer(part.row_weight, part.column_weight)
     inner = np.ix_(tent.shown.rows, tent.shown.columns)
     # Rounding of four products and three sums of numbers below one.
     assert np.abs(weights[inner] - 1).max() < 1e-15 * 8
