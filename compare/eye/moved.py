@@ -153,7 +153,7 @@ def _moved(
         half = triangles[here].copy()
         distance = np.abs(half[..., 2])
         # A triangle that ends at the first cut from beyond is not of the first slab.
-        inner = (distance <= first).all(axis=1)
+        inner: Mask = distance.max(axis=1, initial=0.0) <= first
         seen = replayed_distance(distance, frustum, settings)
         half[..., 2] = side * np.where(inner[:, None], seen, distance)
         halves.append(half)

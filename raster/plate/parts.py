@@ -40,7 +40,8 @@ class Wanted:
             return cls(windows=WHOLE_FILM, box=None)
         width, height = size
         windows = np.empty((len(apertures), 4))
-        columns, rows = [], []
+        columns: list[int] = []
+        rows: list[int] = []
         for window, aperture in zip(windows, apertures, strict=True):
             part = parts[aperture.index]
             (left, right), (top, bottom) = part.columns, part.rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +164,24 @@ def test_a_pair_of_eyes_tells_at_which_depth_things_are_seen(
     assert pair["renderer"]["depth"]["p99"] == pytest.approx(2, abs=0.5)
 
 
+def test_a_quilt_is_the_views_of_eyes_from_left_to_right_and_from_the_bottom_up(
+    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out, single = tmp_path / "quilt", tmp_path / "single"
+    found = told(capfd, str(scene_file), "--eye=1,0,300", RESOLUTION, NEAR, "--quilt=3x2", "--out", str(out))
+    places = [eye["eye"] for eye in found["eyes"]]
+    angles = [math.degrees(math.atan2(x - 1.0, 300)) for x, _, _ in places]
+    assert angles == pytest.approx([-20, -12, -4, 4, 12, 20])
+    names = [f"{name}_qs3x2a1.333.png" for name in ("drawn", "replayed", "true")]
+    assert sorted(path.name for path in out.iterdir()) == [*names, "view.json"]
+    # The fourth view is the first tile of the second row from the bottom.
+    fourth = ",".join(str(value) for value in places[3])
+    told(capfd, str(scene_file), f"--eye={fourth}", RESOLUTION, NEAR, "--out", str(single))
+    with Image.open(out / names[0]) as quilt, Image.open(single / "drawn_0.png") as alone:
+        assert quilt.size == (3 * 24, 2 * 18)
+        np.testing.assert_array_equal(np.asarray(quilt)[:18, :24], np.asarray(alone))
+
+
 def test_eyes_on_a_path_are_evenly_spaced() -> None:
     ends = [Eye(position=place) for place in ((0.0, 0.0, 100.0), (30.0, 0.0, 100.0), (30.0, 10.0, 100.0))]
     found = [eye.position for eye in eyes_on_path(ends, 5)]
@@ -183,6 +202,8 @@ def test_eyes_on_a_path_are_evenly_spaced() -> None:
         (["--eye=0,0,300", "--encoding=rgb"], "give both"),
         (["--eye=0,0,300", "--path=3"], "two eyes"),
         (["--eye=0,0,300", "--resolution=4"], "W,H"),
+        (["--eye=0,0,300", "--quilt=2x2"], "needs --out"),
+        (["--eye=0,0,300", "--quilt=2"], "COLUMNSxROWS"),
     ],
 )
 def test_bad_input_is_one_line_that_says_what_to_do(

@@ -19,6 +19,7 @@ from xfrustum.cli.streams import say
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
     from xfrustum.reports.eye.sources import Source
+    from xfrustum.scenes.model.effects import Effect
     from xfrustum.scenes.model.eye import Eye
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -56,6 +57,22 @@ class Resolution(click.ParamType[tuple[int, int]]):
         except ValueError:
             self.fail(f"{value!r} is not W,H such as 400,300", param, ctx)
         return width, height
+
+
+class Tiles(click.ParamType[tuple[int, int]]):
+    """Columns and rows of a quilt."""
+
+    name = "CxR"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return both."""
+        try:
+            columns, rows = (int(part) for part in str(value).split("x"))
+        except ValueError:
+            self.fail(f"{value!r} is not COLUMNSxROWS such as 8x6", param, ctx)
+        return columns, rows
 
 
 _EYE_OPTIONS = (
@@ -167,6 +184,11 @@ def _hogel_options(command: Command) -> Command:
 @click.option("--stereo", type=Positive(), help="Distance of two eyes that take the place of each eye.")
 @_hogel_options
 @cli_light.light_options("effects")
+@click.option(
+    "--quilt",
+    type=Tiles(),
+    help="Write quilts alone: views from a line through the eye, 40 degrees wide, as tiles of one picture.",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the page and the pictures.")
 @options.quiet_option
 @options.json_option
@@ -177,6 +199,7 @@ def view(
     stereo: float | None,
     hogels: _Hogels,
     light: Light,
+    quilt: tuple[int, int] | None,
     out: Path | None,
     quiet: bool,
     as_json: bool,
@@ -193,16 +216,40 @@ def view(
 
     hogels.check()
     chosen = eyes()
+    if quilt is not None and (out is None or len(chosen) > 1 or stereo is not None):
+        raise click.UsageError("--quilt needs --out, and one eye: leave out --path and --stereo")
     opened = light.applied(options.open_scene(scene))
     options.warn_of(opened)
     source = hogels.source(opened, light)
-    if out is not None:
-        count = len(chosen) * (1 if stereo is None else 2)
-        check_writable_folder(out, file_names(count, drawn=source is not None))
     if opened.sampling.aperture * opened.sampling.supersample * opened.sampling.multisample > 1:
         say("note: views are made with one sample a pixel, whatever the scene asks for")
     effects = light.chosen(opened)
+    if quilt is not None and out is not None:
+        _write_quilt(opened, chosen[0], quilt, source, effects, out, quiet=quiet, as_json=as_json)
+        return
+    if out is not None:
+        count = len(chosen) * (1 if stereo is None else 2)
+        check_writable_folder(out, file_names(count, drawn=source is not None))
     found = viewed(opened, chosen, source, stereo=stereo, effects=effects, progress=not quiet)
     files = () if out is None else write_view(found, out)
     page = [str(file) for file in files if file.suffix == ".html"]
     options.tell(as_json, found.summary, lambda: "\n".join((table(found), *page)))
+
+
+def _write_quilt(
+    scene: Scene,
+    eye: Eye,
+    tiles: tuple[int, int],
+    source: Source | None,
+    effects: frozenset[Effect],
+    out: Path,
+    *,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    from xfrustum.reports.common.json_ready import json_object
+    from xfrustum.reports.eye.quilt import quilt_names, write_quilt
+
+    record = write_quilt(scene, eye, tiles, source, out, effects=effects, progress=not quiet)
+    names = quilt_names(scene, tiles, drawn=source is not None)[1:]
+    options.tell(as_json, lambda: json_object(record), lambda: "\n".join(str(out / name) for name in names))
