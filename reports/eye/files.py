@@ -135,6 +135,13 @@ def sentences(found: SceneView) -> list[str]:
     drawn = [eye.renderer for eye in record.eyes if eye.renderer is not None]
     if drawn:
         told.append(_sentence("The renderer loses", drawn, record.eyes))
+        told.append(_set_beside(record.eyes))
+    if found.gap is not None:
+        told.append(
+            f"By the theorem of docs/method.md, its near offset opens a gap of {digits(2 * found.gap)} "
+            f"{record.units} at the plate: everything is seen {digits(found.gap)} {record.units} farther "
+            "from the plate than it is, and nothing else is changed."
+        )
     told += [_stereo_sentence(pair, record.units) for pair in record.stereo[:1] if pair.renderer is not None]
     return told
 
@@ -154,6 +161,20 @@ def _sentence(begin: str, losses: Sequence[Loss], eyes: Sequence[EyeRecord]) -> 
         parts.append(f"looks different by FLIP {digits(max(looks))}")
     where = "" if len(eyes) == 1 else f" (the worst of {len(eyes)} eyes)"
     return f"{begin} {', '.join(parts)}{where}." if parts else f"{begin} nothing that can be told."
+
+
+def _set_beside(eyes: Sequence[EyeRecord]) -> str:
+    """Return whether the renderer's displacement is below the display's own, in one sentence."""
+    display = [one.display.displacement_arcmin for one in eyes]
+    drawn = [None if one.renderer is None else one.renderer.displacement_arcmin for one in eyes]
+    pairs = [(a.p99, b.p99) for a, b in zip(display, drawn, strict=True) if a is not None and b is not None]
+    if not pairs:
+        return "How far the renderer moves things is not known: its hogels do not say where their points lie."
+    below = sum(b < a for a, b in pairs)
+    if below == len(pairs):
+        return "At every eye the renderer moves things by less than the display itself does."
+    above = len(pairs) - below
+    return f"At {above} of {len(pairs)} eyes the renderer moves things by more than the display does."
 
 
 def _stereo_sentence(pair: PairRecord, units: str) -> str:

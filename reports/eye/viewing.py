@@ -10,6 +10,7 @@ import numpy as np
 
 from xfrustum.compare.eye.collected import Collector, DrawnHogel, collected, film_parts, hogels_of
 from xfrustum.compare.eye.loss import Loss, LossMaps, Views, display_loss, pixels_per_degree, renderer_loss
+from xfrustum.compare.eye.moved import moves_rigidly
 from xfrustum.compare.eye.stereo import Disparity, disparity
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.common.json_ready import json_object
@@ -20,6 +21,7 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, Replay
 from xfrustum.scenes.model.eye_image import EyeImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +101,9 @@ class SceneView:
         Pictures of each eye, and its losses pixel by pixel; no renderer's where none is judged.
     record
         The numbers.
+    gap
+        Distance by which everything is seen farther from the plate than it is, scene units; None where that
+        is not one distance, or where the cameras are not known.
     """
 
     scene: Scene
@@ -106,6 +111,7 @@ class SceneView:
     display: tuple[LossMaps, ...]
     renderer: tuple[LossMaps, ...]
     record: ViewRecord
+    gap: float | None = None
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `view --json` prints them."""
@@ -196,8 +202,21 @@ def view(
         hogels=len(hogels_of(takes)),
     )
     return SceneView(
-        scene=scene, views=tuple(views), display=tuple(display), renderer=tuple(renderer), record=record
+        scene=scene,
+        views=tuple(views),
+        display=tuple(display),
+        renderer=tuple(renderer),
+        record=record,
+        gap=None if source is None else _gap(scene, source.settings),
     )
+
+
+def _gap(scene: Scene, settings: DoubleFrustum | None) -> float | None:
+    """Return the distance by which a near offset moves all that is seen; None where there is not one."""
+    if settings is None or settings.slabs or settings.offset is Offset.NONE:
+        return None
+    rigid = moves_rigidly(scene.frustum, settings) and settings.fitted_height(scene.frustum) is None
+    return settings.near if rigid else None
 
 
 def _drawn(

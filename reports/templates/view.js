@@ -81,7 +81,8 @@ async function draw() {
   context.fillRect(cut * zoom - 1, 0, 2, canvas.height);
   get("left").textContent = `${letters[left]}: ${data.names[left]}`;
   get("right").textContent = `${letters[right]}: ${data.names[right]}`;
-  get("place").textContent = `eye at ${data.eyes[eye].record.eye.map(short).join(", ")} ${data.units}`;
+  const which = data.eyes.length > 1 ? `eye ${eye + 1} of ${data.eyes.length}, at ` : "eye at ";
+  get("place").textContent = `${which}${data.eyes[eye].record.eye.map(short).join(", ")} ${data.units}`;
   tell();
 }
 
@@ -133,7 +134,7 @@ function numbers() {
       const loss = record[name];
       if (!loss) continue;
       const moved = loss.displacement_arcmin || {}, depth = loss.depth_error || {};
-      const made = row([`${i}: ${record.eye.map(short).join(", ")}`, name, loss.wrong === null ? "–" : String(loss.wrong),
+      const made = row([`${i + 1}: ${record.eye.map(short).join(", ")}`, name, loss.wrong === null ? "–" : String(loss.wrong),
         loss.fraction === null ? "–" : `${short(100 * loss.fraction)} %`, short(moved.p50), short(moved.p99), short(moved.max), short(depth.p99), short(loss.flip)]);
       if (i === state.eye) made.className = "chosen";
       rows.push(made);
@@ -206,5 +207,5 @@ get("play").addEventListener("click", () => {
   }, 350);
 });
 
-look(0);
+look(Math.floor(data.eyes.length / 2));
 pick(...pairs[pairs.length === 3 ? 1 : 0]);
