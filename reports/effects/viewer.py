@@ -24,18 +24,27 @@ class ViewerRecord:
         Largest near offset that the viewer cannot see, scene units.
     seen
         Whether the viewer can see the near offset that is asked about.
+    bent
+        Whether the paper's pivot bends what is replayed besides: the frustum is recentered.
     """
 
     limits: DisplayLimits
     near: float
     largest_unseen_near: float
     seen: bool
+    bent: bool
 
 
 def viewer_record(scene: Scene, distance: float, near: float) -> ViewerRecord:
     """Return what a display can show to a viewer at a distance, and whether a near offset is seen there."""
     limits = display_limits(scene, Viewer(distance=distance))
-    return ViewerRecord(limits=limits, near=near, largest_unseen_near=limits.near, seen=near > limits.near)
+    return ViewerRecord(
+        limits=limits,
+        near=near,
+        largest_unseen_near=limits.near,
+        seen=near > limits.near,
+        bent=scene.frustum.recentered,
+    )
 
 
 def viewer_table(record: ViewerRecord, units: str) -> str:
@@ -53,9 +62,12 @@ def viewer_table(record: ViewerRecord, units: str) -> str:
             f"  diffraction at a hogel {digits(limits.diffraction_arcmin)}'; "
             f"{digits(limits.rays_per_pupil)} rays in a pupil along an axis"
         )
-    lines.append(
-        f"  a near offset n is a gap of 2 n at the plate: not seen up to {_length(record.largest_unseen_near, units)}"
-    )
+    largest = _length(record.largest_unseen_near, units)
+    lines.append(f"  a near offset n is a gap of 2 n at the plate: not seen up to n = {largest}")
+    if record.bent:
+        lines.append(
+            "  (with --pivot camera; the pivot aperture bends what recentered frusta replay besides)"
+        )
     if limits.near_stereo is None:
         lines.append(f"  (whether two eyes see it is not known: how long is one of the scene's {units}?)")
     word = "seen" if record.seen else "not seen"

@@ -184,31 +184,39 @@ def view(
     reference = EyeReference(scene, effects)
     takes = [reference.replay(eye) for eye in chosen]
     drawn, numbered = _drawn(scene, chosen, takes, source, progress=progress)
-    views, display, renderer = [], [], []
-    with progress_bar(len(chosen), "eyes", "eye", shown=progress) as bar:
-        for eye, taken, image in zip(chosen, takes, drawn, strict=True):
-            true, replayed = reference.true_view(eye), reference.replayed(eye)
-            views.append(Views(true=true, replayed=replayed, drawn=image, taken=taken))
-            display.append(display_loss(reference, views[-1]))
-            if image is not None:
-                renderer.append(renderer_loss(reference, views[-1], numbered=numbered))
-            bar.update()
+    views = _views(reference, list(zip(chosen, takes, drawn, strict=True)), progress=progress)
+    display = [display_loss(reference, seen) for seen in views]
+    renderer = [renderer_loss(reference, seen, numbered=numbered) for seen in views if seen.drawn is not None]
     pairs = [] if stereo is None else [_pair(reference, views, left) for left in range(0, len(views), 2)]
     record = ViewRecord(
-        eyes=tuple(_eye_record(scene, eye, number, display, renderer) for number, eye in enumerate(chosen)),
+        eyes=tuple(_eye_record(scene, eye, k, display, renderer) for k, eye in enumerate(chosen)),
         stereo=tuple(pairs),
         units=scene.units,
         source=None if source is None else source.name,
         hogels=len(hogels_of(takes)),
     )
+    gap = None if source is None else _gap(scene, source.settings)
     return SceneView(
         scene=scene,
         views=tuple(views),
         display=tuple(display),
         renderer=tuple(renderer),
         record=record,
-        gap=None if source is None else _gap(scene, source.settings),
+        gap=gap,
     )
+
+
+def _views(
+    reference: EyeReference, shown: Sequence[tuple[Eye, Replay, EyeImage | None]], *, progress: bool
+) -> list[Views]:
+    """Return the pictures of each eye, given what it is shown."""
+    views = []
+    with progress_bar(len(shown), "eyes", "eye", shown=progress) as bar:
+        for eye, taken, image in shown:
+            true, replayed = reference.true_view(eye), reference.replayed(eye)
+            views.append(Views(true=true, replayed=replayed, drawn=image, taken=taken))
+            bar.update()
+    return views
 
 
 def _gap(scene: Scene, settings: DoubleFrustum | None) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.views import view
+from xfrustum.cli.main import main
 from xfrustum.compare.eye.limits import (
     EYES_APART_MM,
     STEREO_ACUITY_ARCSEC,
@@ -51,6 +53,17 @@ def test_a_gap_as_wide_as_the_limit_is_a_crack_of_one_hogel_at_the_plates_border
     slope = 40.0 / 600.0
     assert 2 * found.near_crack * slope == pytest.approx(80 / 81, rel=1e-12)
     assert found.near == found.near_stereo
+
+
+def test_explain_tells_the_limits_at_a_distance(capfd: pytest.CaptureFixture[str]) -> None:
+    asked = ["explain", "asymmetric", "--viewer=600", "--near"]
+    assert main([*asked, "0.2", "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)["viewer"]
+    assert told["limits"]["viewer"]["distance"] == 600
+    assert told["largest_unseen_near"] == min(told["limits"]["near_stereo"], told["limits"]["near_crack"])
+    assert not told["seen"]
+    assert main([*asked, "0.3"]) == 0
+    assert "n = 0.3 mm is seen" in capfd.readouterr().out
 
 
 def test_lengths_of_eyes_are_not_guessed_where_the_unit_is_not_known() -> None:
