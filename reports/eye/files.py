@@ -135,7 +135,7 @@ def sentences(found: SceneView) -> list[str]:
     drawn = [eye.renderer for eye in record.eyes if eye.renderer is not None]
     if drawn:
         told.append(_sentence("The renderer loses", drawn, record.eyes))
-        told.append(_set_beside(record.eyes))
+        told += _set_beside(record.eyes)
     if found.gap is not None:
         told.append(
             f"By the theorem of docs/method.md, its near offset opens a gap of {digits(2 * found.gap)} "
@@ -163,18 +163,22 @@ def _sentence(begin: str, losses: Sequence[Loss], eyes: Sequence[EyeRecord]) -> 
     return f"{begin} {', '.join(parts)}{where}." if parts else f"{begin} nothing that can be told."
 
 
-def _set_beside(eyes: Sequence[EyeRecord]) -> str:
-    """Return whether the renderer's displacement is below the display's own, in one sentence."""
+def _set_beside(eyes: Sequence[EyeRecord]) -> list[str]:
+    """Return whether the renderer's displacement is below the display's own, in one sentence or none."""
     display = [one.display.displacement_arcmin for one in eyes]
     drawn = [None if one.renderer is None else one.renderer.displacement_arcmin for one in eyes]
     pairs = [(a.p99, b.p99) for a, b in zip(display, drawn, strict=True) if a is not None and b is not None]
+    if not any(display):
+        return []
     if not pairs:
-        return "How far the renderer moves things is not known: its hogels do not say where their points lie."
+        return [
+            "How far the renderer moves things is not known: its hogels do not say where their points lie."
+        ]
     below = sum(b < a for a, b in pairs)
     if below == len(pairs):
-        return "At every eye the renderer moves things by less than the display itself does."
+        return ["At every eye the renderer moves things by less than the display itself does."]
     above = len(pairs) - below
-    return f"At {above} of {len(pairs)} eyes the renderer moves things by more than the display does."
+    return [f"At {above} of {len(pairs)} eyes the renderer moves things by more than the display does."]
 
 
 def _stereo_sentence(pair: PairRecord, units: str) -> str:

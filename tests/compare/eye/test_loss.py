@@ -199,3 +199,32 @@ def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
     assert loss.wrong is None
     assert loss.flip is not None
     assert loss.flip > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["asymmetric", "car"])
+def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(name: str) -> None:
+    """With -s it prints the share of wrong surfaces beside that of the scene as it is."""
+    reference = EyeReference(view(name, (256, 256)))
+    eye = replace(LEFT, position=(40.0, 20.0, 600.0), resolution=(320, 240))
+    (views,) = views_of(reference, reversed_d32f(NEAR), [eye])
+    moved = moved_scene(reference.scene, reversed_d32f(NEAR))
+    seen = EyeReference(moved.scene)
+    numbers = np.append(moved.number, -1)
+    as_moved = Views(true=seen.true_view(eye), replayed=seen.replayed(eye), drawn=None, taken=views.taken)
+    assert views.drawn is not None
+    drawn = views.drawn.triangle
+    display = [display_loss(reference, views).numbers(), display_loss(seen, as_moved).numbers()]
+    shares = {
+        "B against A": display[0].fraction,
+        "B against A, both of the moved scene": display[1].fraction,
+        "C against B": renderer_loss(reference, views, numbered=True).numbers().fraction,
+        "C against B, triangles": float((drawn != views.replayed.triangle).mean()),
+        "C against B of the moved scene, triangles": float(
+            (drawn != numbers[as_moved.replayed.triangle]).mean()
+        ),
+    }
+    lines = [f"  {what}: {100 * share:.3g} %" for what, share in shares.items() if share is not None]
+    print(f"\n{name}, n = {NEAR}:", *lines, sep="\n")  # noqa: T201 - it is asked for
+    assert shares["C against B, triangles"] > 0.05
+    assert shares["C against B of the moved scene, triangles"] < 0.005
