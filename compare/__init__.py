@@ -2,6 +2,8 @@
 
 attribution/     The error budget: wrong pixels charged to links of the chain
 diagnosis/       What a foreign renderer does otherwise than asked, and whether that explains its errors
+eye/              What a viewer sees: the display's loss, the renderer's, and the scene that a near offset
+                  replays
 extent/          Where the objects of a scene lie, and which apertures see them
 judging/         Hogels judged: many of the project's own rasterizer, and one of a foreign renderer
 metrics/         Truth against image: what is measured, pixel by pixel and in numbers

@@ -2,6 +2,7 @@
 
 certify/      The first surface along each line: proven, decided exactly, or named a tie
 devices/      The devices that the reference computes on: LLVM through Dr.Jit, threads, bands of rows
+eye/          What an eye before the plate sees, truly and replayed, certified
 lines/        The lines through an aperture, and triangles as these lines see them
 shading/      The color of true hits
 sight/        Which surface points a pencil's lines see: certified, by the bounds of the truth

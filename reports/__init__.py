@@ -8,6 +8,7 @@ cost/             What accuracy costs in time
 effects/          What a scene calls for, and what it costs
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
                   Parquet
+eye/              What a viewer sees, as a page and as files
 measurements/     What is measured of a setting, and which setting is best
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh

@@ -201,12 +201,44 @@ def slabs() -> Drawing:
     return drawing
 
 
+def moved_halves() -> Drawing:
+    """Return one surface on each side of the plate, drawn by two apertures, and where a viewer sees it."""
+    drawing = Drawing((75, 50))
+    _plate(drawing)
+    near = 0.7
+    surfaces = {-1: [(-0.6, 0.9), (-1.6, 0.1), (-2.6, 0.5)], 1: [(0.6, -0.6), (1.4, -1.0), (2.2, -0.2)]}
+    apertures = (1.6, -1.3)
+    for aperture in apertures:
+        drawing.dot((0, aperture))
+    for side, color in ((-1, BACK), (1, FRONT)):
+        moved = [(z + side * near, x) for z, x in surfaces[side]]
+        drawing.line(surfaces[side], FAINT, 3)
+        drawing.line(moved, color, 3)
+        (z, x), (moved_z, _) = surfaces[side][1], moved[1]
+        drawing.dot((z, x), FAINT)
+        drawing.dot((moved_z, x), color)
+        for aperture in apertures:
+            # Drawn with the slope (x - a) / (|z| + n), and replayed from the aperture itself.
+            slope = (x - aperture) / abs(moved_z)
+            drawing.line([(0, aperture), (moved_z * 1.12, aperture + 1.12 * slope * abs(moved_z))], color, 1)
+        drawing.line([(z, x), (moved_z, x)], INK, 1, "3 3")
+        drawing.text(((z + moved_z) / 2, x), "n", shift=(0, 16))
+    drawing.text((-2.6, 0.5), "true", FAINT, "end", (-4, -6))
+    drawing.text((-2.6 - near, 0.5), "seen", BACK, "end", (-8, -2))
+    drawing.text((2.2, -0.2), "true", FAINT, "end", (-4, -6))
+    drawing.text((2.2 + near, -0.2), "seen", FRONT, "start", (8, 5))
+    for aperture, name in zip(apertures, ("a", "a'"), strict=True):
+        drawing.text((0, aperture), name, anchor="start", shift=(8, -6))
+    return drawing
+
+
 FIGURES: dict[str, Callable[[], Drawing]] = {
     "method-crossed-frustum.svg": crossed_frustum,
     "method-two-cameras.svg": two_cameras,
     "method-near-offset.svg": near_offset,
     "method-shear.svg": shear,
     "method-slabs.svg": slabs,
+    "method-moved-halves.svg": moved_halves,
 }
 
 

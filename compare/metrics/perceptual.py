@@ -45,18 +45,24 @@ class PerceptualDifference:
     flip_map: Singles
 
 
-def perceptual_difference(truth: NDArray[np.floating], raster: NDArray[np.floating]) -> PerceptualDifference:
+def perceptual_difference(
+    truth: NDArray[np.floating],
+    raster: NDArray[np.floating],
+    pixels_per_degree: float = PIXELS_PER_DEGREE,
+) -> PerceptualDifference:
     """Return how different two pictures look.
 
     Parameters
     ----------
     truth, raster
         (H, W, 3) linear RGB.
+    pixels_per_degree
+        Number of pixels that a degree of the viewer's sight holds, on which FLIP depends.
     """
     shown = [np.ascontiguousarray(encoded(color), dtype=np.float32) for color in (truth, raster)]
     # FLIP's neighborhoods reach over the whole picture, so no pixel can be left out.
     flip_map, _, _ = flip_evaluator.evaluate(
-        *shown, "LDR", applyMagma=False, computeMeanError=False, parameters={"ppd": PIXELS_PER_DEGREE}
+        *shown, "LDR", applyMagma=False, computeMeanError=False, parameters={"ppd": pixels_per_degree}
     )
     flip_map = np.asarray(flip_map, dtype=np.float32)[..., 0]
     ssim = None

@@ -9,6 +9,7 @@ geometry     A scene as all hogels of a plate share it: on the GPU once, sorted 
              see it
 one_by_one   Hogels drawn one after the other by `Rasterizer`, for scenes that ask for several samples a
              pixel
+parts        Parts of films that are wanted: drawn and read back alone, with the pixels of whole films
 picture      The pictures of several hogels: every camera's picture and, over them, every camera's
              reflections
 plain_loop   What drawing many hogels at once is measured against: one hogel after the other, all

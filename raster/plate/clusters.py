@@ -33,6 +33,9 @@ _PLANES = np.array(
 """Linear forms of (x, y, z, w) that are not negative inside the left, right, bottom and top clip plane, and
 inside the start and end of the range of depth."""
 
+SIDES, DEPTHS = slice(0, 4), slice(4, 6)
+"""Clip planes that move from hogel to hogel, and those that are the same for all."""
+
 _OPENGL_NEAR = np.array([[0.0], [0.0], [0.0], [0.0], [1.0], [0.0]]) * (0, 0, 0, 1)
 """Term that OpenGL's own range of depth, which starts at -w instead of 0, adds to these forms."""
 
@@ -59,7 +62,11 @@ class Boxes:
         return cls(columns=read_only(np.ascontiguousarray(columns)))
 
 
-def clip_planes(matrices: Singles, clip_control: int) -> tuple[Floats, Floats]:
+WHOLE_FILM = np.array([-1.0, 1.0, -1.0, 1.0])
+"""Least and largest u, then v, of a whole film."""
+
+
+def clip_planes(matrices: Singles, clip_control: int, windows: Floats = WHOLE_FILM) -> tuple[Floats, Floats]:
     """Return the clip planes of some matrices, and the magnitudes that bound rounding at them.
 
     Parameters
@@ -68,6 +75,8 @@ def clip_planes(matrices: Singles, clip_control: int) -> tuple[Floats, Floats]:
         (.., 4, 4) clip-from-scene matrices, as the device has them.
     clip_control
         The range of clip depth that OpenGL keeps.
+    windows
+        (.., 4) least and largest u and v that the planes at the sides of each film keep.
 
     Returns
     -------
@@ -80,6 +89,9 @@ def clip_planes(matrices: Singles, clip_control: int) -> tuple[Floats, Floats]:
     """
     # A plane of clip coordinates becomes one of scene coordinates when multiplied by the matrix.
     combined = _PLANES + (_OPENGL_NEAR if clip_control == GL.GL_NEGATIVE_ONE_TO_ONE else 0)
+    combined = np.broadcast_to(combined, (*windows.shape[:-1], *combined.shape)).copy()
+    # Inside, u = x / w lies between the window's ends: x - least w and largest w - x are not negative.
+    combined[..., SIDES, 3] = windows * (-1.0, 1.0, -1.0, 1.0)
     exact = matrices.astype(np.float64)
     return combined @ exact, np.abs(combined) @ np.abs(exact)
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import moderngl
 import numpy as np
 
+from xfrustum.raster.plate.clusters import WHOLE_FILM
 from xfrustum.raster.plate.geometry import FORMATS, PassGeometry, PlateGeometry
 from xfrustum.raster.plate.program import HOGELS_BINDING
-from xfrustum.scenes.arrays import Singles
+from xfrustum.scenes.arrays import Floats, Singles
 
 
 class PlateDrawing:
@@ -51,7 +52,9 @@ class PlateDrawing:
         """Return the number of triangles that a camera draws for some hogels."""
         return int(self._geometry.commands(self._cameras[number], matrices)["count"].sum()) // 3
 
-    def upload(self, number: int, matrices: Singles, commands: moderngl.Buffer) -> int:
+    def upload(
+        self, number: int, matrices: Singles, commands: moderngl.Buffer, windows: Floats = WHOLE_FILM
+    ) -> int:
         """Write the draws of a camera for some hogels, and return their number.
 
         Parameters
@@ -62,8 +65,10 @@ class PlateDrawing:
             (L, 4, 4) clip-from-scene matrix of each hogel.
         commands
             Buffer that the draws are written to; it grows as needed.
+        windows
+            (L, 4) the part of each film that is wanted; see `clusters.clip_planes`.
         """
-        draws = self._geometry.commands(self._cameras[number], matrices)
+        draws = self._geometry.commands(self._cameras[number], matrices, windows)
         if len(draws):
             commands.orphan(max(commands.size, draws.nbytes))
             commands.write(draws.tobytes())

@@ -13,7 +13,10 @@ from xfrustum.raster.cameras.passes import Pass
 from xfrustum.raster.device.mesh import ATTRIBUTES, attribute_of
 from xfrustum.raster.device.numbered_mesh import NumberedMesh, number_triangles
 from xfrustum.raster.plate.clusters import (
+    DEPTHS,
+    SIDES,
     TRIANGLES_PER_CLUSTER,
+    WHOLE_FILM,
     Boxes,
     boxes_of,
     clip_planes,
@@ -21,11 +24,8 @@ from xfrustum.raster.plate.clusters import (
     runs,
     triangles_in_depth,
 )
-from xfrustum.scenes.arrays import Indices, Mask, Singles
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Singles
 from xfrustum.scenes.model.scene import Scene
-
-SIDES, DEPTHS = slice(0, 4), slice(4, 6)
-"""Clip planes that move from hogel to hogel, and those that are the same for all."""
 
 FORMATS = {
     **{name: f"{count}f" for name, count in ATTRIBUTES.items()},
@@ -123,7 +123,9 @@ class PlateGeometry:
             self._attributes[name] = self._context.buffer(values.tobytes())
         return self._attributes[name]
 
-    def commands(self, geometry: PassGeometry, matrices: Singles) -> NDArray[np.void]:
+    def commands(
+        self, geometry: PassGeometry, matrices: Singles, windows: Floats = WHOLE_FILM
+    ) -> NDArray[np.void]:
         """Return the draws of one pass for some hogels: runs of clusters that their frusta may reach.
 
         Parameters
@@ -132,8 +134,10 @@ class PlateGeometry:
             The triangles of the pass.
         matrices
             (L, 4, 4) clip-from-scene matrix of each hogel, as the device has it.
+        windows
+            (L, 4) the part of each film that is wanted; see `clusters.clip_planes`.
         """
-        planes, magnitudes = clip_planes(matrices, self._clip_control)
+        planes, magnitudes = clip_planes(matrices, self._clip_control, windows)
         visible = reached(planes[:, SIDES], magnitudes[:, SIDES], geometry.boxes)
         hogel, begin, end = runs(visible)
         begin, end = (np.minimum(TRIANGLES_PER_CLUSTER * edge, geometry.count) for edge in (begin, end))

@@ -15,12 +15,13 @@ from xfrustum.raster.device.facing import set_facing
 from xfrustum.raster.device.programs import picture_defines, reflection_defines, set_camera
 from xfrustum.raster.light.materials import Shading
 from xfrustum.raster.light.reflection import Environment, reflecting
+from xfrustum.raster.plate.clusters import WHOLE_FILM
 from xfrustum.raster.plate.drawing import PlateDrawing
 from xfrustum.raster.plate.geometry import PlateGeometry
 from xfrustum.raster.plate.program import hogel_block, picture_program, reflection_program
 from xfrustum.raster.plate.reflection import Reflections
 from xfrustum.raster.plate.submissions import Slot
-from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 
@@ -94,7 +95,7 @@ class PlatePicture:
         """Whether any triangle is drawn once more for its reflection."""
         return self._reflections is not None
 
-    def begin(self, slot: Slot, enabled: int) -> None:
+    def begin(self, slot: Slot, enabled: int, box: tuple[int, int, int, int] | None = None) -> None:
         """Clear a slot's target and draw into it from now on.
 
         Parameters
@@ -103,18 +104,32 @@ class PlatePicture:
             Slot that is drawn into.
         enabled
             moderngl's flags of what is enabled while pictures are drawn.
+        box
+            Part of the films that is drawn; see `LayeredTarget.begin`.
         """
         self._context.enable_only(enabled)
         GL.glClipControl(GL.GL_LOWER_LEFT, self._mapping.clip_control)
-        slot.target.begin()
+        slot.target.begin(box)
 
-    def upload(self, slot: Slot, number: int, hogels: Sequence[Pass]) -> list[int]:
-        """Upload what a camera draws for the hogels, and return the number of draws of each drawing."""
+    def upload(
+        self, slot: Slot, number: int, hogels: Sequence[Pass], windows: Floats = WHOLE_FILM
+    ) -> list[int]:
+        """Upload what a camera draws for the hogels, and return the number of draws of each drawing.
+
+        Parameters
+        ----------
+        slot
+            Slot that is drawn into.
+        number, hogels
+            The camera, and what it is for each hogel.
+        windows
+            (L, 4) the part of each hogel's film that is wanted; see `clusters.clip_planes`.
+        """
         block = hogel_block(hogels)
         slot.hogels[number].write(block.tobytes())
         matrices = np.ascontiguousarray(block["clip_from_scene"].swapaxes(1, 2))
         return [
-            drawing.upload(number, matrices, commands[number])
+            drawing.upload(number, matrices, commands[number], windows)
             for drawing, commands in zip(self.drawings, slot.commands, strict=True)
         ]
 

@@ -20,6 +20,7 @@ from xfrustum.raster.device.context import ContextOwner, describe, open_context
 from xfrustum.raster.device.positions import DrawnBy, Positions
 from xfrustum.raster.device.timer import GpuTimer, StageTime
 from xfrustum.raster.plate.averaging import averaged
+from xfrustum.raster.plate.parts import WHOLE, Parts, Wanted
 from xfrustum.raster.plate.picture import (
     PICTURE,
     REFLECTION,
@@ -137,24 +138,38 @@ class PlateRenderer(ContextOwner):
         """Largest number of triangles that each camera draws: those on its side of the plate or across it."""
         return [] if self._picture is None else self._picture.triangles_of_cameras
 
-    def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
+    def hogels(self, apertures: Iterable[Aperture], parts: Parts | None = None) -> Iterator[PlateHogel]:
         """Draw apertures and yield their images in the same order.
 
         While one round of submissions is drawn, the round before it is read back: at most
         `batching.hogels_in_memory` hogels are in memory beside those that the caller keeps. Where the scene
         asks for sub-apertures, each is drawn as a hogel of its own, and color is their mean.
+
+        Parameters
+        ----------
+        apertures
+            Apertures that are drawn.
+        parts
+            Part of the film that is wanted, by column and row of the hogel; None for whole films. Pixels in
+            it are those of the whole film, bit for bit, and take less time; those outside mean nothing.
         """
         count = self.scene.sampling.aperture
         if count == 1:
-            return self._stream(apertures, _untimed)
+            return self._stream(apertures, _untimed, parts)
         return averaged(apertures, self._points, lambda points: self._stream(points, _untimed), self.content)
 
     def _points(self, aperture: Aperture) -> tuple[Aperture, ...]:
         """Return the points of an aperture's area that are drawn."""
         return sub_apertures(self.scene.plate, aperture, self.scene.sampling.aperture)
 
-    def _stream(self, apertures: Iterable[Aperture], stage: Stage) -> Iterator[PlateHogel]:
+    def _stream(
+        self,
+        apertures: Iterable[Aperture],
+        stage: Stage,
+        parts: Parts | None = None,
+    ) -> Iterator[PlateHogel]:
         waiting: list[tuple[Slot, list[Aperture]]] = []
+        size = self.scene.frustum.resolution
         submissions = groups(apertures, self.batching.hogels)
         for number, submitted in enumerate(groups(submissions, self.batching.submissions)):
             slots = self._rounds[number % len(self._rounds)]
@@ -162,7 +177,7 @@ class PlateRenderer(ContextOwner):
             # OpenGL draws in whichever context is current: the caller may have others.
             with self._context:
                 for slot, group in drawn:
-                    self._draw(slot, group, stage)
+                    self._draw(slot, group, stage, wanted=Wanted.of(group, parts, size))
                     # The device fills these pixels while the next submission's vertices are transformed.
                     GL.glFlush()
                 # A driver that draws in software finishes everything before it lets anything be read.
@@ -212,19 +227,24 @@ class PlateRenderer(ContextOwner):
         return [pass_of(self.scene, aperture, self.settings, camera) for camera in self._cameras]
 
     def _draw(
-        self, slot: Slot, apertures: Sequence[Aperture], stage: Stage, enabled: int = moderngl.DEPTH_TEST
+        self,
+        slot: Slot,
+        apertures: Sequence[Aperture],
+        stage: Stage,
+        enabled: int = moderngl.DEPTH_TEST,
+        wanted: Wanted = WHOLE,
     ) -> None:
         picture = self._picture
         if picture is None:
-            slot.target.begin()
+            slot.target.begin(wanted.box)
             return
-        picture.begin(slot, enabled)
+        picture.begin(slot, enabled, wanted.box)
         draws = []
         # One camera for all hogels, then the next camera: the state that they share is set once.
         cameras = list(zip(*(self._passes(aperture) for aperture in apertures), strict=True))
         for number, hogels in enumerate(cameras):
             with stage("upload"):
-                draws.append(picture.upload(slot, number, hogels))
+                draws.append(picture.upload(slot, number, hogels, wanted.windows))
             with stage("C" if self._cameras[number].orthoscopic else "C*"):
                 picture.draw(slot, number, hogels[0], draws[-1][PICTURE])
         if picture.reflects:

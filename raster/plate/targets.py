@@ -108,9 +108,12 @@ class LayeredTarget:
         self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
         # Shaders of this one read the identities, which therefore must not be attached to it.
         self._radiance = self._framebuffer([COLOR], depth=False)
-        self._packs = {COLOR: self._pack(4 * self._content.color.dtype.itemsize)}
+        per_pixel = {COLOR: 4 * self._content.color.dtype.itemsize}
         if self._content.ids:
-            self._packs[IDENTITY] = self._pack(4)
+            per_pixel[IDENTITY] = 4
+        self._pack_bytes = {number: count * math.prod(size) * layers for number, count in per_pixel.items()}
+        self._packs = {number: self._pack(self._pack_bytes[number]) for number in per_pixel}
+        self._box = (0, 0, *size)
         self._views: list[int] = []
 
     def _store(self, internal: int) -> int:
@@ -138,19 +141,29 @@ class LayeredTarget:
             raise RuntimeError(f"framebuffer {self.size} x {self.layers} is incomplete: status {status}")
         return framebuffer
 
-    def _pack(self, pixel_bytes: int) -> int:
+    def _pack(self, size: int) -> int:
+        """Return a buffer of some bytes."""
         pack = int(GL.glGenBuffers(1))
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, pack)
-        width, height = self.size
-        size = pixel_bytes * width * height * self.layers
         GL.glBufferData(GL.GL_PIXEL_PACK_BUFFER, size, None, GL.GL_STREAM_READ)
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
         return pack
 
-    def begin(self) -> None:
-        """Draw here from now on, on empty layers: number 0, black."""
+    def begin(self, box: tuple[int, int, int, int] | None = None) -> None:
+        """Draw here from now on, on empty layers: number 0, black.
+
+        Parameters
+        ----------
+        box
+            First column, first row from the bottom, width and height of the part of the films that is drawn
+            and read, in pixels: what lies outside reads as black. None for whole films.
+        """
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
         GL.glViewport(0, 0, *self.size)
+        self._box = (0, 0, *self.size) if box is None or not bool(GL.glGetTextureSubImage) else box
+        # Clears and triangles keep to the scissor; it moves none of them.
+        GL.glEnable(GL.GL_SCISSOR_TEST)
+        GL.glScissor(*self._box)
         GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
         if GL.GL_COLOR_ATTACHMENT0 + IDENTITY in self._textures:
             GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
@@ -190,7 +203,14 @@ class LayeredTarget:
         texture = self._textures[GL.GL_COLOR_ATTACHMENT0 + attachment]
         GL.glBindTexture(GL.GL_TEXTURE_2D_ARRAY, texture)
         # Not an address but an offset into the pack buffer.
-        GL.glGetTexImage(GL.GL_TEXTURE_2D_ARRAY, 0, layout, kind, ctypes.c_void_p(0))
+        nowhere = ctypes.c_void_p(0)
+        column, row, width, height = self._box
+        if (width, height) == self.size:
+            GL.glGetTexImage(GL.GL_TEXTURE_2D_ARRAY, 0, layout, kind, nowhere)
+        else:
+            corner, extent = (column, row, 0), (width, height, self.layers)
+            room = self._pack_bytes[attachment]
+            GL.glGetTextureSubImage(texture, 0, *corner, *extent, layout, kind, room, nowhere)
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
 
     def finish_color(self) -> NDArray[Any]:
@@ -204,14 +224,19 @@ class LayeredTarget:
         return self._finish(IDENTITY, 1, np.dtype(np.uint32))[..., 0].view(np.int32) - 1
 
     def _finish(self, attachment: int, channels: int, kind: np.dtype[Any]) -> NDArray[Any]:
-        width, height = self.size
+        column, row, width, height = self._box
         shape = (self.layers, height, width, channels)
         # Read as bytes, because PyOpenGL converts every other type.
         into = np.empty(math.prod(shape) * kind.itemsize, dtype=np.uint8)
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, self._packs[attachment])
         GL.glGetBufferSubData(GL.GL_PIXEL_PACK_BUFFER, 0, into.nbytes, into)
         GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
-        return into.view(kind).reshape(shape)[:, ::-1]
+        read = into.view(kind).reshape(shape)
+        if (width, height) != self.size:
+            whole = np.zeros((self.layers, *self.size[::-1], channels), dtype=kind)
+            whole[:, row : row + height, column : column + width] = read
+            read = whole
+        return read[:, ::-1]
 
     def release(self) -> None:
         """Free the framebuffers, textures and buffers."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from xfrustum.reference.certify.rows import Rows
-from xfrustum.reference.lines.cone import ROUNDING, Planes
+from xfrustum.reference.lines.cone import ROUNDING, Cones, Planes
+from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
-from xfrustum.scenes.arrays import Floats, Indices, Numbers
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
 UNDERFLOW = 2.0**-1022
 """Smallest double of full precision. Below it, the three quotients and products that make s and its bound are
@@ -173,16 +174,35 @@ def settled(rows: Rows, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
         Rows of the triangles, and (N,) the triangle of each pair as an index into their arrays.
     found
         Pairs whose s is possible, `sure` where they are known to meet.
+    pencil
+        Lines of the pixels.
     """
     doubtful = np.flatnonzero(~found.sure)
     if not len(doubtful):
         return found
+    different, lane = np.unique(cone[doubtful], return_inverse=True)
+    possible, sure = met(rows.cones(pencil, different), lane, found[doubtful], pencil)
+    inside, surely = np.ones(len(found.pixel), dtype=np.bool_), found.sure.copy()
+    inside[doubtful], surely[doubtful] = possible, sure
+    return replace(found, sure=surely)[inside]
+
+
+def met(c: Cones, lane: Indices, found: Pairs, lines: Pencil | LineGrid) -> tuple[Mask, Mask]:
+    """Return which pairs may meet by their edge functions (N,), and which surely do.
+
+    Parameters
+    ----------
+    c, lane
+        Triangles as cones, in NumPy, and (N,) the triangle of each pair among them.
+    found
+        Pairs whose s is possible.
+    lines
+        Lines of the pixels.
+    """
     # Bounds on the smallest and the largest of the three edge functions: [low, surely_low] holds the
     # smallest value, [surely_high, high] the largest.
-    different, lane = np.unique(cone[doubtful], return_inverse=True)
-    c = rows.cones(pencil, different)
-    row, column = np.divmod(found.pixel[doubtful], pencil.resolution[0])
-    dx, dy = pencil.dx[column], pencil.dy[row]
+    row, column = np.divmod(found.pixel, lines.resolution[0])
+    dx, dy = lines.dx[column], lines.dy[row]
     low, high = np.full(len(lane), np.inf), np.full(len(lane), -np.inf)
     surely_low, surely_high = low.copy(), high.copy()
     for k in range(3):
@@ -194,12 +214,9 @@ def settled(rows: Rows, cone: Indices, found: Pairs, pencil: Pencil) -> Pairs:
             np.minimum(surely_low, value + bound),
             np.maximum(surely_high, value - bound),
         )
-    inside = np.ones(len(found.pixel), dtype=np.bool_)
     # Surely outside: one edge function is surely positive and another surely negative.
-    inside[doubtful] = ~((surely_high > 0) & (surely_low < 0))
+    possible = ~((surely_high > 0) & (surely_low < 0))
     # Surely inside: all are surely positive, or all surely negative, and s counts.
-    sure = found.sure.copy()
-    first, last = counted_range(c.within[lane], pencil.s_range, np.where)
-    counts = surely_counts(found.s[doubtful], found.error[doubtful], first, last)
-    sure[doubtful] = ((low > 0) | (high < 0)) & counts
-    return Pairs(pixel=found.pixel, triangle=found.triangle, s=found.s, error=found.error, sure=sure)[inside]
+    first, last = counted_range(c.within[lane], lines.s_range, np.where)
+    sure = ((low > 0) | (high < 0)) & surely_counts(found.s, found.error, first, last)
+    return possible, sure

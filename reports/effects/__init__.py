@@ -7,4 +7,5 @@ depths       What near offset, depth buffer, shear and band limiting do at each 
              closed form
 plan         The effects that a scene calls for: each used or left out, the fact that decided it, and its cost
 table        What a scene calls for, as text and as JSON
+viewer       The limits of a scene's display for a viewer, in words and beside a near offset
 """

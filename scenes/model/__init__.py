@@ -1,6 +1,8 @@
 """The scene that is asked about, and the image that every renderer returns.
 
 effects             The effects that a scene calls for, and why: decided from the scene alone
+eye                 An eye before the plate, and the pixels of hogels that it is shown
+eye_image           What an eye sees, pixel by pixel: truly, or replayed by a plate of hogels
 hogel_image         The one kind of image that every renderer returns: what one aperture shows, pixel by
                     pixel
 look                The look of a scene: whether it says anything of it, and a hash beside that of its

@@ -86,9 +86,25 @@ class PlateContent:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class FilmPart:
+    """A rectangle of a hogel's film, of whose pixels something is wanted.
+
+    Attributes
+    ----------
+    columns, rows
+        First and last column, and first and last row, inclusive.
+    """
+
+    columns: tuple[int, int]
+    rows: tuple[int, int]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateHogel:
     """The image of one aperture in a stream, row 0 at the top.
+
+    Where only a part of the film was asked for, pixels outside of it mean nothing.
 
     Attributes
     ----------

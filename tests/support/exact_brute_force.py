@@ -41,7 +41,7 @@ def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[Exac
     decided = []
     for start in range(0, len(lines), LINES_AT_ONCE):
         part = lines[start : start + LINES_AT_ONCE]
-        for line, possible in zip(part, _possible(scene.triangles - center, part), strict=True):
+        for line, possible in zip(part, possible_pairs(scene.triangles - center, part), strict=True):
             numbers = np.flatnonzero(possible)
             s, chosen = exact_first(scene.triangles[numbers], center, line, s_range)
             winners = numbers[chosen].tolist()
@@ -49,7 +49,7 @@ def exact_pixels(scene: Scene, aperture: Aperture, pixels: Indices) -> list[Exac
     return decided
 
 
-def _possible(corners: Floats, d: Floats) -> Mask:
+def possible_pairs(corners: Floats, d: Floats) -> Mask:
     """Return which lines (N, 3) may meet which triangles about their common point, (N, F)."""
     following = np.roll(corners, -1, axis=1)
     cross = np.cross(corners, following)

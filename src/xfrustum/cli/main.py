@@ -28,6 +28,7 @@ from xfrustum.cli.commands import scene as cli_scene
 from xfrustum.cli.commands import study as cli_study
 from xfrustum.cli.commands import survey as cli_survey
 from xfrustum.cli.commands import verify as cli_verify
+from xfrustum.cli.commands import view as cli_view
 from xfrustum.cli.failure import report_unexpected
 from xfrustum.cli.files import ADVICE, check_encoding, in_words
 from xfrustum.cli.numbers import Size
@@ -349,6 +350,7 @@ for _command in (
     cli_study.study,
     cli_survey.survey,
     cli_verify.verify,
+    cli_view.view,
 ):
     cli.add_command(_command)
 

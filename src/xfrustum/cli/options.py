@@ -318,11 +318,9 @@ def several_double_frusta_options(command: Command) -> Command:
 
 def _collect(options: dict[str, Any]) -> DoubleFrustum:
     """Remove the settings from a command's options, and return them."""
-    from dataclasses import fields
-
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-    given = {f.name: options.pop(f.name, None) for f in fields(DoubleFrustum)}
+    given = {name: options.pop(name, None) for name in _SETTING_NAMES}
     return DoubleFrustum(**{name: value for name, value in given.items() if value is not None})
 
 

@@ -10,4 +10,5 @@ scene    Commands about scene files: `new` writes one that fits a mesh, `check` 
 study    Commands that study many scenes and settings instead of one
 survey   The command that judges hogels all over a plate
 verify   The command that judges renderers of other people
+view     The command that shows what eyes before the plate see
 """

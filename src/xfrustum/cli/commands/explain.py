@@ -12,6 +12,7 @@ from xfrustum.cli.numbers import Positive
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
+    from xfrustum.reports.effects.plan import EffectsPlan
     from xfrustum.scenes.plate.double_frustum import Camera
 
 
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
 @options.tracer_option
 @cli_light.light_options("supersample", "multisample", "aperture", "shadows", "interreflection", "samples")
 @click.option("--near", type=Positive(), help="Near offset of the table of depths.  [default: reach/1000]")
+@click.option(
+    "--viewer",
+    type=Positive(),
+    help="Distance of an eye: what the display can show there, and whether it sees the near offset.",
+)
 @click.option("--measure", is_flag=True, help="Measure what each effect costs on this machine.")
 @click.option(
     "--repeat",
@@ -38,6 +44,7 @@ def explain(
     slabs: tuple[float, ...] | None,
     camera: Camera | None,
     near: float | None,
+    viewer: float | None,
     measure: bool,
     tracer: str,
     light: Light,
@@ -72,4 +79,21 @@ def explain(
         repeat=(effects_plan.REPEAT if measure else 0) if repeat is None else repeat,
         progress=not quiet,
     )
-    options.tell(as_json, lambda: effects_table.summary(plan), lambda: effects_table.table(plan))
+    summary, table = effects_table.summary, effects_table.table
+    if viewer is None:
+        options.tell(as_json, lambda: summary(plan), lambda: table(plan))
+        return
+    _tell_with_viewer(plan, viewer, as_json=as_json)
+
+
+def _tell_with_viewer(plan: EffectsPlan, distance: float, *, as_json: bool) -> None:
+    from xfrustum.reports.common.json_ready import json_object
+    from xfrustum.reports.effects import table as effects_table
+    from xfrustum.reports.effects.viewer import viewer_record, viewer_table
+
+    record = viewer_record(plan.scene, distance, plan.settings.near)
+    options.tell(
+        as_json,
+        lambda: {**effects_table.summary(plan), "viewer": json_object(record)},
+        lambda: f"{effects_table.table(plan)}\n\n{viewer_table(record, plan.scene.units)}",
+    )

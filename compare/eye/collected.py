@@ -1,0 +1,163 @@
+"""Drawn hogels as an eye is shown them: pixels picked from hogels that are drawn, stored or foreign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xfrustum.compare.eye.drawn_points import drawn_points
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.scenes.arrays import Floats, Indices, Numbers
+from xfrustum.scenes.model.eye import Eye, HogelPixels, Replay
+from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.model.plate_content import ColorType, FilmPart
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+LEVELS = 255
+"""Value that stands for radiance one where color is stored in 8 bits."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnHogel:
+    """The image of one hogel by any renderer; None for what it does not say.
+
+    Attributes
+    ----------
+    index
+        Column and row on the plate.
+    color
+        (H, W, 3) linear RGB; integers of 8 bits are 255 times the radiance.
+    triangle, object
+        (H, W) numbers.
+    position
+        (H, W, 3) surface points, scene units.
+    """
+
+    index: tuple[int, int]
+    color: NDArray[Any] | None = None
+    triangle: Numbers | None = None
+    object: Numbers | None = None
+    position: NDArray[np.floating] | None = None
+
+
+class Collector:
+    """What one eye is shown, filled in hogel by hogel.
+
+    Parameters
+    ----------
+    scene
+        Scene that the hogels show.
+    eye, taken
+        The eye, and the pixels of hogels that it is shown.
+    settings
+        Settings of the cameras that drew the hogels, by which a triangle's pixel has its surface point;
+        None where they are not known.
+    """
+
+    def __init__(self, scene: Scene, eye: Eye, taken: Replay, settings: DoubleFrustum | None) -> None:
+        self._scene, self._eye, self._taken, self._settings = scene, eye, taken, settings
+        width, height = eye.resolution
+        self._triangle = np.full((height, width), NOTHING, dtype=np.int32)
+        self._object = self._triangle.copy()
+        self._position = np.full((height, width, 3), np.nan)
+        self._color = np.zeros((height, width, 3))
+        self._colored = self._numbered = False
+
+    def add(self, hogel: DrawnHogel) -> None:
+        """Take the pixels of a hogel that the eye is shown."""
+        here, there = _blocks(self._taken.shown, hogel.index)
+        if hogel.triangle is not None:
+            self._triangle[here] = hogel.triangle[there]
+            self._numbered = True
+        if hogel.object is not None:
+            self._object[here] = hogel.object[there]
+            self._numbered = True
+        if hogel.position is not None:
+            self._position[here] = hogel.position[there]
+        if hogel.color is not None:
+            self._colored = True
+            scale = 1 / LEVELS if hogel.color.dtype == np.uint8 else 1.0
+            for pixels in self._taken.colors:
+                here, there = _blocks(pixels, hogel.index)
+                weight = pixels.row_weight[here[0]] * pixels.column_weight[here[1]]
+                self._color[here] += (scale * weight)[..., None] * hogel.color[there].astype(np.float64)
+
+    def finish(self) -> EyeImage:
+        """Return the picture of all hogels that were added."""
+        known = np.append(self._scene.object_of_triangle, np.int32(NOTHING))
+        named = self._triangle != NOTHING
+        self._object[named] = known[self._triangle[named]]
+        position: Floats = self._position
+        if self._settings is not None:
+            points = drawn_points(self._scene, self._settings, self._taken.shown, self._triangle)
+            position = np.where(np.isfinite(position), position, points)
+        return EyeImage(
+            eye=self._eye,
+            triangle=self._triangle,
+            object=self._object,
+            position=position,
+            color=self._color.astype(np.float32) if self._colored else None,
+        )
+
+    @property
+    def numbered(self) -> bool:
+        """Whether any hogel said which triangle or object its pixels show."""
+        return self._numbered
+
+
+def _blocks(
+    pixels: HogelPixels, index: tuple[int, int]
+) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices]]:
+    """Return the places of a hogel's pixels in the eye's picture, and in the hogel's."""
+    rows = np.flatnonzero((pixels.hogel_row == index[1]) & (pixels.film_row >= 0))
+    columns = np.flatnonzero((pixels.hogel_column == index[0]) & (pixels.film_column >= 0))
+    return (rows[:, None], columns[None]), (pixels.film_row[rows][:, None], pixels.film_column[columns][None])
+
+
+def collected(hogels: Iterable[DrawnHogel], collectors: Sequence[Collector]) -> list[EyeImage]:
+    """Return the pictures of some eyes, each hogel looked at once."""
+    for hogel in hogels:
+        for collector in collectors:
+            collector.add(hogel)
+    return [collector.finish() for collector in collectors]
+
+
+def hogels_of(takes: Iterable[Replay]) -> list[tuple[int, int]]:
+    """Return column and row of all hogels that any of some eyes is shown, row by row."""
+    every = {index for taken in takes for index in taken.hogels}
+    return sorted(every, key=lambda index: (index[1], index[0]))
+
+
+def film_parts(takes: Iterable[Replay]) -> dict[tuple[int, int], FilmPart]:
+    """Return the part of each hogel's film that holds all pixels that some eyes are shown."""
+    columns: dict[int, tuple[int, int]] = {}
+    rows: dict[int, tuple[int, int]] = {}
+    every = list(takes)
+    for pixels in (pixels for taken in every for pixels in (taken.shown, *taken.colors)):
+        _widen(columns, pixels.hogel_column[pixels.columns], pixels.film_column[pixels.columns])
+        _widen(rows, pixels.hogel_row[pixels.rows], pixels.film_row[pixels.rows])
+    return {(i, j): FilmPart(columns=columns[i], rows=rows[j]) for i, j in hogels_of(every)}
+
+
+def _widen(ranges: dict[int, tuple[int, int]], hogel: Indices, pixel: Indices) -> None:
+    for number in np.unique(hogel).tolist():
+        here = pixel[hogel == number]
+        low, high = ranges.get(number, (int(here[0]), int(here[0])))
+        ranges[number] = min(low, int(here.min())), max(high, int(here.max()))
+
+
+def drawn_hogels(renderer: PlateRenderer, parts: Mapping[tuple[int, int], FilmPart]) -> Iterator[DrawnHogel]:
+    """Draw parts of hogels and yield them in order; pixels outside of the parts mean nothing."""
+    plate = renderer.scene.plate
+    for hogel in renderer.hogels((plate.aperture(*index) for index in parts), parts):
+        yield DrawnHogel(index=hogel.aperture.index, color=hogel.color, triangle=hogel.triangle)
+
+
+DEFAULT_COLOR = ColorType.FLOAT16
+"""Type of color that hogels are drawn in: that of stored plates, so that both show the same pixels."""

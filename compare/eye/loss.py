@@ -1,0 +1,248 @@
+"""The loss on the way to an eye: the display's (A against B) and the renderer's (B against C)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from xfrustum.compare.metrics.perceptual import perceptual_difference
+from xfrustum.compare.rounding.positions import position_tolerance
+from xfrustum.reference.eye.rays import hogel_lines
+from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.tracers.visibility import SurfacePoints
+from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.model.eye import Eye, Replay
+from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.scene import Scene
+
+ARCMIN_PER_RADIAN = 60 * 180 / math.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantiles:
+    """How a quantity is distributed over an eye's pixels."""
+
+    p50: float
+    p99: float
+    max: float
+
+    @classmethod
+    def of(cls, values: Floats) -> Quantiles | None:
+        """Return the quantiles of the finite ones of some values; None where there are none."""
+        known = values[np.isfinite(values)]
+        if not known.size:
+            return None
+        p50, p99 = np.percentile(known, [50, 99])
+        return cls(p50=float(p50), p99=float(p99), max=float(known.max()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loss:
+    """How one view differs from the one that it stands for, in numbers.
+
+    Attributes
+    ----------
+    judged
+        Number of pixels that are judged: those that are no ties.
+    wrong, fraction
+        Number of judged pixels that show a wrong surface, and their share; None where the shown view does
+        not say what it shows.
+    displacement_arcmin
+        Angle at the eye between where a surface point is shown and where it belongs.
+    depth_error
+        Distance in depth between the surface points that both views show along the same ray, where these
+        belong to one object; scene units.
+    flip
+        Mean FLIP at the eye's pixels per degree; None where there are no colors.
+    """
+
+    judged: int
+    wrong: int | None
+    fraction: float | None
+    displacement_arcmin: Quantiles | None
+    depth_error: Quantiles | None
+    flip: float | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LossMaps:
+    """The same pixel by pixel, (H, W).
+
+    Attributes
+    ----------
+    judged, wrong
+        Pixels that are judged, and those of them that show a wrong surface.
+    displacement_arcmin, depth_error
+        As in `Loss`; NaN where there is none.
+    flip
+        FLIP of each pixel; None where there are no colors.
+    """
+
+    judged: Mask
+    wrong: Mask | None
+    displacement_arcmin: Floats
+    depth_error: Floats
+    flip: Floats | None
+
+    def numbers(self) -> Loss:
+        """Return the maps in numbers."""
+        judged = int(self.judged.sum())
+        wrong = None if self.wrong is None else int(self.wrong.sum())
+        return Loss(
+            judged=judged,
+            wrong=wrong,
+            fraction=None if wrong is None else wrong / judged if judged else 0.0,
+            displacement_arcmin=Quantiles.of(self.displacement_arcmin[self.judged]),
+            depth_error=Quantiles.of(self.depth_error[self.judged]),
+            flip=None if self.flip is None else float(self.flip.mean()),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Views:
+    """The three pictures of one eye.
+
+    Attributes
+    ----------
+    true, replayed, drawn
+        A, B and C: the true view, the replayed truth, and the replayed hogels of a renderer; None where no
+        renderer is judged.
+    taken
+        The pixels of hogels that the eye is shown.
+    """
+
+    true: EyeImage
+    replayed: EyeImage
+    drawn: EyeImage | None
+    taken: Replay
+
+    @property
+    def eye(self) -> Eye:
+        """The eye."""
+        return self.true.eye
+
+
+def display_loss(reference: EyeReference, views: Views) -> LossMaps:
+    """Return what a plate of true hogels loses against the scene itself (A against B).
+
+    A pixel is wrong if only one of the views shows a surface there, if they show different objects, or if the
+    eye could not see the point that is shown: something else is in front of it. Rays that meet no pixel of a
+    hogel are shown black.
+    """
+    true, shown = views.true, views.replayed
+    judged = _untied(true, shown)
+    other, hidden = _other(true, shown), _hidden(reference, shown)
+    rays = reference.pencil(views.eye).directions()
+    direction = shown.position - np.array(views.eye.position)
+    moved = _angle(rays, direction)
+    return LossMaps(
+        judged=judged,
+        wrong=(other | hidden) & judged,
+        displacement_arcmin=moved * ARCMIN_PER_RADIAN,
+        depth_error=_depth_error(true, shown),
+        flip=_flip(reference.scene, true, shown),
+    )
+
+
+def renderer_loss(reference: EyeReference, views: Views, *, numbered: bool) -> LossMaps:
+    """Return what a renderer's hogels lose against true ones (B against C).
+
+    A pixel is wrong as for `display_loss`, but points that true hogels show although the eye could not see
+    them are not charged to the renderer. A displacement is the angle between the point that a hogel's pixel
+    shows and the place on that pixel's line, at the same height, at which it shows it. So neither pitch nor
+    pixels of hogels are in it.
+
+    Parameters
+    ----------
+    reference
+        Truth of the scene.
+    views
+        All three pictures.
+    numbered
+        Whether the drawn picture says which triangle or object it shows.
+    """
+    true, shown = views.replayed, views.drawn
+    assert shown is not None
+    met = np.zeros(true.triangle.shape, dtype=np.bool_)
+    met[np.ix_(views.taken.shown.rows, views.taken.shown.columns)] = True
+    judged = _untied(true, shown) & met
+    wrong = None
+    if numbered:
+        hidden = _hidden(reference, shown) & ~_hidden(reference, true)
+        wrong = (_other(true, shown) | hidden) & judged
+    eye = np.array(views.eye.position)
+    at = shown_at(reference.scene, views.taken, shown)
+    moved = _angle(at - eye, shown.position - eye)
+    return LossMaps(
+        judged=judged,
+        wrong=wrong,
+        displacement_arcmin=moved * ARCMIN_PER_RADIAN,
+        depth_error=_depth_error(true, shown),
+        flip=_flip(reference.scene, true, shown),
+    )
+
+
+def shown_at(scene: Scene, taken: Replay, shown: EyeImage) -> Floats:
+    """Return the places (H, W, 3) on the replayed lines at the heights of the points that they show."""
+    grid = hogel_lines(scene, taken.shown)
+    here = np.ix_(taken.shown.rows, taken.shown.columns)
+    places = np.full(shown.position.shape, np.nan)
+    places[here] = grid.points() - shown.position[here][..., 2:] * grid.directions()
+    return places
+
+
+def pixels_per_degree(scene: Scene, eye: Eye) -> float:
+    """Return how many of an eye's pixels a degree of its view holds, in the middle of the plate's width."""
+    x, _, height = eye.position
+    half = scene.plate.size[0] / 2
+    seen = math.degrees(math.atan2(half - x, height) + math.atan2(half + x, height))
+    return eye.resolution[0] / seen
+
+
+def _untied(one: EyeImage, other: EyeImage) -> Mask:
+    untied = np.ones(one.triangle.shape, dtype=np.bool_)
+    for image in (one, other):
+        if image.certainty is not None:
+            untied &= image.certainty != Certainty.TIE
+    return untied
+
+
+def _other(expected: EyeImage, shown: EyeImage) -> Mask:
+    """Return the pixels that show a surface where none is expected, none, or another object's."""
+    return np.asarray(expected.object != shown.object)
+
+
+def _hidden(reference: EyeReference, shown: EyeImage) -> Mask:
+    """Return the pixels that show a point which the eye could not see, for something is in front of it."""
+    hidden = np.zeros(shown.triangle.shape, dtype=np.bool_)
+    known = np.isfinite(shown.position).all(axis=-1) & (shown.triangle != NOTHING)
+    # Hogels do not know where the eye is: they show what lies beside it and behind it too.
+    behind = known & (shown.position[..., 2] >= shown.eye.position[2])
+    hidden[behind] = True
+    asked = np.flatnonzero(known & ~behind)
+    position = shown.position.reshape(-1, 3)[asked]
+    number = shown.triangle.ravel()[asked]
+    tolerance = position_tolerance(reference.scene, number, position)
+    points = SurfacePoints(position=position, triangle=number, tolerance=tolerance)
+    hidden.flat[asked] = reference.hidden(shown.eye, points)
+    return hidden
+
+
+def _depth_error(expected: EyeImage, shown: EyeImage) -> Floats:
+    same = (expected.object == shown.object) & (expected.object != NOTHING)
+    return np.where(same, np.abs(shown.position[..., 2] - expected.position[..., 2]), np.nan)
+
+
+def _angle(a: Floats, b: Floats) -> Floats:
+    """Return the angles between vectors (H, W, 3), radians, exact also where they are tiny."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.einsum("...i,...i", a, b)))
+
+
+def _flip(scene: Scene, expected: EyeImage, shown: EyeImage) -> Floats | None:
+    if expected.color is None or shown.color is None:
+        return None
+    per_degree = pixels_per_degree(scene, shown.eye)
+    return perceptual_difference(expected.color, shown.color, per_degree).flip_map.astype(np.float64)

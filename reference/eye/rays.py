@@ -1,0 +1,166 @@
+"""The rays of an eye, and the pixel of a hogel that each of them takes.
+
+An eye at e, at the height L before the plate, looks at the point p of the plate along the slope
+m = (p - e) / L per unit of depth. The hogel whose cell holds p replays there what its film has at
+u = (m - k) / t, for a hogel looks the same all over its cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from xfrustum.reference.lines.grid import LineGrid
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, film_window
+from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.model.eye import Beam, Eye, HogelPixels, Replay
+from xfrustum.scenes.model.scene import Scene
+
+NONE = -1
+"""Column or row of a ray that meets no hogel, or none of its film."""
+
+
+def eye_pencil(scene: Scene, eye: Eye, point: Floats | None = None) -> Pencil:
+    """Return the rays of an eye's film through a point of its pupil.
+
+    Rays of one pixel through different points meet in the plane of focus. Surfaces count within the reach of
+    the plate, and before the eye.
+
+    Parameters
+    ----------
+    scene
+        Scene with the plate that is looked at.
+    eye
+        The eye.
+    point
+        (2,) point of the pupil from its center, scene units; None for the center.
+    """
+    x, y, height = eye.position
+    shear, center = [-x / height, -y / height], [x, y]
+    if point is not None:
+        for axis in range(2):
+            center[axis] += float(point[axis])
+            shear[axis] -= float(point[axis]) / (height - eye.focus)
+    toward, back = scene.frustum.reach
+    size = scene.plate.size
+    return Pencil(
+        center=(center[0], center[1], height),
+        shear=(shear[0], shear[1]),
+        half_extent=(size[0] / 2 / height, size[1] / 2 / height),
+        resolution=eye.resolution,
+        s_range=(max(height - toward, 0.0), height + back),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Places:
+    """Hogel and film place that some rays meet along one axis.
+
+    Attributes
+    ----------
+    hogel
+        (N,) column or row on the plate; `NONE` beside it.
+    place
+        (N,) column or row on the film, where centers of pixels have whole numbers; NaN where there is none.
+    count
+        Number of columns or rows of the film.
+    """
+
+    hogel: Indices
+    place: Floats
+    count: int
+
+
+def _places(scene: Scene, pencil: Pencil, axis: int) -> _Places:
+    """Return where rays meet the plate and the film along one axis, 0 for columns and 1 for rows."""
+    slope = (pencil.dx, pencil.dy)[axis]
+    size, hogels = scene.plate.size[axis], scene.plate.hogels[axis]
+    met = pencil.center[axis] + pencil.center[2] * slope
+    # Columns count from the left, rows from the top.
+    sign = (1.0, -1.0)[axis]
+    hogel = np.floor((size / 2 + sign * met) * hogels / size)
+    hogel = np.where((hogel >= 0) & (hogel < hogels), hogel, NONE).astype(np.int64)
+    count = scene.frustum.resolution[axis]
+    place = np.full(len(slope), np.nan)
+    for number in np.unique(hogel[hogel != NONE]).tolist():
+        shear, half_extent = film_window(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
+        here = hogel == number
+        film = sign * (slope[here] - shear[axis]) / half_extent[axis]
+        place[here] = np.where(np.abs(film) <= 1, ((film + 1) * count - 1) / 2, np.nan)
+    return _Places(hogel=np.where(np.isfinite(place), hogel, NONE), place=place, count=count)
+
+
+def _on_axis(axis: int, number: int) -> tuple[int, int]:
+    """Return column and row of some hogel in a column or row: its film along that axis is that of all."""
+    return (number, 0) if axis == 0 else (0, number)
+
+
+def _taken(places: _Places, step: int | None) -> tuple[Indices, Indices, Floats]:
+    """Return hogel, pixel and weight along one axis.
+
+    Parameters
+    ----------
+    places
+        Where the rays meet hogels and films.
+    step
+        None for the nearest pixel; 0 and 1 for the two between which the ray lies, weighted by a tent.
+    """
+    inside = places.hogel != NONE
+    place = np.where(inside, places.place, 0.0)
+    if step is None:
+        pixel = np.clip(np.floor(place + 0.5), 0, places.count - 1).astype(np.int64)
+        weight = np.ones(len(place))
+    else:
+        pixel = np.floor(place).astype(np.int64) + step
+        weight = 1.0 - np.abs(place - pixel)
+        inside = inside & (pixel >= 0) & (pixel < places.count)
+    weight = np.where(inside, weight, 0.0)
+    return np.where(inside, places.hogel, NONE), np.where(inside, pixel, NONE), weight
+
+
+def _hogel_pixels(
+    scene: Scene, pencil: Pencil, steps: tuple[int | None, int | None] = (None, None)
+) -> HogelPixels:
+    columns, rows = (_taken(_places(scene, pencil, axis), steps[axis]) for axis in range(2))
+    return HogelPixels(
+        hogel_column=columns[0],
+        film_column=columns[1],
+        hogel_row=rows[0],
+        film_row=rows[1],
+        column_weight=columns[2],
+        row_weight=rows[2],
+    )
+
+
+def replay(scene: Scene, eye: Eye) -> Replay:
+    """Return the pixels of hogels that an eye is shown, and those whose weighted sum is what it sees."""
+    points = eye.pupil_points
+    both: tuple[tuple[int | None, int | None], ...] = ((None, None),)
+    if eye.beam is Beam.TENT:
+        both = ((0, 0), (0, 1), (1, 0), (1, 1))
+    colors = []
+    for point in points:
+        pencil = eye_pencil(scene, eye, point)
+        for steps in both:
+            taken = _hogel_pixels(scene, pencil, steps)
+            colors.append(replace(taken, row_weight=taken.row_weight / len(points)))
+    return Replay(shown=_hogel_pixels(scene, eye_pencil(scene, eye)), colors=tuple(colors))
+
+
+def hogel_lines(scene: Scene, pixels: HogelPixels) -> LineGrid:
+    """Return the lines of the pixels in `pixels.columns` and `pixels.rows`, as their hogels have them."""
+    columns, rows = pixels.columns, pixels.rows
+    x, dx = _lines_on_axis(scene, pixels.hogel_column[columns], pixels.film_column[columns], 0)
+    y, dy = _lines_on_axis(scene, pixels.hogel_row[rows], pixels.film_row[rows], 1)
+    reach = scene.frustum.reach
+    return LineGrid(x=x, dx=dx, y=y, dy=dy, s_range=(-reach[0], reach[1]))
+
+
+def _lines_on_axis(scene: Scene, hogel: Indices, pixel: Indices, axis: int) -> tuple[Floats, Floats]:
+    place, slope = np.empty(len(hogel)), np.empty(len(hogel))
+    for number in np.unique(hogel).tolist():
+        pencil = crossed_frustum(scene.frustum, scene.plate.aperture(*_on_axis(axis, number)))
+        here = hogel == number
+        place[here], slope[here] = pencil.center[axis], (pencil.dx, pencil.dy)[axis][pixel[here]]
+    return place, slope

@@ -1,0 +1,187 @@
+"""True views and replayed views, with points and color."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property, partial
+
+import numpy as np
+
+from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
+from xfrustum.reference.devices.bands import UNDIVIDED_PIXELS, in_parallel
+from xfrustum.reference.eye.crossing import Axis
+from xfrustum.reference.eye.first import first_along_grid
+from xfrustum.reference.eye.rays import eye_pencil, hogel_lines, replay
+from xfrustum.reference.lines.grid import LineGrid
+from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.shading.shading import Hits, Shader
+from xfrustum.reference.tracers.embree import EmbreeTracer
+from xfrustum.reference.tracers.tracer import Tracer
+from xfrustum.reference.tracers.visibility import SurfacePoints, hidden
+from xfrustum.scenes.arguments import one_of
+from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers, Singles
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.eye import Eye, HogelPixels, Replay
+from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+from xfrustum.scenes.model.scene import Scene
+
+
+class EyeReference:
+    """What eyes before the plate of a scene see, every ray certified.
+
+    Color is that of one line for each pixel, or point of the pupil: the scene's own sampling is not used.
+
+    Parameters
+    ----------
+    scene
+        Scene that is asked about.
+    effects
+        Effects of light that are evaluated; None for those that the scene calls for.
+    """
+
+    def __init__(self, scene: Scene, effects: frozenset[Effect] | None = None) -> None:
+        one_of(scene, Scene, "scene")
+        self.scene = scene
+        self._shader = Shader(scene, effects)
+        # Indexed by triangle number: `NOTHING`, which is -1, finds the last entry, `NOTHING`.
+        self._object_of_number = np.append(scene.object_of_triangle, np.int32(NOTHING))
+
+    def pencil(self, eye: Eye) -> Pencil:
+        """Return the rays through the center of an eye's pupil."""
+        return eye_pencil(self.scene, eye)
+
+    def replay(self, eye: Eye) -> Replay:
+        """Return the pixels of hogels that an eye is shown."""
+        return replay(self.scene, eye)
+
+    def true_view(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
+        """Return what an eye sees of the scene itself: the first surface within the reach along each ray.
+
+        Parameters
+        ----------
+        eye
+            The eye.
+        shaded
+            Whether the picture has color; without it is made faster.
+        """
+        pencil = self.pencil(eye)
+        found = self._decided(pencil)
+        position = np.asarray(pencil.center) + found.s[..., None] * pencil.directions()
+        color = None
+        if shaded:
+            color = np.zeros((*found.triangle.shape, 3))
+            points = eye.pupil_points
+            for point in points:
+                rays = eye_pencil(self.scene, eye, point)
+                seen = found if len(points) == 1 else self._decided(rays)
+                places = np.asarray(rays.center) + seen.s[..., None] * rays.directions()
+                color += self._radiance(seen.triangle, places, rays.directions()) / len(points)
+        return self._image(eye, (found.triangle, position, found.certainty), color)
+
+    def replayed(self, eye: Eye, *, shaded: bool = True) -> EyeImage:
+        """Return what an eye sees of a plate whose hogels are all true: no renderer is worse than this.
+
+        Only the lines of the pixels that the eye is shown are traced; what they show is, bit for bit, what
+        these pixels show in `Reference.trace` of their hogels.
+
+        Parameters
+        ----------
+        eye
+            The eye.
+        shaded
+            Whether the picture has color; without it is made faster.
+        """
+        taken = self.replay(eye)
+        width, height = eye.resolution
+        shown = taken.shown
+        grid, found = self._traced(eye, shown, None)
+        triangle = np.full((height, width), NOTHING, dtype=np.int32)
+        position = np.full((height, width, 3), np.nan)
+        certainty = np.full((height, width), Certainty.PROVEN, dtype=np.uint8)
+        here = np.ix_(shown.rows, shown.columns)
+        triangle[here], certainty[here] = found.triangle, found.certainty
+        position[here] = grid.points() + found.s[..., None] * grid.directions()
+        color = None
+        if shaded:
+            color = np.zeros((height, width, 3))
+            per_point = len(taken.colors) // len(eye.pupil_points)
+            for number, pixels in enumerate(taken.colors):
+                point = eye.pupil_points[number // per_point]
+                # With a box and a pinhole, what is seen is what is shown.
+                known = (grid, found) if len(taken.colors) == 1 else None
+                part = self._part_color(eye, pixels, point, known)
+                weight = pixels.row_weight[pixels.rows][:, None] * pixels.column_weight[pixels.columns]
+                color[np.ix_(pixels.rows, pixels.columns)] += weight[..., None] * part
+        return self._image(eye, (triangle, position, certainty), color)
+
+    def hidden(self, eye: Eye, points: SurfacePoints) -> Mask:
+        """Return which points are hidden from an eye; see `visibility.hidden`."""
+        return hidden(self._tracer, self.scene, self.pencil(eye), points)
+
+    @cached_property
+    def _tracer(self) -> Tracer:
+        return EmbreeTracer(self.scene)
+
+    def _part_color(
+        self, eye: Eye, pixels: HogelPixels, point: Floats, known: tuple[LineGrid, FirstSurfaces] | None
+    ) -> Singles:
+        """Return the color of some hogels' pixels; `known` are their lines and surfaces, if at hand."""
+        grid, found = known or self._traced(eye, pixels, point)
+        places = grid.points() + found.s[..., None] * grid.directions()
+        return self._radiance(found.triangle, places, grid.directions())
+
+    def _traced(self, eye: Eye, pixels: HogelPixels, point: Floats | None) -> tuple[LineGrid, FirstSurfaces]:
+        """Return the lines of some hogels' pixels, and the surfaces that are first along them."""
+        rays = eye_pencil(self.scene, eye, point)
+        grid = hogel_lines(self.scene, pixels)
+        columns = Axis(
+            place=grid.x,
+            slope=grid.dx,
+            seen=rays.dx[pixels.columns],
+            eye=rays.center[0],
+            height=rays.center[2],
+        )
+        rows = Axis(
+            place=grid.y,
+            slope=grid.dy,
+            seen=rays.dy[pixels.rows],
+            eye=rays.center[1],
+            height=rays.center[2],
+        )
+        return grid, first_along_grid(self.scene.triangles, grid, columns, rows)
+
+    def _decided(self, pencil: Pencil) -> FirstSurfaces:
+        decide: Callable[[range], FirstSurfaces] = Certifier(self.scene.triangles, pencil).decide
+        bands = list(in_parallel(partial(decide), pencil.resolution, least_pixels=UNDIVIDED_PIXELS))
+        return FirstSurfaces(
+            triangle=np.concatenate([band.triangle for band in bands]),
+            s=np.concatenate([band.s for band in bands]),
+            certainty=np.concatenate([band.certainty for band in bands]),
+            companions=np.concatenate([band.companions for band in bands]),
+        )
+
+    def _radiance(self, triangle: Numbers, position: Floats, direction: Floats) -> Singles:
+        """Return the color (H, W, 3) of surface points, black where there are none."""
+        color = np.zeros(position.shape, dtype=np.float32)
+        covered = np.flatnonzero(triangle != NOTHING)
+        number = triangle.ravel()[covered]
+        hits = Hits(
+            triangle=number,
+            normal=self.scene.normals[number],
+            position=position.reshape(-1, 3)[covered],
+            direction=direction.reshape(-1, 3)[covered],
+        )
+        color.reshape(-1, 3)[covered] = self._shader.radiance(hits)
+        return color
+
+    def _image(self, eye: Eye, shown: tuple[Numbers, Floats, Bytes], color: Floats | None) -> EyeImage:
+        triangle, position, certainty = shown
+        return EyeImage(
+            eye=eye,
+            triangle=triangle,
+            object=self._object_of_number[triangle],
+            position=position,
+            color=None if color is None else color.astype(np.float32),
+            certainty=certainty,
+        )

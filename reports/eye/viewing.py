@@ -1,0 +1,264 @@
+"""What eyes see of a scene, of its replayed truth and of a renderer's hogels, and the losses between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from xfrustum.compare.eye.collected import Collector, DrawnHogel, collected, film_parts, hogels_of
+from xfrustum.compare.eye.loss import Loss, LossMaps, Views, display_loss, pixels_per_degree, renderer_loss
+from xfrustum.compare.eye.moved import moves_rigidly
+from xfrustum.compare.eye.stereo import Disparity, disparity
+from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reports.common.json_ready import json_object
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.eye.sources import Source
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.eye import Eye, Replay
+from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyeRecord:
+    """What one eye loses: an element of `eyes` in `view --json`.
+
+    Attributes
+    ----------
+    eye
+        Its position, scene units.
+    pixels_per_degree
+        Pixels of its film in a degree of its view.
+    display
+        The loss of the true view by replaying it (A against B).
+    renderer
+        What the renderer's hogels lose besides (B against C); None where no renderer is judged.
+    """
+
+    eye: tuple[float, float, float]
+    pixels_per_degree: float
+    display: Loss
+    renderer: Loss | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairRecord:
+    """What two eyes lose in depth: an element of `stereo` in `view --json`.
+
+    Attributes
+    ----------
+    left, right
+        Numbers of the eyes.
+    display, renderer
+        Errors of disparity that display and renderer make.
+    """
+
+    left: int
+    right: int
+    display: Disparity
+    renderer: Disparity | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewRecord:
+    """The object that `view --json` prints.
+
+    Attributes
+    ----------
+    eyes
+        One record for each eye.
+    stereo
+        One record for each pair of eyes; empty unless pairs are asked for.
+    units
+        Name of the scene's unit of length.
+    source
+        The renderer, or where its hogels lie; None where no renderer is judged.
+    hogels
+        Number of hogels that the eyes are shown.
+    """
+
+    eyes: tuple[EyeRecord, ...]
+    stereo: tuple[PairRecord, ...]
+    units: str
+    source: str | None
+    hogels: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneView:
+    """Pictures, maps and numbers of all eyes.
+
+    Attributes
+    ----------
+    scene
+        Scene that is looked at.
+    views, display, renderer
+        Pictures of each eye, and its losses pixel by pixel; no renderer's where none is judged.
+    record
+        The numbers.
+    gap
+        Distance by which everything is seen farther from the plate than it is, scene units; None where that
+        is not one distance, or where the cameras are not known.
+    """
+
+    scene: Scene
+    views: tuple[Views, ...]
+    display: tuple[LossMaps, ...]
+    renderer: tuple[LossMaps, ...]
+    record: ViewRecord
+    gap: float | None = None
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers as `view --json` prints them."""
+        return json_object(self.record)
+
+
+def eyes_on_path(eyes: Sequence[Eye], count: int | None) -> tuple[Eye, ...]:
+    """Return eyes evenly spaced along the way through some eyes; these alone where no number is asked for.
+
+    Raises
+    ------
+    InputError
+        A way needs two ends.
+    """
+    if count is None:
+        return tuple(eyes)
+    if len(eyes) < 2:
+        raise InputError("a path needs at least two eyes: give --eye X,Y,Z;X,Y,Z")
+    places = np.array([eye.position for eye in eyes])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    way = np.concatenate(([0.0], np.cumsum(steps)))
+    along = np.linspace(0.0, way[-1], count)
+    found = np.stack([np.interp(along, way, places[:, axis]) for axis in range(3)], axis=-1)
+    return tuple(replace(eyes[0], position=(x, y, z)) for x, y, z in found.tolist())
+
+
+def stereo_eyes(eyes: Sequence[Eye], distance: float) -> tuple[Eye, ...]:
+    """Return a left and a right eye in place of each eye, a distance apart in x."""
+    found = []
+    for eye in eyes:
+        x, y, z = eye.position
+        found += [replace(eye, position=(x + side * distance / 2, y, z)) for side in (-1, 1)]
+    return tuple(found)
+
+
+def view(
+    scene: Scene,
+    eyes: Sequence[Eye],
+    source: Source | None = None,
+    *,
+    stereo: float | None = None,
+    effects: frozenset[Effect] | None = None,
+    progress: bool = False,
+) -> SceneView:
+    """Return what eyes see of a scene, truly, of its replayed truth, and of a renderer's hogels.
+
+    Parameters
+    ----------
+    scene
+        Scene that is looked at. Light is that of one sample a pixel, without light transport.
+    eyes
+        Eyes before the plate.
+    source
+        Hogels of a renderer; None to judge the display alone.
+    stereo
+        Distance of two eyes that take the place of each eye, scene units; None for single eyes.
+    effects
+        Effects of light that are evaluated; None for those that the scene calls for.
+    progress
+        Whether to draw a bar on standard error.
+
+    Raises
+    ------
+    InputError
+        There is no eye, or the hogels cannot be had.
+    """
+    if not eyes:
+        raise InputError("view needs at least one eye: give X,Y,Z with Z before the plate")
+    chosen = tuple(eyes) if stereo is None else stereo_eyes(eyes, stereo)
+    reference = EyeReference(scene, effects)
+    takes = [reference.replay(eye) for eye in chosen]
+    drawn, numbered = _drawn(scene, chosen, takes, source, progress=progress)
+    views = _views(reference, list(zip(chosen, takes, drawn, strict=True)), progress=progress)
+    display = [display_loss(reference, seen) for seen in views]
+    renderer = [renderer_loss(reference, seen, numbered=numbered) for seen in views if seen.drawn is not None]
+    pairs = [] if stereo is None else [_pair(reference, views, left) for left in range(0, len(views), 2)]
+    record = ViewRecord(
+        eyes=tuple(_eye_record(scene, eye, k, display, renderer) for k, eye in enumerate(chosen)),
+        stereo=tuple(pairs),
+        units=scene.units,
+        source=None if source is None else source.name,
+        hogels=len(hogels_of(takes)),
+    )
+    gap = None if source is None else _gap(scene, source.settings)
+    return SceneView(
+        scene=scene,
+        views=tuple(views),
+        display=tuple(display),
+        renderer=tuple(renderer),
+        record=record,
+        gap=gap,
+    )
+
+
+def _views(
+    reference: EyeReference, shown: Sequence[tuple[Eye, Replay, EyeImage | None]], *, progress: bool
+) -> list[Views]:
+    """Return the pictures of each eye, given what it is shown."""
+    views = []
+    with progress_bar(len(shown), "eyes", "eye", shown=progress) as bar:
+        for eye, taken, image in shown:
+            true, replayed = reference.true_view(eye), reference.replayed(eye)
+            views.append(Views(true=true, replayed=replayed, drawn=image, taken=taken))
+            bar.update()
+    return views
+
+
+def _gap(scene: Scene, settings: DoubleFrustum | None) -> float | None:
+    """Return the distance by which a near offset moves all that is seen; None where there is not one."""
+    if settings is None or settings.slabs or settings.offset is Offset.NONE:
+        return None
+    rigid = moves_rigidly(scene.frustum, settings) and settings.fitted_height(scene.frustum) is None
+    return settings.near if rigid else None
+
+
+def _drawn(
+    scene: Scene, eyes: Sequence[Eye], takes: Sequence[Replay], source: Source | None, *, progress: bool
+) -> tuple[list[EyeImage | None], bool]:
+    """Return what eyes are shown of a renderer's hogels, and whether these say which surface they show."""
+    if source is None:
+        return [None] * len(eyes), False
+    collectors = [
+        Collector(scene, eye, taken, source.settings) for eye, taken in zip(eyes, takes, strict=True)
+    ]
+    parts = film_parts(takes)
+    with progress_bar(len(parts), "hogels", "hogel", shown=progress) as bar:
+        drawn = collected(_counted(source.hogels(parts), bar.update), collectors)
+    return [*drawn], any(collector.numbered for collector in collectors)
+
+
+def _eye_record(
+    scene: Scene, eye: Eye, number: int, display: Sequence[LossMaps], renderer: Sequence[LossMaps]
+) -> EyeRecord:
+    return EyeRecord(
+        eye=eye.position,
+        pixels_per_degree=pixels_per_degree(scene, eye),
+        display=display[number].numbers(),
+        renderer=renderer[number].numbers() if renderer else None,
+    )
+
+
+def _pair(reference: EyeReference, views: Sequence[Views], left: int) -> PairRecord:
+    display, renderer = disparity(reference, views[left], views[left + 1])
+    return PairRecord(left=left, right=left + 1, display=display, renderer=renderer)
+
+
+def _counted(hogels: Iterator[DrawnHogel], update: Callable[[], object]) -> Iterator[DrawnHogel]:
+    for hogel in hogels:
+        update()
+        yield hogel

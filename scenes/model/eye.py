@@ -1,0 +1,161 @@
+"""An eye before the plate, and the pixels of hogels that it is shown.
+
+The formulas that find these pixels are in `xfrustum.reference.eye`: this module has parameters only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from xfrustum.scenes.appearance.sampling import additive_recurrence
+from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
+from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.errors import InputError
+
+RESOLUTION = (400, 300)
+"""Pixels of an eye's film where nobody says otherwise."""
+
+MAX_EYE_PIXELS = 1 << 24
+"""Largest number of pixels of an eye's film, some 100 bytes each."""
+
+PUPIL_POINTS = 16
+"""Points of the pupil over which color is averaged: blur of a few pixels looks smooth with so many."""
+
+
+class Beam(StrEnum):
+    """The profile of the beam that a hogel replays for each of its pixels.
+
+    `BOX` is uniform over the pixel, so that an eye sees the nearest one; `TENT` falls linearly to the centers
+    of the neighbors, so that an eye sees a mean of four.
+    """
+
+    BOX = "box"
+    TENT = "tent"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eye:
+    """An eye whose film is the rectangle of the plate as it is seen, row 0 at the top.
+
+    Its rays run through the centers of equal cells of the plate.
+
+    Attributes
+    ----------
+    position
+        Center of the pupil, scene units; z is its height before the plate, and positive.
+    resolution
+        W, H in pixels.
+    pupil
+        Diameter of the pupil, scene units; 0 for a pinhole.
+    focus
+        Height z of the plane that the eye is focused on; below the eye. Without a pupil it has no effect.
+    beam
+        Profile of the replayed beams.
+
+    Raises
+    ------
+    InputError
+        The eye lies in or behind the plate, a number is not finite, or there are too many pixels.
+    """
+
+    position: tuple[float, float, float]
+    resolution: tuple[int, int] = RESOLUTION
+    pupil: float = 0.0
+    focus: float = 0.0
+    beam: Beam = Beam.BOX
+
+    def __post_init__(self) -> None:
+        position, size = reals(self.position, 3), wholes(self.resolution, 2)
+        if not all(map(math.isfinite, position)) or not position[2] > 0:
+            raise InputError(
+                f"an eye needs a position X,Y,Z before the plate, Z > 0, not {self.position!r}: the plate is "
+                "z = 0, and the viewer is at positive z"
+            )
+        if min(size) < 1 or size[0] * size[1] > MAX_EYE_PIXELS:
+            raise InputError(
+                f"an eye's resolution must be two counts with at most {MAX_EYE_PIXELS} pixels, "
+                f"not {self.resolution!r}"
+            )
+        pupil, focus = real(self.pupil), real(self.focus)
+        if not (math.isfinite(pupil) and pupil >= 0):
+            raise InputError(f"an eye's pupil must be a diameter of at least 0, not {self.pupil!r}")
+        if not (math.isfinite(focus) and focus < position[2]):
+            raise InputError(
+                f"an eye's focus must be a height below the eye's own, {position[2]}, not {self.focus!r}"
+            )
+        beam = choice(Beam, self.beam, "beam")
+        settle(self, position=position, resolution=size, pupil=pupil, focus=focus, beam=beam)
+
+    @property
+    def pupil_points(self) -> Floats:
+        """(N, 2) points of the pupil from its center, scene units, evenly spread; one without a pupil."""
+        if self.pupil == 0:
+            return np.zeros((1, 2))
+        # Equal areas: the radius goes as the root of an evenly spread number.
+        share, turn = additive_recurrence(PUPIL_POINTS).T
+        radius, angle = np.sqrt(share) * self.pupil / 2, 2 * np.pi * turn
+        return np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HogelPixels:
+    """The hogel, and the pixel of it, that each pixel of an eye's film takes, and with which weight.
+
+    A pixel's column depends on the eye's column alone, and its row on the eye's row.
+
+    Attributes
+    ----------
+    hogel_column, film_column
+        (W,) column of the hogel on the plate, and of the pixel in it; -1 where the ray meets none.
+    hogel_row, film_row
+        (H,) likewise; -1 where the ray meets none.
+    column_weight, row_weight
+        (W,) and (H,) factors of the weight.
+    """
+
+    hogel_column: Indices
+    film_column: Indices
+    hogel_row: Indices
+    film_row: Indices
+    column_weight: Floats
+    row_weight: Floats
+
+    @property
+    def columns(self) -> Indices:
+        """Columns of the eye's film whose rays meet a hogel's film."""
+        return np.flatnonzero(self.film_column >= 0)
+
+    @property
+    def rows(self) -> Indices:
+        """Rows of the eye's film whose rays meet a hogel's film."""
+        return np.flatnonzero(self.film_row >= 0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Replay:
+    """All pixels of hogels that an eye is shown.
+
+    Attributes
+    ----------
+    shown
+        The pixels that say which surface the eye is shown: nearest to the rays through the pupil's center.
+    colors
+        The pixels whose weighted sum is what the eye sees.
+    """
+
+    shown: HogelPixels
+    colors: tuple[HogelPixels, ...]
+
+    @property
+    def hogels(self) -> tuple[tuple[int, int], ...]:
+        """Column and row of every hogel of which a pixel is taken, row by row."""
+        found: set[tuple[int, int]] = set()
+        for pixels in (self.shown, *self.colors):
+            columns = np.unique(pixels.hogel_column[pixels.columns]).tolist()
+            rows = np.unique(pixels.hogel_row[pixels.rows]).tolist()
+            found.update((column, row) for row in rows for column in columns)
+        return tuple(sorted(found, key=lambda index: (index[1], index[0])))

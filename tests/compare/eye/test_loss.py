@@ -1,0 +1,230 @@
+"""What an eye loses to the display and to the renderer, on small plates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.support.views import reversed_d32f, view
+from xfrustum.compare.eye.collected import (
+    DEFAULT_COLOR,
+    Collector,
+    DrawnHogel,
+    collected,
+    drawn_hogels,
+    film_parts,
+)
+from xfrustum.compare.eye.loss import Views, display_loss, renderer_loss, shown_at
+from xfrustum.compare.eye.moved import moved_scene
+from xfrustum.compare.eye.stereo import disparity
+from xfrustum.raster import Rasterizer
+from xfrustum.raster.plate.renderer import PlateRenderer
+from xfrustum.reference.certify.arbitrary_lines import first_surfaces_along
+from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.scenes import DoubleFrustum, InputError, Scene
+from xfrustum.scenes.model.eye import Eye, HogelPixels
+from xfrustum.scenes.model.plate_content import ColorType, PlateContent
+
+NEAR = 6.0
+LEFT, RIGHT = (Eye(position=(x, -4.0, 500.0), resolution=(60, 45)) for x in (-30.0, 35.0))
+
+
+def small(name: str) -> Scene:
+    """Return a scene with a plate of 20 x 15 hogels of 64 x 48 pixels."""
+    scene = view(name, (64, 48))
+    return replace(scene, plate=replace(scene.plate, hogels=(20, 15)))
+
+
+def views_of(
+    reference: EyeReference,
+    settings: DoubleFrustum,
+    eyes: Sequence[Eye],
+    color: ColorType = DEFAULT_COLOR,
+) -> list[Views]:
+    """Return the three pictures of some eyes."""
+    scene = reference.scene
+    takes = [reference.replay(eye) for eye in eyes]
+    collectors = [Collector(scene, eye, taken, settings) for eye, taken in zip(eyes, takes, strict=True)]
+    with PlateRenderer(scene, settings, PlateContent(color=color, ids=True)) as renderer:
+        drawn = collected(drawn_hogels(renderer, film_parts(takes)), collectors)
+    return [
+        Views(true=reference.true_view(eye), replayed=reference.replayed(eye), drawn=image, taken=taken)
+        for eye, image, taken in zip(eyes, drawn, takes, strict=True)
+    ]
+
+
+EDGE_PX = 2 / 256
+"""Distance by which a rasterizer may move an edge, in pixels: vertices snap to a grid of 256 to a pixel, by
+up to 0.71 of a step. Before that they are rounded to single precision, by less on films as small as these."""
+
+
+def surfaces_beside(scene: Scene, pixels: HogelPixels, row: int, column: int) -> list[int]:
+    """Return the triangles that lines see which pass a hogel's pixel at the distance of `EDGE_PX`."""
+    aperture = scene.plate.aperture(int(pixels.hogel_column[column]), int(pixels.hogel_row[row]))
+    pencil = crossed_frustum(scene.frustum, aperture)
+    line = np.array([pencil.dx[pixels.film_column[column]], pencil.dy[pixels.film_row[row]], -1.0])
+    around = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    step = EDGE_PX * 2 * np.array(pencil.half_extent) / pencil.resolution
+    lines = line + np.stack((step[0] * np.cos(around), step[1] * np.sin(around), 0 * around), axis=-1)
+    found = first_surfaces_along(scene.triangles, pencil.center, lines, pencil.s_range)
+    return [int(number) for number in found.triangle]
+
+
+@pytest.fixture(scope="module")
+def asymmetric() -> tuple[EyeReference, list[Views]]:
+    reference = EyeReference(small("asymmetric"))
+    return reference, views_of(reference, reversed_d32f(NEAR), [LEFT, RIGHT])
+
+
+def test_what_the_renderer_shows_is_the_replayed_truth_of_the_moved_scene_but_for_edges(
+    asymmetric: tuple[EyeReference, list[Views]],
+) -> None:
+    reference, (views, _) = asymmetric
+    moved = moved_scene(reference.scene, reversed_d32f(NEAR))
+    seen = EyeReference(moved.scene).replayed(views.eye, shaded=False).triangle
+    seen = np.append(moved.number, -1)[seen]
+    assert views.drawn is not None
+    assert (views.drawn.triangle != views.replayed.triangle).mean() > 0.05
+    assert views.taken.shown.columns.size == LEFT.resolution[0]
+    wrong = np.argwhere(views.drawn.triangle != seen)
+    # What is left lies at edges, which a rasterizer moves by a part of a pixel.
+    for row, column in wrong.tolist():
+        beside = surfaces_beside(moved.scene, views.taken.shown, row, column)
+        assert views.drawn.triangle[row, column] in np.append(moved.number, -1)[beside]
+    assert len(wrong) < 0.005 * views.drawn.triangle.size
+
+
+def test_the_renderers_displacement_is_the_closed_form_of_the_near_offset(
+    asymmetric: tuple[EyeReference, list[Views]],
+) -> None:
+    reference, (views, _) = asymmetric
+    assert views.drawn is not None
+    point = views.drawn.position
+    at = shown_at(reference.scene, views.taken, views.drawn)
+    grid_place = np.full_like(point, np.nan)
+    shown, plate = views.taken.shown, reference.scene.plate
+    for row in shown.rows:
+        for column in shown.columns:
+            aperture = plate.aperture(int(shown.hogel_column[column]), int(shown.hogel_row[row]))
+            grid_place[row, column] = aperture.x, aperture.y, 0.0
+    distance = np.abs(point[..., 2:])
+    expected = (grid_place - point) * NEAR / (distance + NEAR)
+    known = np.isfinite(point[..., 0])
+    # Points are exact to some 1e-13 of the scene's coordinates.
+    np.testing.assert_allclose((at - point)[known][:, :2], expected[known][:, :2], atol=1e-9)
+
+
+def test_two_eyes_see_every_point_n_farther_from_the_plate(
+    asymmetric: tuple[EyeReference, list[Views]],
+) -> None:
+    reference, (left, right) = asymmetric
+    display, renderer = disparity(reference, left, right)
+    assert renderer is not None
+    assert renderer.depth is not None
+    assert renderer.disparity_arcmin is not None
+    assert display.matched > 100
+    assert renderer.matched > 100
+    # Points behind the plate are seen n too far, those before it n too near. Two eyes are shown points that
+    # are up to a pitch apart on a sloping surface, through hogels up to half a pitch beside their rays.
+    assert abs(renderer.depth.p1 + NEAR) < NEAR / 3
+    assert abs(renderer.depth.p99 - NEAR) < NEAR / 3
+    with pytest.raises(InputError, match="side by side"):
+        disparity(reference, right, left)
+
+
+def test_settings_with_hardly_a_near_offset_lose_hardly_anything() -> None:
+    reference = EyeReference(small("asymmetric"))
+    (views,) = views_of(reference, reversed_d32f(1e-4), [LEFT])
+    display = display_loss(reference, views).numbers()
+    renderer = renderer_loss(reference, views, numbered=True).numbers()
+    assert display.fraction is not None
+    assert renderer.fraction is not None
+    assert display.flip is not None
+    assert renderer.flip is not None
+    assert renderer.displacement_arcmin is not None
+    assert views.drawn is not None
+    # A surface through a hogel's center fills its true image; a camera n off sees a part of that surface.
+    off_plate = views.replayed.position[..., 2] != 0
+    wrong = np.argwhere((views.drawn.triangle != views.replayed.triangle) & off_plate)
+    for row, column in wrong.tolist():
+        beside = surfaces_beside(reference.scene, views.taken.shown, row, column)
+        assert views.drawn.triangle[row, column] in beside
+    assert renderer.fraction < display.fraction / 10
+    assert renderer.flip < display.flip / 10
+    assert display.fraction > 0.01
+    # At most n t / R of a radian, with R at least 350 and t below one, for what is drawn n too near or far.
+    assert renderer.displacement_arcmin.max < 1e-4 / 350 * 3438
+
+
+def test_an_eye_is_shown_the_pixels_of_whole_hogels_bit_for_bit() -> None:
+    scene = small("car")
+    settings = DoubleFrustum(near=1.0)
+    reference = EyeReference(scene)
+    (views,) = views_of(reference, settings, [LEFT], ColorType.FLOAT32)
+    assert views.drawn is not None
+    assert views.drawn.color is not None
+    shown = views.taken.shown
+    with Rasterizer(scene) as rasterizer:
+        for column, row in views.taken.hogels[40::97]:
+            whole = rasterizer.render(scene.plate.aperture(column, row), settings)
+            here = np.ix_(shown.hogel_row == row, shown.hogel_column == column)
+            there = np.ix_(
+                shown.film_row[shown.hogel_row == row], shown.film_column[shown.hogel_column == column]
+            )
+            assert whole.color is not None
+            np.testing.assert_array_equal(views.drawn.triangle[here], whole.triangle[there])
+            np.testing.assert_array_equal(views.drawn.color[here], whole.color[there])
+            # Points are single precision there, and sloping triangles double precision's planes here.
+            size = float(4 * np.finfo(np.float32).eps * 150)
+            np.testing.assert_allclose(
+                views.drawn.position[here], np.asarray(whole.position[there]), atol=size
+            )
+
+
+def test_pictures_without_numbers_are_judged_by_their_colors_alone() -> None:
+    scene = small("asymmetric")
+    reference = EyeReference(scene)
+    (views,) = views_of(reference, reversed_d32f(NEAR), [LEFT])
+    white = np.full((48, 64, 3), 255, dtype=np.uint8)
+    hogels = [DrawnHogel(index=index, color=white) for index in views.taken.hogels]
+    collector = Collector(scene, LEFT, views.taken, None)
+    (drawn,) = collected(hogels, [collector])
+    assert drawn.color is not None
+    np.testing.assert_array_equal(drawn.color, np.ones((45, 60, 3), dtype=np.float32))
+    loss = renderer_loss(reference, replace(views, drawn=drawn), numbered=collector.numbered).numbers()
+    assert loss.wrong is None
+    assert loss.flip is not None
+    assert loss.flip > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["asymmetric", "car"])
+def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(name: str) -> None:
+    """With -s it prints the share of wrong surfaces beside that of the scene as it is."""
+    reference = EyeReference(view(name, (256, 256)))
+    eye = replace(LEFT, position=(40.0, 20.0, 600.0), resolution=(320, 240))
+    (views,) = views_of(reference, reversed_d32f(NEAR), [eye])
+    moved = moved_scene(reference.scene, reversed_d32f(NEAR))
+    seen = EyeReference(moved.scene)
+    numbers = np.append(moved.number, -1)
+    as_moved = Views(true=seen.true_view(eye), replayed=seen.replayed(eye), drawn=None, taken=views.taken)
+    assert views.drawn is not None
+    drawn = views.drawn.triangle
+    display = [display_loss(reference, views).numbers(), display_loss(seen, as_moved).numbers()]
+    shares = {
+        "B against A": display[0].fraction,
+        "B against A, both of the moved scene": display[1].fraction,
+        "C against B": renderer_loss(reference, views, numbered=True).numbers().fraction,
+        "C against B, triangles": float((drawn != views.replayed.triangle).mean()),
+        "C against B of the moved scene, triangles": float(
+            (drawn != numbers[as_moved.replayed.triangle]).mean()
+        ),
+    }
+    lines = [f"  {what}: {100 * share:.3g} %" for what, share in shares.items() if share is not None]
+    print(f"\n{name}, n = {NEAR}:", *lines, sep="\n")  # noqa: T201 - it is asked for
+    assert (shares["C against B, triangles"] or 0.0) > 0.05
+    assert (shares["C against B of the moved scene, triangles"] or 0.0) < 0.005

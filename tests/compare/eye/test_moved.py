@@ -1,0 +1,190 @@
+"""The theorem of docs/method.md: what a viewer sees of the near offset is a gap opened at the plate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.views import at, reversed_d32f, view
+from xfrustum.compare.eye.moved import moved_scene, moves_rigidly, replayed_distance, replayed_points
+from xfrustum.raster.cameras.cameras import clip_from_scene, slab_cameras
+from xfrustum.raster.cameras.depth_formats import MAPPINGS
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import crossed_frustum, film_window, model_cameras, pixel_places
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, InputError, Screen
+from xfrustum.scenes.arrays import Floats
+
+REACH = 12.0
+WIDTH = 64
+
+ROUNDING_PX = 1e-9
+"""Largest difference of two film places that rounding may make, relative to the place: some twenty roundings
+of 1e-16, which differences of nearly equal lengths make at most 1e4 times as large."""
+
+CENTERED = Frustum(resolution=(WIDTH, WIDTH), reach=(REACH, REACH), fov=(math.radians(50), math.radians(40)))
+RECENTERED = Frustum(
+    resolution=(WIDTH, WIDTH),
+    reach=(REACH, REACH),
+    screen=Screen(height=-9.0, center=(0.5, -0.25), size=(8.0, 6.0)),
+)
+IN_FRONT = replace(RECENTERED, screen=Screen(height=7.0, center=(0.0, 0.5), size=(8.0, 6.0)))
+
+LATERAL = st.floats(-6, 6)
+APERTURES = st.builds(at, LATERAL, LATERAL)
+DISTANCES = st.floats(0.01, REACH)
+SIDES = st.sampled_from([1, -1])
+"""1 for points behind the plate, which C draws; -1 for those before it, which C* draws."""
+
+SETTINGS = st.builds(
+    DoubleFrustum,
+    near=st.floats(0.01, 3),
+    pivot=st.sampled_from(["aperture", "camera"]),
+    fit=st.sampled_from([None, "angle", 2.5, 8.0]),
+    slabs=st.sampled_from([(), (4.0,), (1.5, 6.0)]),
+)
+
+
+def drawn_places(points: Floats, frustum: Frustum, aperture: Aperture, how: DoubleFrustum) -> list[Floats]:
+    """Return where the cameras draw one point: by the reference's lines, and by the raster's matrices."""
+    height = float(points[0, 2])
+    lines = [
+        camera.pencil
+        for camera in model_cameras(frustum, aperture, how)
+        if camera.heights[0] <= height <= camera.heights[1]
+    ]
+    # At a cut two slabs keep the point: the inner one is meant.
+    pencil = max(lines, key=lambda one: abs(one.center[2]))
+    inner = min(
+        (
+            camera
+            for camera in slab_cameras(frustum, how, orthoscopic=height < 0)
+            if camera.heights[0] <= abs(height) <= camera.heights[1]
+        ),
+        key=lambda one: one.heights[0],
+    )
+    matrix = clip_from_scene(frustum, aperture, inner, how.pivot, MAPPINGS[how.mapping].ends)
+    clip = matrix @ np.append(points[0], 1.0)
+    u, v = clip[:2] / clip[3]
+    width, height_px = frustum.resolution
+    return [
+        pixel_places(points, pencil),
+        np.array([[(u + 1) * width / 2 - 0.5, (1 - v) * height_px / 2 - 0.5]]),
+    ]
+
+
+@settings(max_examples=150)
+@given(
+    frustum=st.sampled_from([CENTERED, RECENTERED, IN_FRONT]),
+    aperture=APERTURES,
+    how=SETTINGS,
+    where=st.tuples(LATERAL, LATERAL, DISTANCES, SIDES),
+)
+def test_a_point_is_drawn_where_its_moved_point_truly_belongs(
+    frustum: Frustum, aperture: Aperture, how: DoubleFrustum, where: tuple[float, float, float, int]
+) -> None:
+    x, y, distance, side = where
+    point = np.array([[x, y, -side * distance]])
+    moved = replayed_points(point, frustum, aperture, how, side)
+    true = pixel_places(moved, crossed_frustum(frustum, aperture))
+    for drawn in drawn_places(point, frustum, aperture, how):
+        assert np.abs(drawn - true).max() <= ROUNDING_PX * (1 + np.abs(true).max())
+
+
+@given(
+    near=st.floats(0.01, 3),
+    pivot=st.sampled_from(["aperture", "camera"]),
+    apertures=st.tuples(APERTURES, APERTURES),
+    where=st.tuples(LATERAL, LATERAL, DISTANCES, SIDES),
+)
+def test_centered_frusta_move_both_halves_rigidly_and_open_a_gap_of_2_n(
+    near: float, pivot: str, apertures: tuple[Aperture, Aperture], where: tuple[float, float, float, int]
+) -> None:
+    x, y, distance, side = where
+    how = DoubleFrustum(near=near, pivot=pivot)  # type: ignore[arg-type]  # names are taken
+    point = np.array([[x, y, -side * distance]])
+    one, other = (replayed_points(point, CENTERED, aperture, how, side) for aperture in apertures)
+    np.testing.assert_array_equal(one, other)
+    assert np.allclose(one, [[x, y, -side * (distance + near)]], rtol=1e-15, atol=0)
+    assert 2 * replayed_distance(np.array(0.0), CENTERED, how) == 2 * near
+
+
+@given(
+    near=st.floats(0.01, 3),
+    apertures=st.tuples(APERTURES, APERTURES),
+    where=st.tuples(LATERAL, LATERAL, DISTANCES, SIDES),
+)
+def test_recentered_frusta_bend_the_halves_by_n_times_the_difference_of_shears(
+    near: float, apertures: tuple[Aperture, Aperture], where: tuple[float, float, float, int]
+) -> None:
+    x, y, distance, side = where
+    point = np.array([[x, y, -side * distance]])
+    shears = [np.array(film_window(RECENTERED, aperture)[0]) for aperture in apertures]
+    how = DoubleFrustum(near=near)
+    moved = [replayed_points(point, RECENTERED, aperture, how, side) for aperture in apertures]
+    for aperture_shear, place in zip(shears, moved, strict=True):
+        expected = point + side * near * np.array([[*aperture_shear, -1.0]])
+        np.testing.assert_allclose(place, expected, rtol=1e-13, atol=1e-13)
+    bend = (moved[0] - moved[1])[0, :2]
+    np.testing.assert_allclose(bend, side * near * (shears[0] - shears[1]), rtol=1e-9, atol=1e-12)
+    # The ordinary off-axis projection shifts every point by k n the other way, and all apertures agree again.
+    straight = replace(how, pivot="camera")  # type: ignore[arg-type]  # names are taken
+    for aperture, place in zip(apertures, moved, strict=True):
+        rigid = replayed_points(point, RECENTERED, aperture, straight, side)
+        np.testing.assert_allclose(rigid, [[x, y, -side * (distance + near)]], rtol=1e-12, atol=1e-12)
+        lateral = side * near * np.array(film_window(RECENTERED, aperture)[0])
+        np.testing.assert_allclose((place - rigid)[0, :2], lateral, rtol=1e-9, atol=1e-12)
+    assert moves_rigidly(RECENTERED, straight)
+    assert not moves_rigidly(RECENTERED, how)
+
+
+@given(near=st.floats(0.01, 3), fitted=st.floats(0.1, 20))
+def test_a_fit_is_exact_at_its_height_and_leaves_a_smaller_gap(near: float, fitted: float) -> None:
+    how = DoubleFrustum(near=near, fit=fitted)
+    at_fit, at_plate = replayed_distance(np.array([fitted, 0.0]), CENTERED, how)
+    assert math.isclose(at_fit, fitted, rel_tol=1e-14)
+    assert math.isclose(2 * at_plate, 2 * near * fitted / (fitted + near), rel_tol=1e-14)
+
+
+@given(near=st.floats(0.01, 3), first=st.floats(1, 6), beyond=st.floats(0.001, 6))
+def test_only_the_first_slab_is_moved_and_no_seam_opens_where_the_fit_is_the_first_cut(
+    near: float, first: float, beyond: float
+) -> None:
+    fitted = DoubleFrustum(near=near, slabs=(first,))
+    inside, outside = replayed_distance(np.array([first, first + beyond]), CENTERED, fitted)
+    assert math.isclose(inside, first, rel_tol=1e-14)
+    assert outside == first + beyond
+    # With the angle kept instead, the first slab ends n beyond the cut: a seam.
+    seam = replayed_distance(np.array(first), CENTERED, replace(fitted, fit="angle"))  # type: ignore[arg-type]
+    assert seam == first + near
+
+
+NEAR = 6.0
+"""Near offset, a twenty-fifth of the scenes' reach of 150: pictures are plainly bent."""
+
+
+@pytest.mark.parametrize(
+    ("name", "how"), [("asymmetric", {}), ("asymmetric", {"fit": 20.0}), ("car", {"slabs": (20.0,)})], ids=str
+)
+def test_the_cameras_draw_the_true_picture_of_the_moved_scene(name: str, how: dict[str, object]) -> None:
+    scene = view(name, (96, 96))
+    drawn_by = replace(reversed_d32f(NEAR), **how)  # type: ignore[arg-type]  # fields by name
+    moved = moved_scene(scene, drawn_by)
+    aperture = scene.plate.aperture(scene.plate.hogels[0] // 3, scene.plate.hogels[1] // 3)
+    drawn = Reference(scene).trace_model(aperture, drawn_by, shaded=False).triangle
+    seen = Reference(moved.scene).trace(aperture).triangle
+    truth = Reference(scene).trace(aperture).triangle
+    # The last number stands for no surface, which is -1.
+    seen = np.append(moved.number, -1)[seen]
+    assert (drawn != truth).mean() > 0.2
+    # Cuts and moves are rounded, by some 1e-16 of the reach: no line of these films comes so near to an edge.
+    assert (drawn != seen).sum() == 0
+
+
+def test_a_bent_scene_is_no_scene() -> None:
+    with pytest.raises(InputError, match="every aperture replays another scene"):
+        moved_scene(view("car-recentered"), DoubleFrustum(near=1.0))

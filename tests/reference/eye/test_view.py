@@ -1,0 +1,195 @@
+"""What an eye sees, truly and replayed: the pixels of whole hogels, and an answer of its own in rationals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from tests.support.brute_force import exact_first
+from tests.support.exact_brute_force import possible_pairs
+from tests.support.views import lines_by_definition, view
+from xfrustum.reference import Reference
+from xfrustum.reference.eye.view import EyeReference
+from xfrustum.scenes import InputError, Scene
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.eye import Eye, HogelPixels
+from xfrustum.scenes.model.eye_image import EyeImage
+from xfrustum.scenes.model.hogel_image import NOTHING
+
+EYE = Eye(position=(7.0, -4.0, 500.0), resolution=(60, 45))
+
+
+def coarse(scene: Scene) -> Scene:
+    """Return a scene with a plate of 12 x 9 hogels, of each of which an eye is shown many pixels."""
+    return replace(scene, plate=replace(scene.plate, hogels=(12, 9)))
+
+
+def taken_from_whole_hogels(scene: Scene, pixels: HogelPixels, replayed: EyeImage, every: int) -> int:
+    """Hold some hogels' parts of a replayed view to their images; return the number of pixels."""
+    reference = Reference(scene)
+    hogels = {(int(i), int(j)) for i in pixels.hogel_column for j in pixels.hogel_row if min(i, j) >= 0}
+    count = 0
+    for column, row in sorted(hogels)[::every]:
+        whole = reference.trace(scene.plate.aperture(column, row))
+        here = np.ix_(pixels.hogel_row == row, pixels.hogel_column == column)
+        there = np.ix_(
+            pixels.film_row[pixels.hogel_row == row], pixels.film_column[pixels.hogel_column == column]
+        )
+        np.testing.assert_array_equal(replayed.triangle[here], whole.triangle[there])
+        np.testing.assert_array_equal(replayed.position[here], whole.position[there])
+        assert whole.color is not None
+        assert replayed.color is not None
+        np.testing.assert_array_equal(replayed.color[here], whole.color[there])
+        count += replayed.triangle[here].size
+    return count
+
+
+@pytest.mark.parametrize("name", ["asymmetric-recentered", "crossing"])
+def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(name: str) -> None:
+    scene = coarse(view(name, (64, 48)))
+    eyes = EyeReference(scene)
+    assert taken_from_whole_hogels(scene, eyes.replay(EYE).shown, eyes.replayed(EYE), every=19) >= 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["car", "asymmetric", "car-recentered", "crossing", "car-studio"])
+def test_replayed_views_have_the_pixels_of_many_whole_hogels(name: str) -> None:
+    scene = view(name, (96, 96))
+    eyes = EyeReference(scene)
+    eye = replace(EYE, resolution=(160, 120), position=(-30.0, 12.0, 380.0))
+    assert taken_from_whole_hogels(scene, eyes.replay(eye).shown, eyes.replayed(eye), every=41) > 200
+
+
+def exact_ray(scene: Scene, eye: Eye, column: int, row: int) -> tuple[list[Fraction], list[Fraction]]:
+    """Return eye and point of the plate of a ray by the definition: centers of equal cells of the plate."""
+    (width, height), (across, down) = map(Fraction, scene.plate.size), eye.resolution
+    target = [Fraction(2 * column + 1, 2 * across) * width - width / 2]
+    target += [height / 2 - Fraction(2 * row + 1, 2 * down) * height, Fraction(0)]
+    return [Fraction(value) for value in eye.position], target
+
+
+def film(scene: Scene, column: int, row: int) -> tuple[Floats, Floats]:
+    """Return shear and half-extent of a hogel's film by the definition."""
+    screen, aperture = scene.frustum.screen, scene.plate.aperture(column, row)
+    if screen is None:
+        return np.zeros(2), np.array([math.tan(angle / 2) for angle in scene.frustum.fov or ()])
+    shear = (np.array(screen.center) - (aperture.x, aperture.y)) / -screen.height
+    return shear, np.array(screen.size) / 2 / abs(screen.height)
+
+
+def expected_pixel(scene: Scene, eye: Eye, column: int, row: int) -> tuple[int, int, int, int] | None:
+    """Return hogel and pixel that a ray takes, in rationals; None where it takes none."""
+    start, target = exact_ray(scene, eye, column, row)
+    slope = [(target[axis] - start[axis]) / start[2] for axis in range(2)]
+    size, hogels = [Fraction(s) for s in scene.plate.size], scene.plate.hogels
+    i = int((target[0] + size[0] / 2) * hogels[0] / size[0])
+    j = int((size[1] / 2 - target[1]) * hogels[1] / size[1])
+    shear, half_extent = film(scene, i, j)
+    u, v = ((slope[axis] - Fraction(shear[axis])) / Fraction(half_extent[axis]) for axis in range(2))
+    if max(abs(u), abs(v)) > 1:
+        return None
+    count = scene.frustum.resolution
+    return i, j, int((u + 1) * count[0] / 2), int((1 - v) * count[1] / 2)
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_every_ray_takes_the_hogel_and_the_pixel_of_the_definition(name: str) -> None:
+    scene = view(name, (64, 48))
+    # A prime number of rays, so that none meets the border of two hogels.
+    eye = replace(EYE, resolution=(37, 29), position=(11.0, -6.0, 330.0))
+    pixels = EyeReference(scene).replay(eye).shown
+    for row in range(0, 29, 4):
+        for column in range(0, 37, 4):
+            found = (pixels.hogel_column[column], pixels.hogel_row[row])
+            film = (pixels.film_column[column], pixels.film_row[row])
+            expected = expected_pixel(scene, eye, column, row)
+            assert ((*found, *film) if min(*found, *film) >= 0 else None) == expected
+
+
+def brute_force(triangles: Floats, center: Floats, line: Floats, s_range: tuple[float, float]) -> int:
+    """Return the triangle met first, in rationals; only triangles surely missed are left out."""
+    numbers = np.flatnonzero(possible_pairs(triangles - center, line[None])[0])
+    _, winners = exact_first(triangles[numbers], center, line, s_range)
+    return int(numbers[winners[0]]) if winners else NOTHING
+
+
+def held_to_brute_force(scene: Scene, eye: Eye, rays: int) -> None:
+    """Hold rays of both views to rational brute force over all triangles."""
+    eyes = EyeReference(scene)
+    true, replayed, pixels = (
+        eyes.true_view(eye, shaded=False),
+        eyes.replayed(eye, shaded=False),
+        eyes.replay(eye),
+    )
+    pencil, shown, reach = eyes.pencil(eye), pixels.shown, scene.frustum.reach
+    random = np.random.default_rng(18)
+    covered = np.argwhere(true.covered | replayed.covered)
+    some = random.choice(covered, min(rays, len(covered)), replace=False)
+    for row, column in some.tolist():
+        line = np.array([pencil.dx[column], pencil.dy[row], -1.0])
+        met = brute_force(scene.triangles, np.array(pencil.center), line, pencil.s_range)
+        assert true.triangle[row, column] == met
+        i, j = int(shown.hogel_column[column]), int(shown.hogel_row[row])
+        aperture = scene.plate.aperture(i, j)
+        line = lines_by_definition(scene, aperture)[shown.film_row[row], shown.film_column[column]]
+        center = np.array([aperture.x, aperture.y, 0.0])
+        met = brute_force(scene.triangles, center, line, (-reach[0], reach[1]))
+        assert replayed.triangle[row, column] == met
+
+
+def test_rays_see_what_brute_force_in_rationals_finds() -> None:
+    held_to_brute_force(view("asymmetric", (64, 48)), EYE, rays=20)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["crossing", "asymmetric", "asymmetric-recentered"])
+def test_many_rays_see_what_brute_force_in_rationals_finds(name: str) -> None:
+    held_to_brute_force(view(name, (96, 96)), replace(EYE, resolution=(120, 90)), rays=500)
+
+
+def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> None:
+    scene = view("crossing", (64, 48))
+    eyes = EyeReference(scene)
+    tent = eyes.replay(replace(EYE, beam="tent"))  # type: ignore[arg-type]  # names are taken
+    weights = np.zeros((45, 60))
+    for part in tent.colors:
+        weights += np.multiply.outer(part.row_weight, part.column_weight)
+    inner = np.ix_(tent.shown.rows, tent.shown.columns)
+    # Rounding of four products and three sums of numbers below one.
+    assert np.abs(weights[inner] - 1).max() < 1e-15 * 8
+    pupil = eyes.replay(replace(EYE, pupil=4.0))
+    total = sum(np.multiply.outer(part.row_weight, part.column_weight).max() for part in pupil.colors)
+    assert abs(total - 1) < 1e-12
+
+
+def test_what_is_in_focus_is_sharp_and_all_else_is_blurred() -> None:
+    scene = view("crossing", (64, 48))
+    eyes = EyeReference(scene)
+    sharp = eyes.true_view(EYE)
+    # So large a pupil that its blur is several pixels wide.
+    height = float(np.nanmedian(sharp.position[..., 2]))
+    blurs = [
+        float(np.abs(eyes.true_view(replace(EYE, pupil=60.0, focus=focus)).color - sharp.color).mean())  # type: ignore[operator]
+        for focus in (height, height + 150.0)
+    ]
+    assert blurs[0] < blurs[1] / 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"position": (0.0, 0.0, -5.0)}, "before the plate"),
+        ({"position": (0.0, 0.0)}, "before the plate"),
+        ({"resolution": (0, 3)}, "resolution"),
+        ({"pupil": -1.0}, "pupil"),
+        ({"focus": 600.0}, "focus"),
+        ({"beam": "disc"}, "beam"),
+    ],
+)
+def test_an_eye_that_cannot_be_is_refused(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Eye(**{"position": (0.0, 0.0, 500.0), **wrong})  # type: ignore[arg-type]  # wrong on purpose
