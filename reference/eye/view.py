@@ -15,9 +15,7 @@ from xfrustum.reference.eye.rays import eye_pencil, hogel_lines, replay
 from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.shading.shading import Hits, Shader
-from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.reference.tracers.tracer import Tracer
-from xfrustum.reference.tracers.visibility import SurfacePoints, hidden
+from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect
@@ -116,12 +114,12 @@ class EyeReference:
         return self._image(eye, (triangle, position, certainty), color)
 
     def hidden(self, eye: Eye, points: SurfacePoints) -> Mask:
-        """Return which points are hidden from an eye; see `visibility.hidden`."""
-        return hidden(self._tracer, self.scene, self.pencil(eye), points)
+        """Return which points are hidden from an eye; see `Sight.hidden`."""
+        return self._sight.hidden(self.pencil(eye), points)
 
     @cached_property
-    def _tracer(self) -> Tracer:
-        return EmbreeTracer(self.scene)
+    def _sight(self) -> Sight:
+        return Sight(self.scene)
 
     def _part_color(
         self, eye: Eye, pixels: HogelPixels, point: Floats, known: tuple[LineGrid, FirstSurfaces] | None
