@@ -7,6 +7,8 @@ chunks       Is a chunk of a plate all there? From the layout of its Zstandard f
              it
 description  The description of a plate: everything that decides its pixels, and must agree to go on with a
              store
+engine       Plates on the engine of `reports.cluster`: blocks drawn by worker processes, by a cluster, or in
+             parts
 layout       What a plate's store holds: its arrays and their labels, and the blocks of hogels that are their
              shards
 measures     How each hogel of a plate differs from its truth: rows of a table, and the arrays made of its

@@ -11,6 +11,7 @@ import click
 
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
+from xfrustum.cli.commands.survey import chosen_engine, engine_options
 from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
@@ -134,6 +135,7 @@ def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -
     help="Trace every hogel too, and store how it differs: in arrays over (row, column), and as Parquet.",
 )
 @click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
+@engine_options
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of a Zarr group.")
 @options.quiet_option
 @options.json_option
@@ -150,6 +152,10 @@ def plate(
     truth: bool,
     judge: bool,
     check: bool,
+    scheduler: str | None,
+    workers: int | None,
+    devices: tuple[int, ...] | None,
+    part: tuple[int, int] | None,
     out: Path,
     quiet: bool,
     as_json: bool,
@@ -157,7 +163,8 @@ def plate(
     """Draw a plate, or blocks of it, into a Zarr group: hogels are chunks, blocks of them shards.
 
     What is there already is kept: stopped at any moment and called again, it goes on where it was. Several
-    processes may draw one plate at once. Any reader of Zarr opens it, xarray with names and units.
+    processes may draw one plate at once, and --workers, --scheduler or --part divide it.
+    Any reader of Zarr opens it, xarray with names and units.
     With --aperture-samples, a number or auto, each hogel is the mean over points of its area (band limiting).
     """
     _check_question(settings, light, truth)
@@ -176,9 +183,27 @@ def plate(
         channels=tuple(map(Channel, channels or ())),
         effects=light.chosen(opened, settings=settings),
     )
-    files = write_plate(
-        opened, settings, out, chosen, content, block=block, judge=judge, check=check, progress=not quiet
-    )
+    if any((scheduler, workers, devices, part)):
+        from xfrustum.reports.plate.engine import write_plate_on
+
+        if check:
+            raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
+        files = write_plate_on(
+            chosen_engine(scheduler, workers, devices, part),
+            opened,
+            settings,
+            out,
+            chosen,
+            content,
+            block=block,
+            judge=judge,
+            told=lambda line: say(f"note: {line}"),
+            progress=not quiet,
+        )
+    else:
+        files = write_plate(
+            opened, settings, out, chosen, content, block=block, judge=judge, check=check, progress=not quiet
+        )
     for note in files.notes:
         say(f"note: {note}")
     options.tell(

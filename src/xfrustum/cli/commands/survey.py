@@ -12,6 +12,7 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.commands.verify import Conventions, Share
+from xfrustum.cli.options import Command
 from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
@@ -65,6 +66,25 @@ class Devices(click.ParamType[tuple[int, ...]]):
         return tuple(int(part) for part in str(value).split(","))
 
 
+_ENGINE_OPTIONS = (
+    click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786."),
+    click.option(
+        "--workers", type=click.IntRange(1), help="Processes of this machine.  [survey: one per processor]"
+    ),
+    click.option(
+        "--devices", type=Devices(), help="EGL devices by index, which these processes take in turn."
+    ),
+    click.option("--part", type=PartOf(), help="Do one of N parts, without Dask: for job arrays."),
+)
+
+
+def engine_options(command: Command) -> Command:
+    """Add the options that say where blocks of hogels are made."""
+    for option in reversed(_ENGINE_OPTIONS):
+        command = option(command)
+    return command
+
+
 @click.command()
 @options.scene_argument
 @options.several_double_frusta_options
@@ -88,10 +108,7 @@ class Devices(click.ParamType[tuple[int, ...]]):
     help="What pixels of --images hold; not for OpenEXR.  [default: rgb]",
 )
 @click.option("--accept", type=Conventions(), help="Conventions of --images that are no faults; see verify.")
-@click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786.")
-@click.option("--workers", type=click.IntRange(1), help="Processes of this machine.  [default: processors]")
-@click.option("--devices", type=Devices(), help="EGL devices by index, which these processes take in turn.")
-@click.option("--part", type=PartOf(), help="Judge one of N parts, without Dask: for job arrays.")
+@engine_options
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder.")
 @options.quiet_option
 @options.json_option
@@ -137,7 +154,7 @@ def survey(
         _chosen(everything, sample, until, seed),
         tolerance_px=tolerance_px,
         tracer=tracer,
-        engine=_engine(scheduler, workers, devices, part),
+        engine=chosen_engine(scheduler, workers, devices, part),
         told=lambda line: say(f"note: {line}"),
         progress=not quiet,
     )
@@ -182,10 +199,10 @@ def _chosen(everything: bool, sample: int | None, until: float | None, seed: int
     return Chosen(sample=None if everything else sample or DEFAULT_SAMPLE, until=until, seed=seed)
 
 
-def _engine(
+def chosen_engine(
     scheduler: str | None, workers: int | None, devices: tuple[int, ...] | None, part: tuple[int, int] | None
 ) -> Engine:
-    """Return where hogels are judged."""
+    """Return where blocks of hogels are made, by the options of `engine_options`."""
     from xfrustum.reports.cluster.run import Engine, Part
 
     parts = Part() if part is None else Part(number=part[0], count=part[1])
