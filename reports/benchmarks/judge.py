@@ -13,7 +13,6 @@ from tqdm import tqdm
 from xfrustum.reports.benchmarks.judge_contestants import (
     COMPARING,
     DECIDING,
-    DRAWING,
     DRAWN,
     LOOP,
     MEANINGS,
@@ -22,6 +21,7 @@ from xfrustum.reports.benchmarks.judge_contestants import (
     POINTS,
     RADIANCE,
     READ,
+    RENDER,
     SECOND_OPINION,
     STAGES,
     STREAM,
@@ -49,7 +49,7 @@ REPEAT = 5
 HOGELS = 6
 """Hogels that each run judges: enough that a stream overlaps, and few enough for a million pixels each."""
 
-RATIOS = ((STREAM, LOOP), (STREAM, PLAIN), (STREAM, DRAWING), (STREAM, MITSUBA))
+RATIOS = ((STREAM, LOOP), (STREAM, PLAIN), (STREAM, RENDER), (STREAM, MITSUBA))
 """Pairs of contestants; the rate of the first is divided by that of the second."""
 
 TRUTH = (DECIDING, SECOND_OPINION, POINTS)

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
+from pathlib import Path
 
 import numpy as np
 from trimesh import Trimesh
@@ -16,12 +16,13 @@ from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.comparison import ComparisonNumbers, compare_images
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reference.devices.bands import BUSY_PIXELS, in_parallel
 from xfrustum.reference.devices.dr_jit import backend
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, pixel_places
 from xfrustum.reference.tracers.bare_mitsuba import bare_intersection
 from xfrustum.reference.tracers.entry import ray_origins
 from xfrustum.reference.tracers.proposals import proposed
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library.globes import globes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
@@ -33,13 +34,13 @@ RELATIVE_NEAR = 1e-3
 """The step back from the plate, as a fraction of the reach."""
 
 STREAM, LOOP, PLAIN = "stream", "loop", "plain"
-DRAWING, MITSUBA = "drawing", "mitsuba"
+RENDER, MITSUBA = "render", "mitsuba"
 
 MEANINGS = {
     STREAM: "Judge.stream, which overlaps drawing, tracing and comparing: numbers alone",
     LOOP: "trace, render and compare_images, one hogel after the other: the same numbers",
     PLAIN: "render, trimesh's intersects_first and NumPy: other objects, and displacement, nothing proven",
-    DRAWING: "render alone, without normals and color, read back",
+    RENDER: "the frame alone, without normals and color, read back",
     MITSUBA: "Mitsuba's bare ray_intersect_preliminary of the middle aperture, rays on the device",
 }
 """All contestants, in the order in which they are listed."""
@@ -62,6 +63,12 @@ Run = Callable[[], object]
 
 GLOBES_PLATE = (9, 9)
 """Columns and rows of the plate that globes are seen through, which otherwise has a single aperture."""
+
+
+def default_names() -> tuple[str, ...]:
+    """Return the built-in car and, where the folder of test data is beside the checkout, its car body."""
+    beside = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "beetle.toml"
+    return ("car", str(beside)) if beside.exists() else ("car",)
 
 
 def globes_through_a_plate(triangles: int) -> Scene:
@@ -188,7 +195,7 @@ def judge_contestants(scene: Scene, apertures: Sequence[Aperture]) -> Iterator[d
             STREAM: lambda: stream_of(judge, apertures),
             LOOP: lambda: loop_of(judge.reference, rasterizer, apertures),
             PLAIN: lambda: plain.judge(apertures),
-            DRAWING: lambda: _exhaust(
+            RENDER: lambda: _exhaust(
                 rasterizer.render(one, settings, normals=False, color=False) for one in apertures
             ),
         }
@@ -217,9 +224,15 @@ def judging_stages(scene: Scene, aperture: Aperture) -> Iterator[dict[str, Run]]
         pencil = crossed_frustum(scene.frustum, aperture)
         truth = reference.trace(aperture)
         frame = rasterizer.render(aperture, settings, normals=False)
+
+        def second_opinion(rows: range) -> Numbers:
+            return proposed(reference.tracer, scene, [pencil], rows)
+
         yield {
             DECIDING: lambda: _exhaust(reference.decide(aperture)),
-            SECOND_OPINION: partial(proposed, reference.tracer, scene, [pencil], range(pencil.resolution[1])),
+            SECOND_OPINION: lambda: _exhaust(
+                in_parallel(second_opinion, pencil.resolution, least_pixels=BUSY_PIXELS)
+            ),
             POINTS: lambda: reference.trace(aperture),
             DRAWN: lambda: rasterizer.draw_only(aperture, settings),
             READ: lambda: rasterizer.render(aperture, settings, normals=False, color=False),

@@ -156,15 +156,16 @@ def bench_judge(
 ) -> None:
     """Measure how fast hogels are judged, beside loops and bare renderers, and CPU seconds by stage.
 
-    Without SCENE and --triangles: the built-in car, and globes of a million triangles.
+    Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout, and globes
+    of a million triangles.
     """
     from dataclasses import replace
 
     from xfrustum.reports.benchmarks import judge as benchmarks
-    from xfrustum.reports.benchmarks.judge_contestants import globes_through_a_plate
+    from xfrustum.reports.benchmarks.judge_contestants import default_names, globes_through_a_plate
     from xfrustum.reports.benchmarks.judge_stream import benchmark_stream
 
-    names = scenes or ("car",)
+    names = scenes or default_names()
     count = triangles or (None if scenes else 1_000_000)
     opened = [options.open_scene(name) for name in names]
     opened += [] if count is None else [globes_through_a_plate(count)]
