@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -50,11 +51,14 @@ class Pictures:
         )
         return made
 
-    def true_image(self, aperture: Aperture, rows: range, pencil: Pencil, found: FirstSurfaces) -> HogelImage:
-        """Return what is first along the lines of the true frustum in some rows; see `image`."""
+    def true_image(
+        self, aperture: Aperture, rows: range, pencil: Pencil, found: FirstSurfaces, *, colored: bool = True
+    ) -> HogelImage:
+        """Return what is first along the lines of the true frustum in some rows, with color or without."""
         if self._compiled is None:
-            return self.image(aperture, rows, [(pencil, found)])
-        shown = self._compiled.shown(pencil, rows, found)
+            image = self.image(aperture, rows, [(pencil, found)])
+            return image if colored else replace(image, color=None)
+        shown = self._compiled.shown(pencil, rows, found, colored=colored)
         return HogelImage(
             camera=self.camera(aperture),
             triangle=found.triangle,

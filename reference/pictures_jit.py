@@ -30,13 +30,13 @@ class Shown:
     position, normal
         (rows, W, 3) float64.
     color
-        (rows, W, 3) float32.
+        (rows, W, 3) float32; None where none was asked for.
     """
 
     object: Numbers
     position: Floats
     normal: Floats
-    color: Singles
+    color: Singles | None
 
 
 class JitPictures:
@@ -56,13 +56,15 @@ class JitPictures:
             self._objects = JIT.table(scene.object_of_triangle)
             self._light = shader.on(JIT)
 
-    def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces) -> Shown:
+    def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces, *, colored: bool = True) -> Shown:
         """Return what decided rows show.
 
         Parameters
         ----------
         pencil, rows, decided
             Lines of the camera, rows of the image, and what is first along their lines.
+        colored
+            Whether color is made.
         """
         shape, size = decided.triangle.shape, decided.triangle.size
         with strict_arithmetic():
@@ -76,20 +78,21 @@ class JitPictures:
             covered, number = triangle != NOTHING, dr.maximum(triangle, 0)
             (of_triangle,) = self._objects(number)
             normal = self._normals(number)
-            seen = Seen(triangle=number, normal=normal, position=position, direction=direction)
-            # Gray has one channel.
-            light = [Float32(dr.select(covered, part, 0.0)) for part in self._light.radiance(seen)]
             arrays = {
                 "object": interleaved([dr.select(covered, of_triangle, NOTHING)], size),
                 "position": interleaved(position, size),
                 "normal": interleaved([dr.select(covered, part, np.nan) for part in normal], size),
-                "color": interleaved(light if len(light) == 3 else light * 3, size),
             }
+            if colored:
+                seen = Seen(triangle=number, normal=normal, position=position, direction=direction)
+                light = [Float32(dr.select(covered, part, 0.0)) for part in self._light.radiance(seen)]
+                # Gray has one channel.
+                arrays["color"] = interleaved(light if len(light) == 3 else light * 3, size)
             dr.eval(*arrays.values())
             read = {name: array.numpy().reshape(*shape, -1) for name, array in arrays.items()}
         return Shown(
             object=read["object"][..., 0],
             position=read["position"],
             normal=read["normal"],
-            color=read["color"],
+            color=read.get("color"),
         )

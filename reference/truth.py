@@ -119,17 +119,25 @@ class Reference:
             least = UNDIVIDED_PIXELS if compiled() else BUSY_PIXELS
             yield from in_parallel(band, pencil.resolution, least_pixels=least)
 
-    def stream(self, apertures: Iterable[Aperture]) -> Iterator[HogelImage]:
+    def stream(self, apertures: Iterable[Aperture], *, colored: bool = True) -> Iterator[HogelImage]:
         """Yield the true images of many apertures in order: those that `trace` returns, in less time.
 
         Triangles are sorted once for the whole plate. Memory does not grow with the number of apertures.
+
+        Parameters
+        ----------
+        apertures
+            Apertures of the images.
+        colored
+            Whether the images have color; without it they are made faster.
         """
-        if averages(self.scene.sampling):
+        if colored and averages(self.scene.sampling):
             yield from map(self.trace, apertures)
             return
         sides = self._kept_sides or self._sorted_sides()
         for aperture in apertures:
-            yield replace(self._whole(aperture, sides), rendering=self.rendering())
+            image = self._whole(aperture, sides, colored=colored)
+            yield replace(image, rendering=self.rendering() if colored else None)
 
     @cached_property
     def _kept_sides(self) -> list[Sides] | None:
@@ -140,18 +148,24 @@ class Reference:
         middle = crossed_frustum(self.scene.frustum, self.scene.plate.middle)
         return list(sorted_by_side(self.scene.triangles, middle))
 
-    def _whole(self, aperture: Aperture, sides: Iterable[Sides] | None) -> HogelImage:
+    def _whole(
+        self, aperture: Aperture, sides: Iterable[Sides] | None, *, colored: bool = True
+    ) -> HogelImage:
         """Decide a whole true image."""
         pencil = crossed_frustum(self.scene.frustum, aperture)
-        band = partial(self._band, aperture, Certifier(self.scene.triangles, pencil, sides))
+        certifier = Certifier(self.scene.triangles, pencil, sides)
+        band = partial(self._band, aperture, certifier, colored=colored)
         if compiled():
             return stacked(list(in_turn(band, pencil.resolution)))
         return stacked(list(in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)))
 
-    def _band(self, aperture: Aperture, certifier: Certifier, rows: range) -> HogelImage:
+    def _band(
+        self, aperture: Aperture, certifier: Certifier, rows: range, *, colored: bool = True
+    ) -> HogelImage:
         """Decide some rows of a true image."""
         decided = certifier.decide(rows)
-        image = self._pictures.true_image(aperture, rows, certifier.pencil, decided)
+        pictures = self._pictures
+        image = pictures.true_image(aperture, rows, certifier.pencil, decided, colored=colored)
         opinion = SecondOpinion(
             tracer=lambda: self.tracer,
             scene=self.scene,

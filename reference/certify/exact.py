@@ -7,8 +7,10 @@ plane does not meet it: a surface seen exactly edge-on covers nothing (docs/trut
 
 from __future__ import annotations
 
+from collections import deque
 from fractions import Fraction
 from functools import cached_property, lru_cache
+from weakref import ref
 
 import numpy as np
 
@@ -27,6 +29,23 @@ def _fraction_bits(values: Floats) -> int:
     digits = np.rint(np.abs(mantissa) * 2.0**53).astype(np.int64)
     trailing = np.log2((digits & -digits).astype(np.float64)).astype(np.int64)
     return int(max(0, (53 - trailing - exponent).max()))
+
+
+REMEMBERED_SCENES = 8
+"""Number of scenes whose digits are remembered: every aperture of a plate asks for the same ones."""
+
+_REMEMBERED: deque[tuple[ref[Floats], int]] = deque(maxlen=REMEMBERED_SCENES)
+
+
+def _bits_of_scene(triangles: Floats) -> int:
+    """Return the smallest b >= 0 with triangles * 2**b all integers, kept for read-only arrays."""
+    for known, bits in tuple(_REMEMBERED):
+        if known() is triangles:
+            return bits
+    bits = _fraction_bits(triangles.ravel())
+    if not triangles.flags.writeable:
+        _REMEMBERED.append((ref(triangles), bits))
+    return bits
 
 
 def _scaled(value: float, bits: int) -> int:
@@ -63,7 +82,7 @@ class ExactPencil:
     @cached_property
     def _bits(self) -> int:
         """Binary digits after the point that hold every coordinate exactly."""
-        return max(_fraction_bits(self._triangles.ravel()), _fraction_bits(np.asarray(self._pencil.center)))
+        return max(_bits_of_scene(self._triangles), _fraction_bits(np.asarray(self._pencil.center)))
 
     @cached_property
     def _slope_bits(self) -> int:

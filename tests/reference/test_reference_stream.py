@@ -65,6 +65,16 @@ def test_and_where_color_is_a_mean() -> None:
         assert image.rendering == Rendering.of(needed(scene), Sampling(aperture=3))
 
 
+def test_a_stream_without_color_has_all_else() -> None:
+    scene = view("crossing", (24, 20))
+    for sampling in (Sampling(), Sampling(aperture=3)):
+        reference = Reference(replace(scene, sampling=sampling))
+        expected = Reference(scene).trace(scene.plate.middle)
+        (image,) = reference.stream([scene.plate.middle], colored=False)
+        assert image.color is None and image.rendering is None
+        assert_same(image, replace(expected, color=None, rendering=None))
+
+
 def test_nothing_is_traced_before_it_is_asked_for() -> None:
     scene = view("car", (16, 16))
     taken: list[int] = []
