@@ -15,6 +15,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     plan(scene, apertures, Requirement())    the fewest slabs, and a near with a margin    -> Plan
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
     explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
+    view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from xfrustum.reports.cost.cost import measure_cost as cost
     from xfrustum.reports.effects.plan import EffectsPlan, explain
     from xfrustum.reports.error_report.report import ReportFiles, make_report
+    from xfrustum.reports.eye.viewing import SceneView, view
     from xfrustum.reports.plate.plate import PlateFiles, write_plate
     from xfrustum.reports.scene_check.checking import SceneCheck, check
     from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
@@ -69,6 +71,7 @@ if TYPE_CHECKING:
         open_scene,
     )
     from xfrustum.scenes.files.openexr.images import read_image, write_image
+    from xfrustum.scenes.model.eye import Eye
 
 __all__ = [
     "Aperture",
@@ -81,6 +84,7 @@ __all__ = [
     "DepthMapping",
     "DoubleFrustum",
     "EffectsPlan",
+    "Eye",
     "Fit",
     "HogelImage",
     "InputError",
@@ -94,6 +98,7 @@ __all__ = [
     "ReportFiles",
     "Requirement",
     "Scene",
+    "SceneView",
     "SceneCheck",
     "Verification",
     "__version__",
@@ -109,6 +114,7 @@ __all__ = [
     "plan",
     "read_image",
     "verify",
+    "view",
     "write_image",
     "write_plate",
 ]
@@ -128,6 +134,9 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "plan": "reports.commands.planning:make_plan",
     "Rasterizer": "raster",
     "Reference": "reference",
+    "Eye": "scenes.model.eye",
+    "SceneView": "reports.eye.viewing",
+    "view": "reports.eye.viewing",
     "ReportFiles": "reports.error_report.report",
     "make_report": "reports.error_report.report",
     "SceneCheck": "reports.scene_check.checking",
