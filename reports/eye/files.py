@@ -186,10 +186,11 @@ def _stereo_sentence(pair: PairRecord, units: str) -> str:
     depth = pair.renderer.depth
     if depth is None:
         return "No surface point is shown to both eyes."
-    return (
-        f"Two eyes see what the renderer draws {digits(depth.p1)} to {digits(depth.p99)} {units} "
-        "farther away than it is."
-    )
+    ends = [
+        f"{digits(abs(value))} {units} {'nearer' if value < 0 else 'farther away'}"
+        for value in (depth.p1, depth.p99)
+    ]
+    return f"Two eyes see what the renderer draws between {ends[0]} and {ends[1]} than it is."
 
 
 def table(found: SceneView) -> str:

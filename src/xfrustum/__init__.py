@@ -18,6 +18,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
     explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
     survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
+    view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from xfrustum.reports.cost.cost import measure_cost as cost
     from xfrustum.reports.effects.plan import EffectsPlan, explain
     from xfrustum.reports.error_report.report import ReportFiles, make_report
+    from xfrustum.reports.eye.viewing import SceneView, view
     from xfrustum.reports.plate.camera import camera_of
     from xfrustum.reports.plate.plate import PlateFiles, write_plate
     from xfrustum.reports.scene_check.checking import SceneCheck, check
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
         open_scene,
     )
     from xfrustum.scenes.files.openexr.images import read_image, write_image
+    from xfrustum.scenes.model.eye import Eye
 
 __all__ = [
     "Aperture",
@@ -88,6 +91,7 @@ __all__ = [
     "DepthMapping",
     "DoubleFrustum",
     "EffectsPlan",
+    "Eye",
     "Fit",
     "HogelImage",
     "InputError",
@@ -105,6 +109,7 @@ __all__ = [
     "Requirement",
     "Scene",
     "SceneCheck",
+    "SceneView",
     "Survey",
     "Verification",
     "__version__",
@@ -122,6 +127,7 @@ __all__ = [
     "read_image",
     "survey",
     "verify",
+    "view",
     "write_image",
     "write_plate",
 ]
@@ -144,6 +150,9 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "plan": "reports.commands.planning:make_plan",
     "Rasterizer": "raster",
     "Reference": "reference",
+    "Eye": "scenes.model.eye",
+    "SceneView": "reports.eye.viewing",
+    "view": "reports.eye.viewing",
     "ReportFiles": "reports.error_report.report",
     "make_report": "reports.error_report.report",
     "SceneCheck": "reports.scene_check.checking",

@@ -214,17 +214,16 @@ def test_the_drawn_view_of_a_whole_plate_is_that_of_the_moved_scene(name: str) -
     as_moved = Views(true=seen.true_view(eye), replayed=seen.replayed(eye), drawn=None, taken=views.taken)
     assert views.drawn is not None
     drawn = views.drawn.triangle
-    display = [display_loss(reference, views).numbers(), display_loss(seen, as_moved).numbers()]
-    shares = {
-        "B against A": display[0].fraction,
-        "B against A, both of the moved scene": display[1].fraction,
-        "C against B": renderer_loss(reference, views, numbered=True).numbers().fraction,
-        "C against B, triangles": float((drawn != views.replayed.triangle).mean()),
-        "C against B of the moved scene, triangles": float(
-            (drawn != numbers[as_moved.replayed.triangle]).mean()
-        ),
+    losses = {
+        "B against A": display_loss(reference, views),
+        "B against A, both of the moved scene": display_loss(seen, as_moved),
+        "C against B": renderer_loss(reference, views, numbered=True),
     }
-    lines = [f"  {what}: {100 * share:.3g} %" for what, share in shares.items() if share is not None]
+    shares = {what: loss.numbers().fraction or 0.0 for what, loss in losses.items()}
+    shares["C against B, triangles"] = float((drawn != views.replayed.triangle).mean())
+    of_moved = numbers[as_moved.replayed.triangle]
+    shares["C against B of the moved scene, triangles"] = float((drawn != of_moved).mean())
+    lines = [f"  {what}: {100 * share:.3g} %" for what, share in shares.items()]
     print(f"\n{name}, n = {NEAR}:", *lines, sep="\n")  # noqa: T201 - it is asked for
     assert (shares["C against B, triangles"] or 0.0) > 0.05
     assert (shares["C against B of the moved scene, triangles"] or 0.0) < 0.005
