@@ -17,4 +17,5 @@ starts        The conventions and the numbers from which fits of geometry start:
               fail least
 stored_truth  Stored pixels beside what the truth would have stored, and the damage that explains the
               difference
+view_shear    The shear of views: views that were registered at another plane than the plate
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from xfrustum.compare.diagnosis.diagnosis import declared
 from xfrustum.compare.diagnosis.encodings import ACCEPTABLE, ENCODING
 from xfrustum.compare.diagnosis.findings import Findings, find_out
+from xfrustum.compare.diagnosis.view_shear import with_view_shear
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
@@ -19,6 +21,7 @@ from xfrustum.compare.renderer_model.shown_points import shown_points
 from xfrustum.reference import Reference
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.verification.commands import Command
+from xfrustum.reports.verification.laid_out import LaidOut, laid_out, with_layout_named
 from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
 from xfrustum.reports.verification.worst_hogels import WorstHogels
@@ -48,6 +51,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     *,
     command: str | None = None,
     encoding: Encoding | str | None = None,
+    layout: str | None = None,
     apertures: Sequence[tuple[int, int]] | None = None,
     near: float | None = None,
     accept: Sequence[str] = (),
@@ -63,11 +67,14 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     Parameters
     ----------
     scene, source
-        What was to be drawn; and files named by {i} and {j}, or a function of scene and aperture.
+        What was to be drawn; and files named by {i} and {j}, a folder or picture in a layout, or a function
+        of scene and aperture.
     command
         Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
     encoding
         What pictures mean; `rgb` where nobody says.
+    layout
+        Name of the layout of a folder or picture (docs/layouts.md); the one that they look like where None.
     apertures
         Column and row of each; the whole plate where None.
     near
@@ -96,10 +103,14 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     asked = _apertures(opened, apertures)
     require_seen(opened, asked)
     reference = Reference(opened)
-    with _source(reference, source, command, encoding, timeout_s) as opened_source:
+    with _source(reference, source, command, encoding, timeout_s, layout) as opened_source:
         opened_source.check(asked)
-        run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
-        return run.verified(nominal, tuple(accept), progress=progress)
+
+        def verified(one: Source) -> Verification:
+            run = _Run(reference=reference, source=one, asked=asked, limits=limits)
+            return run.verified(nominal, tuple(accept), progress=progress)
+
+        return with_layout_named(verified(opened_source), opened_source, verified)
 
 
 def _limits(
@@ -141,10 +152,13 @@ def _source(
     command: str | None,
     encoding: Encoding | str | None,
     timeout_s: float,
+    layout: str | None,
 ) -> Iterator[Source]:
     """Open a source, with a folder of its own for what a command writes."""
     if (source is None) == (command is None):
         raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
+    if layout is not None and not isinstance(source, str):
+        raise InputError("layout is that of files; name their folder as SOURCE")
     meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
     if command is not None:
         if not real(timeout_s) > 0:
@@ -159,11 +173,18 @@ def _source(
                 timeout_s=timeout_s,
                 suffix=suffix,
             )
+    elif isinstance(source, str) and (layout is not None or _is_place(source, reference.scene)):
+        yield laid_out(Path(source), layout, reference, meant)
     elif isinstance(source, str):
         yield Files(pattern=source, reference=reference, encoding=meant)
     else:
         assert source is not None
         yield Function(function=source, reference=reference)
+
+
+def _is_place(source: str, scene: Scene) -> bool:
+    """Return whether a source names a folder, or one picture of a plate of several hogels."""
+    return Path(source).is_dir() or (scene.plate.hogels != (1, 1) and Path(source).is_file())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,6 +230,8 @@ class _Run:
                 bar.update()
             images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
             found = find_out(self.reference, images, nominal, self.limits.judging)
+            if isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels:
+                found = with_view_shear(found, self.reference, images, nominal, self.limits.judging)
             conventions = [name for name in accept if name != ENCODING]
             question = _Question(
                 asked=declared(nominal, found.diagnosis.model, conventions),

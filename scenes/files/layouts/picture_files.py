@@ -13,7 +13,6 @@ import OpenImageIO as oiio
 from PIL import Image, UnidentifiedImageError
 from PIL.PngImagePlugin import PngInfo
 
-from xfrustum.scenes.disk.durable import NewFile, write_file
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import LOSSY_FORMATS
@@ -113,7 +112,7 @@ def read_picture(path: Path) -> Picture:
 
 
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
-    """Write a picture, whole or not at all, in the format that the suffix names.
+    """Write a picture into a folder that is being made, in the format that the suffix names.
 
     Parameters
     ----------
@@ -137,11 +136,11 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
         if text:
             info.add_text(TEXT_KEY, json.dumps(text))
         Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
-        write_file(path, buffer.getvalue())
+        path.write_bytes(buffer.getvalue())
     elif suffix == ".ppm" and picture.levels is not None:
         height, width = pixels.shape[:2]
         stored = pixels.astype(">u2" if picture.levels > BYTE_LEVELS else np.uint8)
-        write_file(path, f"P6\n{width} {height}\n{picture.levels}\n".encode() + stored.tobytes())
+        path.write_bytes(f"P6\n{width} {height}\n{picture.levels}\n".encode() + stored.tobytes())
     elif suffix == ".exr" and picture.levels is None:
         _write_exr(path, pixels)
     else:
@@ -206,12 +205,10 @@ def _read_exr(path: Path) -> Picture:
 def _write_exr(path: Path, pixels: Pixels) -> None:
     height, width = pixels.shape[:2]
     kind = oiio.HALF if pixels.dtype == np.float16 else oiio.FLOAT
-    with NewFile(path) as new:
-        # The library takes the format from the name.
-        made = oiio.ImageOutput.create("made.exr")
-        assert made is not None
-        spec = oiio.ImageSpec(width, height, 3, kind)
-        spec["compression"] = "zip"
-        stored = made.open(str(new.aside), spec) and made.write_image(pixels)
-        if not (made.close() and stored):
-            raise OSError(f"{path}: {' '.join(made.geterror().split())}")
+    made = oiio.ImageOutput.create(str(path))
+    assert made is not None
+    spec = oiio.ImageSpec(width, height, 3, kind)
+    spec["compression"] = "zip"
+    stored = made.open(str(path), spec) and made.write_image(pixels)
+    if not (made.close() and stored):
+        raise OSError(f"{path}: {' '.join(made.geterror().split())}")

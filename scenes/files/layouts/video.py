@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from xfrustum.scenes.disk.durable import NewFile
 from xfrustum.scenes.disk.input_files import check_declared, regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts.layout import Pixels
@@ -89,7 +88,7 @@ def write_video(path: Path, frames: Pixels) -> None:
         The file cannot be written.
     """
     av = _av()
-    with NewFile(path) as new, av.open(str(new.aside), "w", format="avi") as video:
+    with av.open(str(path), "w", format="avi") as video:
         stream = video.add_stream("ffv1", rate=25)
         stream.height, stream.width = frames.shape[1:3]
         stream.pix_fmt = "bgr0"

@@ -430,6 +430,26 @@ def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[]
         click.echo(text())
 
 
+class LayoutName(click.ParamType[str]):
+    """Name of a layout of files."""
+
+    name = "LAYOUT"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name in lower case."""
+        from xfrustum.scenes.files.layouts.catalogue import NAMES
+
+        given = str(value).lower()
+        if given not in NAMES:
+            self.fail(f"{value!r} is not one of {', '.join(NAMES)}", param, ctx)
+        return given
+
+
+def layout_option(name: str, words: str, parameter: str | None = None) -> Callable[[Command], Command]:
+    """Return the option that names a layout of files."""
+    return click.option(name, *filter(None, (parameter,)), type=LayoutName(), help=words)
+
+
 scene_argument = click.argument("scene")
 aperture_option = click.option(
     "--aperture", type=Index(), help="Column,row on the plate.  [default: the middle]"

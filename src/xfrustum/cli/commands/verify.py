@@ -76,6 +76,7 @@ class LimitInPixels(click.ParamType["float | None"]):
     type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
     help="What pixels of pictures hold; not for OpenEXR.  [default: rgb; with --command, OpenEXR]",
 )
+@options.layout_option("--layout", "Layout of SOURCE, a folder or a picture.  [default: what it looks like]")
 @click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the whole plate]")
 @click.option("--near", type=float, help="Near offset that the renderer is known to have.  [default: 0]")
 @click.option(
@@ -135,8 +136,8 @@ def verify(
 ) -> int:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
-    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'. Exit status 1 if
-    any hogel is missing or exceeds a limit.
+    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a folder or a
+    picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit.
     """
     from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
     from xfrustum.reports.verification.files import FILES, table, write_junit, write_verification
