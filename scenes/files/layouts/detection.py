@@ -85,19 +85,24 @@ def looks_like(
     paths = _pictures(place)
     found: list[FileSet] = []
     problems: list[str] = []
+    # Somebody who states a layout knows more than the size of a picture does.
+    stated = len({layout.name for layout in layouts}) == 1
     for layout in layouts:
         named = {index: path for path in paths if (index := layout.index_of(path.name)) is not None}
         # A layout of one picture fits a folder of one.
         if not named or (() in named and len(paths) > 1):
             continue
         try:
-            found.append(_examined(place, layout, named, told, strangers=len(paths) - len(named)))
+            found.append(_examined(place, layout, named, told, all_files=len(paths), stated=stated))
         except InputError as error:
             problems.append(f"{layout.name}: {error}")
     if not found:
         some = f", such as {paths[0].name}" if paths else ""
-        why = problems[0] if problems else f"its files ({len(paths)} pictures{some}) have names of no layout"
-        names = f" {layouts[0].name}" if len({layout.name for layout in layouts}) == 1 else ""
+        why = f"its files ({len(paths)} pictures{some}) have names of no layout"
+        if problems:
+            # For a single picture the last layout, a mosaic, is the likeliest.
+            why = problems[-1 if len(paths) == 1 else 0]
+        names = f" {layouts[0].name}" if stated else ""
         raise InputError(f"{place}: cannot be read in the layout{names or ' that it looks like'}: {why}")
 
     def doubts(one: FileSet) -> tuple[bool, bool, bool, int]:
@@ -130,7 +135,13 @@ def picture_or_video_exists(place: Path) -> None:
 
 
 def _examined(
-    place: Path, layout: Layout, named: dict[Index, Path], told: PlateShape | None, *, strangers: int
+    place: Path,
+    layout: Layout,
+    named: dict[Index, Path],
+    told: PlateShape | None,
+    *,
+    all_files: int,
+    stated: bool,
 ) -> FileSet:
     """Return the set of some files in a layout.
 
@@ -139,7 +150,7 @@ def _examined(
     InputError
         What the files say does not fit together.
     """
-    first = named[min(named)]
+    first, strangers = named[min(named)], all_files - len(named)
     if first.suffix.lower() == ".avi":
         frames, size = video_size(first)
         told = PlateShape(hogels=(frames, 1), resolution=size)
@@ -152,7 +163,7 @@ def _examined(
     reasons = [f"{len(named)} of {len(named) + strangers} names fit: {layout.words}", f"{first.name} ..."]
     if len(named) == 1:
         reasons = [layout.words]
-        reasons += _only_picture(layout, size, told)
+        reasons += _only_picture(layout, size, told, stated=stated)
     if missing:
         reasons.append(f"{missing} of {len(expected)} files are not there")
     reasons.append(shape.words)
@@ -172,7 +183,9 @@ def _tiles(named: dict[Index, Path]) -> tuple[int, int] | None:
     return (index[0], index[1]) if len(named) == 1 and len(index) == 2 else None
 
 
-def _only_picture(layout: Layout, size: tuple[int, int], told: PlateShape | None) -> list[str]:
+def _only_picture(
+    layout: Layout, size: tuple[int, int], told: PlateShape | None, *, stated: bool
+) -> list[str]:
     """Return what the size of a single picture says.
 
     Raises
@@ -184,7 +197,7 @@ def _only_picture(layout: Layout, size: tuple[int, int], told: PlateShape | None
         full = tuple(count * px for count, px in zip(CUBEVI_TILES, CUBEVI_TILE_PX, strict=True))
         columns, rows = CUBEVI_TILES
         of_scene = told is not None and told.resolution[0] == columns * rows and told.resolution[1] == 1
-        if size != full and not of_scene:
+        if size != full and not of_scene and not stated:
             raise InputError(
                 f"the picture is {size[0]} x {size[1]}, and a CubeVi picture {full[0]} x {full[1]}"
             )

@@ -8,7 +8,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import Imath
 import numpy as np
+import OpenEXR
 import OpenImageIO as oiio
 from PIL import Image, UnidentifiedImageError
 from PIL.PngImagePlugin import PngInfo
@@ -130,7 +132,7 @@ def write_picture(path: Path, picture: Picture, text: dict[str, object] | None =
     OSError
         The file cannot be written.
     """
-    suffix, pixels = path.suffix.lower(), np.ascontiguousarray(picture.pixels)
+    suffix, pixels = path.suffix.lower(), np.array(picture.pixels, order="C")
     if suffix == ".png" and pixels.dtype == np.uint8:
         info, buffer = PngInfo(), io.BytesIO()
         if text:
@@ -204,11 +206,12 @@ def _read_exr(path: Path) -> Picture:
 
 def _write_exr(path: Path, pixels: Pixels) -> None:
     height, width = pixels.shape[:2]
-    kind = oiio.HALF if pixels.dtype == np.float16 else oiio.FLOAT
-    made = oiio.ImageOutput.create(str(path))
-    assert made is not None
-    spec = oiio.ImageSpec(width, height, 3, kind)
-    spec["compression"] = "zip"
-    stored = made.open(str(path), spec) and made.write_image(pixels)
-    if not (made.close() and stored):
-        raise OSError(f"{path}: {' '.join(made.geterror().split())}")
+    kind = Imath.PixelType.HALF if pixels.dtype == np.float16 else Imath.PixelType.FLOAT
+    header = OpenEXR.Header(width, height)
+    header["channels"] = {name: Imath.Channel(Imath.PixelType(kind)) for name in "RGB"}
+    header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
+    file = OpenEXR.OutputFile(str(path), header)
+    try:
+        file.writePixels({name: pixels[..., channel].tobytes() for channel, name in enumerate("RGB")})
+    finally:
+        file.close()
