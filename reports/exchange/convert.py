@@ -13,8 +13,9 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts.catalogue import LAYOUTS, layout_for, layouts_named
 from xfrustum.scenes.files.layouts.detection import PARAMETERS_FILE, looks_like
 from xfrustum.scenes.files.layouts.layout import PICTURE_SUFFIXES, Layout, Naming, PlateShape
+from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
 from xfrustum.scenes.files.layouts.reading import LaidOutFiles, Plates, with_levels
-from xfrustum.scenes.files.layouts.writing import BYTE_LEVELS, Target, write_files
+from xfrustum.scenes.files.layouts.writing import Target, write_files
 
 ZARR = "zarr"
 """Name under which a Zarr group counts as a layout."""
@@ -140,7 +141,7 @@ def _into_group(
     plate: Plates, source: Path, out: Path, array: PlateArray | None, read: tuple[str, tuple[str, ...]]
 ) -> Conversion:
     name, reasons = read
-    chosen, losses = array or PlateArray.COLOR, []
+    chosen = array or PlateArray.COLOR
     if chosen is PlateArray.TRIANGLE and plate.levels is None:
         raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
     if plate.levels not in (None, BYTE_LEVELS):
@@ -158,7 +159,7 @@ def _into_group(
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}); choose another place") from error
     columns, rows = plate.shape.hogels
-    return _done(plate, source, out, (name, reasons, ZARR), (columns * rows, tuple(losses), ()))
+    return _done(plate, source, out, (name, reasons, ZARR), (columns * rows, (), ()))
 
 
 def _into_files(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -117,7 +118,7 @@ class LaidOut:
         image = read_foreign(path, camera, self.encoding)
         layout = self.files.layout
         found = TURNED if isinstance(layout, HogelFiles) and layout.turned else UPRIGHT
-        arrays = {
+        arrays: dict[str, Any] = {
             name: found.upright(array)
             for name in ("triangle", "object", "position", "normal", "color")
             if (array := getattr(image, name)) is not None

@@ -13,7 +13,7 @@ import numpy as np
 from xfrustum.compare.diagnosis.diagnosis import declared
 from xfrustum.compare.diagnosis.encodings import ACCEPTABLE, ENCODING
 from xfrustum.compare.diagnosis.findings import Findings, find_out
-from xfrustum.compare.diagnosis.view_shear import with_view_shear
+from xfrustum.compare.diagnosis.views.view_shear import with_view_shear
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
 from xfrustum.compare.renderer_model.drawn_model import DrawnModel
@@ -67,14 +67,13 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     Parameters
     ----------
     scene, source
-        What was to be drawn; and files named by {i} and {j}, a folder or picture in a layout, or a function
-        of scene and aperture.
+        What was to be drawn; and files named by {i} and {j}, a place of files, or a function of both.
     command
         Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
     encoding
         What pictures mean; `rgb` where nobody says.
     layout
-        Name of the layout of a folder or picture (docs/layouts.md); the one that they look like where None.
+        Name of the layout of a place of files (docs/layouts.md); the one that they look like where None.
     apertures
         Column and row of each; the whole plate where None.
     near
@@ -106,11 +105,8 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     with _source(reference, source, command, encoding, timeout_s, layout) as opened_source:
         opened_source.check(asked)
 
-        def verified(one: Source) -> Verification:
-            run = _Run(reference=reference, source=one, asked=asked, limits=limits)
-            return run.verified(nominal, tuple(accept), progress=progress)
-
-        return with_layout_named(verified(opened_source), opened_source, verified)
+        run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
+        return run.in_any_layout(nominal, tuple(accept), progress=progress)
 
 
 def _limits(
@@ -221,6 +217,14 @@ class _Run:
     asked: Sequence[Aperture]
     limits: Limits
     kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
+
+    def in_any_layout(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
+        """Return the verification, which names the layout of files if it is another than the stated one."""
+
+        def verified(one: Source) -> Verification:
+            return replace(self, source=one, kept={}).verified(nominal, accept, progress=progress)
+
+        return with_layout_named(verified(self.source), self.source, verified)
 
     def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
         sample = sampled(self.asked, self.reference.scene)

@@ -17,6 +17,7 @@ import click
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
 from xfrustum.cli import termination as cli_termination
+from xfrustum.cli.commands import camera as cli_camera
 from xfrustum.cli.commands import checks as cli_checks
 from xfrustum.cli.commands import convert as cli_convert
 from xfrustum.cli.commands import cost as cli_cost
@@ -327,6 +328,7 @@ def scenes(hard: bool, as_json: bool) -> None:
 
 
 for _command in (
+    cli_camera.camera,
     cli_checks.budget,
     cli_checks.selfcheck,
     cli_checks.bench,

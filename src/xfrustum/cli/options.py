@@ -263,6 +263,32 @@ def double_frustum_options(command: Command) -> Command:
     return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
 
+def optional_double_frustum_options(command: Command) -> Command:
+    """Add the same options where a command may go without them; then `settings` is None."""
+
+    @functools.wraps(command)
+    def with_settings(**options: Any) -> Any:
+        if options.get("near") is None:
+            names = [option for option in _settings_names() if options.pop(option) is not None]
+            if names:
+                raise click.UsageError(f"--{names[0]} needs --near, the offset of both cameras")
+            return command(settings=None, **options)
+        return command(settings=_collect(options), **options)
+
+    for option in reversed(_SETTINGS[1:]):
+        with_settings = option(with_settings)
+    near = click.option("--near", type=Positive(), help="Offset of both cameras, 0 < N < reach.")
+    return near(with_settings)  # type: ignore[return-value]  # wraps() keeps the name, not the type
+
+
+def _settings_names() -> list[str]:
+    from dataclasses import fields
+
+    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+
+    return [item.name for item in fields(DoubleFrustum)]
+
+
 def _collect(options: dict[str, Any]) -> DoubleFrustum:
     """Remove the settings from a command's options, and return them."""
     from dataclasses import fields
@@ -428,26 +454,6 @@ def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[]
         print_json(summary())
     else:
         click.echo(text())
-
-
-class LayoutName(click.ParamType[str]):
-    """Name of a layout of files."""
-
-    name = "LAYOUT"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name in lower case."""
-        from xfrustum.scenes.files.layouts.catalogue import NAMES
-
-        given = str(value).lower()
-        if given not in NAMES:
-            self.fail(f"{value!r} is not one of {', '.join(NAMES)}", param, ctx)
-        return given
-
-
-def layout_option(name: str, words: str, parameter: str | None = None) -> Callable[[Command], Command]:
-    """Return the option that names a layout of files."""
-    return click.option(name, *filter(None, (parameter,)), type=LayoutName(), help=words)
 
 
 scene_argument = click.argument("scene")

@@ -32,6 +32,13 @@ def group(folder: Path, dtype: str, resolution: tuple[int, int] = (6, 5)) -> tup
     return folder / "plate.zarr", plate.pixels
 
 
+def stored(tmp_path: Path, array: str) -> np.ndarray:
+    """Return an array of the group that came back."""
+    found = zarr.open_group(tmp_path / "back.zarr")[array]
+    assert isinstance(found, zarr.Array)
+    return np.asarray(found[...])
+
+
 @pytest.mark.parametrize("name", [*FULL, *HORIZONTAL])
 def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> None:
     source, pixels = group(tmp_path, "uint8", (40, 1) if name in HORIZONTAL else (6, 5))
@@ -53,7 +60,7 @@ def test_floating_point_stays_what_it_is(name: str, tmp_path: Path) -> None:
     source, pixels = group(tmp_path, "float16", (6, 1))
     assert convert(source, tmp_path / "out", write_as=name).losses == ()
     convert(tmp_path / "out", tmp_path / "back.zarr", options=ConversionOptions(hogels=(4, 3)))
-    assert np.array_equal(zarr.open_group(tmp_path / "back.zarr")["color"][...], pixels)  # type: ignore[index]
+    assert np.array_equal(stored(tmp_path, "color"), pixels)
 
 
 def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,7 +76,7 @@ def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ]
     assert "note: lost: vertical parallax" in told.err
     convert(Path(summary["out"]), tmp_path / "back.zarr")
-    found = zarr.open_group(tmp_path / "back.zarr")["color"][...]  # type: ignore[index]
+    found = stored(tmp_path, "color")
     assert np.array_equal(found, np.rint(pixels[:, :, 2:3].astype(np.float64) * 255).astype(np.uint8))
 
 
@@ -80,7 +87,7 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
     convert(tmp_path / "plate.zarr", tmp_path / "pictures", write_as="hogels")
     triangles = ConversionOptions(array="triangle")
     convert(tmp_path / "pictures", tmp_path / "back.zarr", options=triangles)
-    assert np.array_equal(zarr.open_group(tmp_path / "back.zarr")["triangle"][...], numbers)  # type: ignore[index]
+    assert np.array_equal(stored(tmp_path, "triangle"), numbers)
 
 
 def test_a_folder_says_which_layout_it_looks_like(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

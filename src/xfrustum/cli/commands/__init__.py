@@ -1,5 +1,6 @@
 """The commands, a module for each use.
 
+camera   The command that writes the cameras of a plate for other renderers
 checks   Commands that examine causes of errors (`budget`), the truth (`selfcheck`) and speed (`bench`)
 convert  The command that writes a plate in another layout of files
 cost     The command about time: what accuracy costs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,27 @@ if TYPE_CHECKING:
     from xfrustum.reports.exchange.convert import Conversion
 
 
-class LayoutOrZarr(options.LayoutName):
+class LayoutName(click.ParamType[str]):
+    """Name of a layout of files."""
+
+    name = "LAYOUT"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name in lower case."""
+        from xfrustum.scenes.files.layouts.catalogue import NAMES
+
+        given = str(value).lower()
+        if given not in NAMES:
+            self.fail(f"{value!r} is not one of {', '.join(NAMES)}", param, ctx)
+        return given
+
+
+def layout_option(name: str, words: str) -> Callable[[options.Command], options.Command]:
+    """Return the option that names a layout of files."""
+    return click.option(name, type=LayoutName(), help=words)
+
+
+class LayoutOrZarr(LayoutName):
     """Name of a layout of files, or `zarr`."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:

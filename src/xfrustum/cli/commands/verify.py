@@ -9,6 +9,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
+from xfrustum.cli.commands.convert import layout_option
 from xfrustum.cli.numbers import Positive
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -76,7 +77,7 @@ class LimitInPixels(click.ParamType["float | None"]):
     type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
     help="What pixels of pictures hold; not for OpenEXR.  [default: rgb; with --command, OpenEXR]",
 )
-@options.layout_option("--layout", "Layout of SOURCE, a folder or a picture.  [default: what it looks like]")
+@layout_option("--layout", "Layout of SOURCE, a folder or a picture.  [default: what it looks like]")
 @click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the whole plate]")
 @click.option("--near", type=float, help="Near offset that the renderer is known to have.  [default: 0]")
 @click.option(
