@@ -70,10 +70,8 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         What was to be drawn; and files named by {i} and {j}, a place of files, or a function of both.
     command
         Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
-    encoding
-        What pictures mean; `rgb` where nobody says.
-    layout
-        Name of the layout of a place of files (docs/layouts.md); the one that they look like where None.
+    encoding, layout
+        What pictures mean, `rgb` where nobody says; and the layout of a place of files (docs/layouts.md).
     apertures
         Column and row of each; the whole plate where None.
     near

@@ -158,7 +158,7 @@ def encoded(
         written |= dict(zip(("N.X", "N.Y", "N.Z"), _normals(numbers[TRIANGLE], mesh), strict=True))
     else:
         written |= _seen(planes, shown, to_plate)
-    stored = {name: plane.astype(np.float32) for name, plane in written.items()}
+    stored: dict[str, Array] = {name: plane.astype(np.float32) for name, plane in written.items()}
     if numbers:
         stored |= {"id.triangle": numbers[TRIANGLE], "id.object": numbers[OBJECT]}
     return exr(stored)
