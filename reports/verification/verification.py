@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -178,7 +178,9 @@ def _source(
 
 def _is_place(source: str, scene: Scene) -> bool:
     """Return whether a source names a folder, or one picture of a plate of several hogels."""
-    return Path(source).is_dir() or (scene.plate.hogels != (1, 1) and Path(source).is_file())
+    with suppress(OSError, ValueError):  # what cannot be the name of a file may still be a pattern
+        return Path(source).is_dir() or (scene.plate.hogels != (1, 1) and Path(source).is_file())
+    return False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,8 @@ The public API on one page; each command of `xfrustum` is one of these:
     cost(scene, tolerance_px=0.5)            error against time of every setting   -> CostReport
     explain(scene)                           what a scene calls for, and its cost  -> EffectsPlan
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
+    convert(source, out, write_as="views")   plates in other layouts of files           -> Conversion
+    write_cameras(scene, "json", folder, ..) cameras for other renderers            -> CameraFiles
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
 
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
     from xfrustum.reports.cost.cost import measure_cost as cost
     from xfrustum.reports.effects.plan import EffectsPlan, explain
     from xfrustum.reports.error_report.report import ReportFiles, make_report
+    from xfrustum.reports.exchange.camera_files import CameraFiles, write_cameras
+    from xfrustum.reports.exchange.convert import Conversion, ConversionOptions, convert
     from xfrustum.reports.plate.plate import PlateFiles, write_plate
     from xfrustum.reports.scene_check.checking import SceneCheck, check
     from xfrustum.reports.scene_check.new_scene import NewScene, new_scene
@@ -74,7 +78,10 @@ __all__ = [
     "Aperture",
     "BudgetReport",
     "Camera",
+    "CameraFiles",
     "Comparison",
+    "Conversion",
+    "ConversionOptions",
     "CostReport",
     "Cull",
     "DepthFormat",
@@ -100,6 +107,7 @@ __all__ = [
     "budget",
     "check",
     "compare_images",
+    "convert",
     "cost",
     "explain",
     "make_plan",
@@ -109,6 +117,7 @@ __all__ = [
     "plan",
     "read_image",
     "verify",
+    "write_cameras",
     "write_image",
     "write_plate",
 ]
@@ -136,6 +145,11 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "new_scene": "reports.scene_check.new_scene",
     "Verification": "reports.verification.verdict",
     "verify": "reports.verification.verification",
+    "Conversion": "reports.exchange.convert",
+    "ConversionOptions": "reports.exchange.convert",
+    "convert": "reports.exchange.convert",
+    "CameraFiles": "reports.exchange.camera_files",
+    "write_cameras": "reports.exchange.camera_files",
     "read_image": "scenes.files.openexr.images",
     "write_image": "scenes.files.openexr.images",
     "PlateFiles": "reports.plate.plate",

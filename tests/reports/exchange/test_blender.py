@@ -7,6 +7,7 @@ bpy that XFRUSTUM_BLENDER_PYTHON names.
 from __future__ import annotations
 
 import io
+import json
 import os
 import shlex
 import subprocess
@@ -23,7 +24,7 @@ from tests.conftest import CHECKOUT
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.reports.exchange.blender import render
+from xfrustum.reports.exchange.blender import pixel_files, render
 from xfrustum.reports.exchange.camera_files import write_cameras
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
@@ -42,7 +43,7 @@ def small(name: str = "asymmetric-recentered") -> Scene:
 
 def plate_of(scene: Scene, folder: Path) -> Any:
     write_cameras(scene, "blender", folder)
-    return render.json.loads((folder / "plate.json").read_text())
+    return json.loads((folder / "plate.json").read_text())
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
@@ -60,23 +61,22 @@ def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) ->
 def test_files_of_plain_python_are_read_by_libraries() -> None:
     rng = np.random.default_rng(0)
     pixels = rng.integers(0, 256, (5, 7, 3), np.uint8)
-    content = render.encoded.__globals__["png"](pixels)
+    content = pixel_files.png(pixels)
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
 
 
 def test_openexr_of_plain_python_is_read_by_the_library_and_by_itself(tmp_path: Path) -> None:
-    tools = render.encoded.__globals__
     rng = np.random.default_rng(0)
     planes = {
         "P.X": rng.random((5, 7), np.float32),
         "id.triangle": rng.integers(0, 1 << 24, (5, 7), dtype=np.uint32),
     }
-    content = tools["exr"](planes)
+    content = pixel_files.exr(planes)
     (tmp_path / "hogel.exr").write_bytes(content)
     file = OpenEXR.InputFile(str(tmp_path / "hogel.exr"))
     for name, dtype in (("P.X", np.float32), ("id.triangle", np.uint32)):
         assert np.array_equal(np.frombuffer(file.channel(name), dtype).reshape(5, 7), planes[name])
-        assert np.array_equal(render.exr_planes(content)[name], planes[name].astype(np.float32))
+        assert np.array_equal(pixel_files.exr_planes(content)[name], planes[name].astype(np.float32))
 
 
 @pytest.mark.parametrize(
