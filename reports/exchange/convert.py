@@ -6,7 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from xfrustum.reports.common.outputs import Staging
-from xfrustum.reports.exchange.plate_group import PlateArray, is_group, read_group, write_group
+from xfrustum.reports.exchange.plate_group import (
+    PlateArray,
+    is_group,
+    missing_hogels,
+    read_group,
+    write_group,
+)
 from xfrustum.scenes.arguments import choice
 from xfrustum.scenes.disk.durable import Aside
 from xfrustum.scenes.errors import InputError
@@ -128,7 +134,11 @@ def _read(
     """Return the pixels of a source, the name of its layout, and what speaks for it."""
     if read_as == ZARR or (read_as is None and is_group(source)):
         plate, chosen = read_group(source, array)
-        return plate, ZARR, (f"array {chosen}", plate.shape.words)
+        missing = missing_hogels(source, chosen)
+        reasons = [f"array {chosen}", plate.shape.words]
+        if missing:
+            reasons.append(f"{missing} hogels are not there and count as empty")
+        return plate, ZARR, tuple(reasons)
     told = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
     layouts = LAYOUTS if read_as is None else layouts_named(read_as)
     found = looks_like(source, told, layouts)[0]

@@ -85,6 +85,13 @@ def read_group(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArra
     return plate, chosen
 
 
+def missing_hogels(place: Path, array: PlateArray) -> int:
+    """Return the number of hogels that were never written, which read as black or as no triangle."""
+    stored = zarr.open_group(place, mode="r")[array]
+    assert isinstance(stored, zarr.Array)
+    return int(stored.nchunks - stored.nchunks_initialized)
+
+
 def write_group(plate: Plates, place: Path, array: PlateArray, description: dict[str, object]) -> None:
     """Write a plate into a new Zarr group with one chunk for each hogel.
 

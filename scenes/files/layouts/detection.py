@@ -160,7 +160,7 @@ def _examined(
     shape = layout.shape_of(list(named), size, told)
     expected = {part.index for part in layout.parts(shape, Naming(tiles=_tiles(named)))}
     missing = len(expected - named.keys())
-    reasons = [f"{len(named)} of {len(named) + strangers} names fit: {layout.words}", f"{first.name} ..."]
+    reasons = [f"{len(named)} of {len(named) + strangers} names fit: {layout.words}", f"such as {first.name}"]
     if len(named) == 1:
         reasons = [layout.words]
         reasons += _only_picture(layout, size, told, stated=stated)

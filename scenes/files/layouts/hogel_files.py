@@ -99,7 +99,7 @@ def _one(row: int, column: int, *, turned: bool) -> Callable[[Pixels], Pixels]:
 HOGELS = HogelFiles(
     name="hogels",
     words="one picture for each hogel, column before row, row 0 at the top",
-    pattern=r"[Hh]?[^\d]*?(?P<i>\d+)[^\d]+(?P<j>\d+)",
+    pattern=r"[^\d]*(?P<i>\d+)[^\d]+(?P<j>\d+)",
     name_of=lambda i, j, shape: f"hogel_{i}x{j}",
 )
 

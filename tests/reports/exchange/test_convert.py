@@ -90,6 +90,14 @@ def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) 
     assert np.array_equal(stored(tmp_path, "triangle"), numbers)
 
 
+def test_hogels_that_were_never_drawn_are_counted(tmp_path: Path) -> None:
+    plate = zarr.create_group(tmp_path / "plate.zarr")
+    color = plate.create_array("color", shape=(2, 3, 4, 5, 3), chunks=(1, 1, 4, 5, 3), dtype="uint8")
+    color[1, 1] = np.full((4, 5, 3), 7, np.uint8)
+    done = convert(tmp_path / "plate.zarr", tmp_path / "views", write_as="views")
+    assert done.reasons[-1] == "5 hogels are not there and count as empty"
+
+
 def test_a_folder_says_which_layout_it_looks_like(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, _ = group(tmp_path, "uint8")
     convert(source, tmp_path / "files", write_as="hocking")
