@@ -108,7 +108,7 @@ def write_group(plate: Plates, place: Path, array: PlateArray, description: dict
     """
     group = zarr.create_group(place, attributes={LAYOUT_ATTRIBUTE: description})
     shape = plate.shape.array if array is PlateArray.COLOR else plate.shape.array[:4]
-    names = ("row", "column", "y", "x", "rgb")
+    names = ("row", "column", "v", "u", "rgb")
     stored = group.create_array(
         array,
         shape=shape,

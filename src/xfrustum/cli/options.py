@@ -250,6 +250,9 @@ _SETTINGS = (
     click.option("--cull", type=Name("Cull"), help="Faces left out, by winding.  [default: none]"),
 )
 
+_SETTING_NAMES = ("near", "depth", "mapping", "pivot", "fit", "offset", "slabs", "camera", "cull")
+_NEAR_WITHOUT_NEED = click.option("--near", type=Positive(), help="Offset of both cameras, 0 < N < reach.")
+
 
 def double_frustum_options(command: Command) -> Command:
     """Add the options of the double frustum; the command receives them as one `settings`."""
@@ -264,29 +267,26 @@ def double_frustum_options(command: Command) -> Command:
 
 
 def optional_double_frustum_options(command: Command) -> Command:
-    """Add the same options where a command may go without them; then `settings` is None."""
+    """Add the options of the double frustum; the command receives None where none of them is given.
+
+    Raises
+    ------
+    click.UsageError
+        Some of them are given without --near.
+    """
 
     @functools.wraps(command)
     def with_settings(**options: Any) -> Any:
-        if options.get("near") is None:
-            names = [option for option in _settings_names() if options.pop(option) is not None]
-            if names:
-                raise click.UsageError(f"--{names[0]} needs --near, the offset of both cameras")
-            return command(settings=None, **options)
-        return command(settings=_collect(options), **options)
+        given = [name for name in _SETTING_NAMES if options.get(name) is not None]
+        if given and "near" not in given:
+            raise click.UsageError(f"--{given[0]} is a setting of the two cameras: give --near too")
+        if given:
+            return command(settings=_collect(options), **options)
+        return command(settings=None, **{k: v for k, v in options.items() if k not in _SETTING_NAMES})
 
-    for option in reversed(_SETTINGS[1:]):
+    for option in reversed((_NEAR_WITHOUT_NEED, *_SETTINGS[1:])):
         with_settings = option(with_settings)
-    near = click.option("--near", type=Positive(), help="Offset of both cameras, 0 < N < reach.")
-    return near(with_settings)  # type: ignore[return-value]  # wraps() keeps the name, not the type
-
-
-def _settings_names() -> list[str]:
-    from dataclasses import fields
-
-    from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-
-    return [item.name for item in fields(DoubleFrustum)]
+    return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
 
 def _collect(options: dict[str, Any]) -> DoubleFrustum:

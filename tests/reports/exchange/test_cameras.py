@@ -225,7 +225,7 @@ def test_mitsuba_has_square_pixels(tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         (["--for", "json"], "need --near"),
-        (["--for", "json", "--slabs", "3"], "--slabs needs --near"),
+        (["--for", "json", "--slabs", "3"], "give --near too"),
         (["--for", "json", "--near", "1000"], "must be smaller than the reach"),
         (["--for", "json", "--near", "1", "--apertures", "900,0"], "outside the plate"),
         (["--for", "blender", "--near", "1"], "leave out --near"),
