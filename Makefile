@@ -17,13 +17,14 @@ QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_a
 	'tests/compare/diagnosis/test_verify_faults.py::test_a_single_fault_is_named_with_its_size_and_no_other[near]' \
 	tests/cli/test_cli.py
 
-.PHONY: help report test test-quick test-all fuzz kill setup lock clean
+.PHONY: help report test test-quick test-all test-blender fuzz kill setup lock clean
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
 	@echo 'make test      all checks: ruff, mypy, import-linter, pytest'
 	@echo 'make test-quick  one of each of them, in under a minute'
 	@echo 'make test-all  the same, with the slow tests'
+	@echo 'make test-blender  the tests that need Blender, which it installs into build/blender (900 MB)'
 	@echo 'make fuzz      10,000 damaged inputs of every kind (FUZZ_ARGS="--kind mesh --count 100")'
 	@echo 'make kill      signals at random moments of every command (KILL_ARGS="--count 5")'
 	@echo 'make setup     only the set-up: system packages where they are missing, and .venv'
@@ -55,6 +56,10 @@ $(READY): requirements.lock pyproject.toml $(wildcard scripts/*)
 	scripts/system_packages.sh
 	scripts/make_venv.sh
 	@touch $@
+
+test-blender: setup
+	scripts/make_blender_venv.sh
+	.venv/bin/pytest -m '' tests/reports/exchange/test_blender.py $(PYTEST_ARGS)
 
 fuzz: setup
 	.venv/bin/python -m tests.fuzz $(FUZZ_ARGS)

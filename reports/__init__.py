@@ -6,6 +6,8 @@ commands/         What the smaller commands make: budget, plan, compare, trace, 
 common/           What all reports share: outputs, progress, times, pages, numbers in words
 cost/             What accuracy costs in time
 effects/          What a scene calls for, and what it costs
+exchange/         The exchange with other programs: plates in layouts of files, and cameras for other
+                  renderers
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
                   Parquet
 eye/              What a viewer sees, as a page and as files

@@ -13,7 +13,7 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 FOLDERS = ("scenes", "reference", "raster", "compare", "reports")
 SOURCES = sorted(path for folder in (*FOLDERS, "src") for path in (CHECKOUT / folder).rglob("*.py"))
 TESTS = sorted((CHECKOUT / "tests").rglob("*.py"))
-COMMAND_LINE = re.compile(r"src/xfrustum/(cli/.*|__main__)\.py")
+COMMAND_LINE = re.compile(r"src/xfrustum/(cli/.*|__main__)\.py|reports/exchange/blender/render\.py")
 LONGEST_MODULE = 500
 LARGEST_ROOM = 14
 """Largest number of modules in a folder, so that a listing shows them at a glance."""

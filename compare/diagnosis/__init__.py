@@ -1,5 +1,6 @@
 """What a foreign renderer does otherwise than asked, and whether that explains its errors.
 
+views/        Mistakes of renderers whose hogels are put together from views
 claims        The claims of images: this pixel, of this file, shows this triangle
 composition   The way in which the two halves are put together, found by trying every one
 containment   The distance of a pixel's center from the projection of the triangle that it claims to show

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from xfrustum.compare.diagnosis.diagnosis import declared
 from xfrustum.compare.diagnosis.findings import Findings, find_out
+from xfrustum.compare.diagnosis.views.view_shear import with_view_shear
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.judged import Compared, Figures, Judging, judge
@@ -22,6 +24,7 @@ from xfrustum.compare.renderer_model.shown_points import shown_points
 from xfrustum.reference import Reference
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.verification.commands import Command
+from xfrustum.reports.verification.laid_out import LaidOut, laid_out, with_layout_named
 from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
 from xfrustum.reports.verification.worst_hogels import WorstHogels
@@ -51,6 +54,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     *,
     command: str | None = None,
     encoding: Encoding | str | None = None,
+    layout: str | None = None,
     apertures: Sequence[tuple[int, int]] | None = None,
     near: float | None = None,
     accept: Sequence[str] = (),
@@ -66,11 +70,11 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     Parameters
     ----------
     scene, source
-        What was to be drawn; and files named by {i} and {j}, or a function of scene and aperture.
+        What was to be drawn; and files named by {i} and {j}, a place of files, or a function of both.
     command
         Instead: a program that is run for each aperture, with {x}, {y}, {i}, {j} and {out}.
-    encoding
-        What pictures mean; `rgb` where nobody says.
+    encoding, layout
+        What pictures mean, `rgb` where nobody says; and the layout of a place of files (docs/layouts.md).
     apertures
         Column and row of each; the whole plate where None.
     near
@@ -99,10 +103,11 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     asked = _apertures(opened, apertures)
     require_seen(opened, asked)
     reference = Reference(opened)
-    with _source(reference, source, command, encoding, timeout_s) as opened_source:
+    with _source(reference, source, command, encoding, timeout_s, layout) as opened_source:
         opened_source.check(asked)
+
         run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
-        return run.verified(nominal, tuple(accept), progress=progress)
+        return run.in_any_layout(nominal, tuple(accept), progress=progress)
 
 
 def _limits(
@@ -144,10 +149,13 @@ def _source(
     command: str | None,
     encoding: Encoding | str | None,
     timeout_s: float,
+    layout: str | None,
 ) -> Iterator[Source]:
     """Open a source, with a folder of its own for what a command writes."""
     if (source is None) == (command is None):
         raise InputError("give either SOURCE, a pattern of files with {i} and {j}, or --command")
+    if layout is not None and not isinstance(source, str):
+        raise InputError("layout is that of files; name their folder as SOURCE")
     meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
     if command is not None:
         if not real(timeout_s) > 0:
@@ -162,11 +170,20 @@ def _source(
                 timeout_s=timeout_s,
                 suffix=suffix,
             )
+    elif isinstance(source, str) and (layout is not None or _is_place(source, reference.scene)):
+        yield laid_out(Path(source), layout, reference, meant)
     elif isinstance(source, str):
         yield Files(pattern=source, reference=reference, encoding=meant)
     else:
         assert source is not None
         yield Function(function=source, reference=reference)
+
+
+def _is_place(source: str, scene: Scene) -> bool:
+    """Return whether a source names a folder, or one picture of a plate of several hogels."""
+    with suppress(OSError, ValueError):  # what cannot be the name of a file may still be a pattern
+        return Path(source).is_dir() or (scene.plate.hogels != (1, 1) and Path(source).is_file())
+    return False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,6 +221,14 @@ class _Run:
     limits: Limits
     kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
 
+    def in_any_layout(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
+        """Return the verification, which names the layout of files if it is another than the stated one."""
+
+        def verified(one: Source) -> Verification:
+            return replace(self, source=one, kept={}).verified(nominal, accept, progress=progress)
+
+        return with_layout_named(verified(self.source), self.source, verified)
+
     def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
         sample = sampled(self.asked, self.reference.scene)
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
@@ -239,6 +264,8 @@ class _Run:
             done()
         images = [image for image in self.kept.values() if isinstance(image, HogelImage)]
         found = find_out(self.reference, images, nominal, self.limits.judging)
+        if isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels:
+            found = with_view_shear(found, self.reference, images, nominal, self.limits.judging)
         conventions = [name for name in accept if name != ENCODING]
         return _Question(
             asked=declared(nominal, found.diagnosis.model, conventions),

@@ -1,5 +1,6 @@
 """Scenes from files: tables, meshes, maps and images.
 
+layouts/          Layouts: the ways in which people store the pictures of a plate, by name
 meshes/           mesh files: what is checked, what is read, and nothing that is made up
 openexr/          hogel images as OpenEXR files
 environment_file  Environment maps from OpenEXR and Radiance HDR files, through OpenImageIO

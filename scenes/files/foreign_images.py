@@ -130,7 +130,12 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     if magic == MAGIC:
         return read_image(path, camera, partial=True)
-    return read_again(_of_picture(_stored(path, camera), camera), Reading(encoding=encoding))
+    return of_stored(_stored(path, camera), camera, encoding)
+
+
+def of_stored(stored: StoredPixels, camera: HogelCamera, encoding: Encoding) -> HogelImage:
+    """Return the image that stored pixels mean."""
+    return read_again(_of_picture(stored, camera), Reading(encoding=encoding))
 
 
 def _stored(path: Path, camera: HogelCamera) -> StoredPixels:

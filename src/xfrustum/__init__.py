@@ -20,6 +20,8 @@ The public API on one page; each command of `xfrustum` is one of these:
     survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
     view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
+    convert(source, out, write_as="views")   plates in other layouts of files           -> Conversion
+    write_cameras(scene, "json", folder, ..) cameras for other renderers            -> CameraFiles
     write_image(path, image), read_image(path)   hogel images as OpenEXR
     InputError                               what the caller can fix
 
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
     from xfrustum.reports.cost.cost import measure_cost as cost
     from xfrustum.reports.effects.plan import EffectsPlan, explain
     from xfrustum.reports.error_report.report import ReportFiles, make_report
+    from xfrustum.reports.exchange.camera_files import CameraFiles, write_cameras
+    from xfrustum.reports.exchange.convert import Conversion, ConversionOptions, convert
     from xfrustum.reports.eye.viewing import SceneView, view
     from xfrustum.reports.plate.camera import camera_of
     from xfrustum.reports.plate.plate import PlateFiles, write_plate
@@ -84,7 +88,10 @@ __all__ = [
     "Aperture",
     "BudgetReport",
     "Camera",
+    "CameraFiles",
     "Comparison",
+    "Conversion",
+    "ConversionOptions",
     "CostReport",
     "Cull",
     "DepthFormat",
@@ -117,6 +124,7 @@ __all__ = [
     "camera_of",
     "check",
     "compare_images",
+    "convert",
     "cost",
     "explain",
     "make_plan",
@@ -128,6 +136,7 @@ __all__ = [
     "survey",
     "verify",
     "view",
+    "write_cameras",
     "write_image",
     "write_plate",
 ]
@@ -163,6 +172,11 @@ _MODULES = {  # module and, after a colon, the name in that module where it is a
     "survey": "reports.survey.survey",
     "Verification": "reports.verification.verdict",
     "verify": "reports.verification.verification",
+    "Conversion": "reports.exchange.convert",
+    "ConversionOptions": "reports.exchange.convert",
+    "convert": "reports.exchange.convert",
+    "CameraFiles": "reports.exchange.camera_files",
+    "write_cameras": "reports.exchange.camera_files",
     "read_image": "scenes.files.openexr.images",
     "write_image": "scenes.files.openexr.images",
     "camera_of": "reports.plate.camera",

@@ -18,7 +18,9 @@ import click
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
 from xfrustum.cli import termination as cli_termination
+from xfrustum.cli.commands import camera as cli_camera
 from xfrustum.cli.commands import checks as cli_checks
+from xfrustum.cli.commands import convert as cli_convert
 from xfrustum.cli.commands import cost as cli_cost
 from xfrustum.cli.commands import explain as cli_explain
 from xfrustum.cli.commands import figure7 as cli_figure7
@@ -337,9 +339,11 @@ def scenes(hard: bool, as_json: bool) -> None:
 
 
 for _command in (
+    cli_camera.camera,
     cli_checks.budget,
     cli_checks.selfcheck,
     cli_checks.bench,
+    cli_convert.convert,
     cli_cost.cost,
     cli_explain.explain,
     cli_figure7.figure7,

@@ -1,6 +1,8 @@
 """The commands, a module for each use.
 
+camera   The command that writes the cameras of a plate for other renderers
 checks   Commands that examine causes of errors (`budget`), the truth (`selfcheck`) and speed (`bench`)
+convert  The command that writes a plate in another layout of files
 cost     The command about time: what accuracy costs
 explain  The command `explain`: the effects that a scene calls for, said before anything is simulated
 figure7  The command that draws C alone, C* alone and both, as in the paper's figure 7

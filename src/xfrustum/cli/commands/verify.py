@@ -9,6 +9,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
+from xfrustum.cli.commands.convert import layout_option
 from xfrustum.cli.numbers import Positive
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -76,6 +77,7 @@ class LimitInPixels(click.ParamType["float | None"]):
     type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
     help="What pixels of pictures hold; not for OpenEXR.  [default: rgb; with --command, OpenEXR]",
 )
+@layout_option("--layout", "Layout of SOURCE, a folder or a picture.  [default: what it looks like]")
 @click.option("--apertures", type=options.Indices(), help="Column,row of each.  [default: the whole plate]")
 @click.option("--near", type=float, help="Near offset that the renderer is known to have.  [default: 0]")
 @click.option(
@@ -135,8 +137,8 @@ def verify(
 ) -> int:
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
-    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'. Exit status 1 if
-    any hogel is missing or exceeds a limit.
+    SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a folder or a
+    picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit.
     """
     opened = options.open_scene(scene)
     from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder

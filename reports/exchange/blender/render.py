@@ -1,0 +1,449 @@
+#!/usr/bin/env python3
+"""A program of its own, run by Blender: renders hogels of a plate with Cycles.
+
+    python render.py --out HOGELS                        with the package bpy, 4.5 or newer
+    blender -b -P render.py -- --out HOGELS              in Blender 4.5 or newer
+    blender -b MINE.blend -P render.py -- --out HOGELS   a scene of yours, its materials and lights untouched
+
+It reads plate.json and scene.npz, which `xfrustum camera SCENE --for blender` wrote beside it, and needs
+nothing of xfrustum. What is finished in HOGELS is kept: stopped and called again, it goes on where it was.
+
+The camera is the crossed frustum itself. Each ray starts at the viewer's end of its pixel's line,
+a - reach d, and runs along d = (kx + u tx, ky + v ty, -1) through the aperture a. So the first surface that
+it meets is what the hogel shows, in one pass and without a near plane.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))  # Blender runs scripts without their folder in the path.
+
+from pixel_files import OBJECT, TRIANGLE, UnreadableError, encoded, exr_planes  # type: ignore[import-not-found]  # noqa: E402
+
+Array = np.ndarray[Any, Any]
+"""Numbers of any type and shape."""
+
+PLATE_EMPTY = "xfrustum plate"
+"""Name of the empty that stands for the plate: move, turn or scale it, and the hogels follow."""
+
+ENCODINGS = ("triangle-id", "exr", "picture")
+MIN_VERSION = (4, 5)
+"""Oldest version of Blender whose Cycles takes cameras as shaders."""
+
+MAX_NUMBER = 1 << 24
+"""Numbers below this one are exact as 32-bit floating point, in which Cycles passes them on."""
+
+CLIP_START, FAR_FACTOR = 1e-6, 1.01
+"""Start of the rays, and how much farther than the reach they run: what lies beyond the reach is left out
+afterwards, by its position."""
+
+CENTER_FILTER_PX = 0.01
+"""Width of the pixel filter where one sample is taken: the smallest that Cycles has. The camera takes every
+sample to the center of its pixel; so none lies so near to the next pixel that it could be taken there."""
+
+SHADER = """
+shader crossed_frustum(output point position = 0, output vector direction = 0, output color throughput = 1)
+{{
+    float column = P[0] * {width};
+    float row = P[1] * {height};
+    if ({centered}) {{
+        column = floor(column) + 0.5;
+        row = floor(row) + 0.5;
+    }}
+    float x = {turn} * (2 * column / {width} - 1);
+    float y = {turn} * (2 * row / {height} - 1);
+    vector line = vector({kx} + x * {tx}, {ky} + y * {ty}, 1);
+    position = -{reach} * line;
+    direction = line;
+}}
+"""
+"""Camera space has x to the right, y up and z forward. P is the place on the film from 0 to 1,
+rows upward."""
+
+
+class UnusableError(Exception):
+    """Something that the user can mend, in one line."""
+
+
+# ---------------------------------------------------------------- the plate
+
+
+def aperture_center(plate: Mapping[str, Any], column: int, row: int) -> tuple[float, float]:
+    """Return x and y of an aperture's center in the plate's frame, row 0 at the top."""
+    (width, height), (columns, rows) = plate["size"], plate["hogels"]
+    return (column + 0.5) * width / columns - width / 2, height / 2 - (row + 0.5) * height / rows
+
+
+def film(plate: Mapping[str, Any], center: tuple[float, float]) -> tuple[list[float], list[float]]:
+    """Return shear k and half-extent t of an aperture's film, slopes."""
+    screen = plate["screen"]
+    if screen is None:
+        return [0.0, 0.0], [math.tan(angle / 2) for angle in plate["fov"]]
+    behind = -screen["height"]
+    shear = [(middle - place) / behind for middle, place in zip(screen["center"], center, strict=True)]
+    return shear, [size / 2 / abs(behind) for size in screen["size"]]
+
+
+def shader_of(
+    plate: Mapping[str, Any], index: tuple[int, int], scale: float, *, centered: bool, turned: bool
+) -> str:
+    """Return the camera shader of an aperture, for a plate that is enlarged by a scale."""
+    (kx, ky), (tx, ty) = film(plate, aperture_center(plate, *index))
+    width, height = plate["resolution"]
+    numbers = {"kx": kx, "ky": ky, "tx": tx, "ty": ty, "reach": plate["reach"][0] * scale}
+    return SHADER.format(
+        width=float(width),
+        height=float(height),
+        centered=int(centered),
+        turn=-1 if turned else 1,
+        **{name: f"({value:.9g})" for name, value in numbers.items()},
+    )
+
+
+def hogel_name(layout: str, plate: Mapping[str, Any], column: int, row: int) -> str:
+    """Return the name of a hogel's file without its suffix."""
+    columns, rows = plate["hogels"]
+    names: dict[str, str] = {
+        "hogels": f"hogel_{column}x{row}",
+        "burnett": f"Hogel_{row}x{column}",
+        "hocking": f"hogel_{column:04}_{columns:04}_{rows - 1 - row:04}_{rows:04}",
+    }
+    return names[layout]
+
+
+LAYOUTS = ("hogels", "burnett", "hocking")
+"""Layouts of one file for each hogel; `xfrustum convert` makes all others of them."""
+
+
+# ---------------------------------------------------------------- files
+
+
+def put(path: Path, content: bytes) -> None:
+    """Write a file that is whole under its own name."""
+    aside = path.with_name(f".{path.name}.{os.getpid()}")
+    aside.write_bytes(content)
+    aside.replace(path)
+
+
+# ---------------------------------------------------------------- Blender
+
+
+def blender_modules() -> tuple[Any, Any]:
+    """Return `bpy` and the module of Cycles."""
+    try:
+        import bpy  # noqa: PLC0415
+    except ImportError as error:
+        raise UnusableError(
+            "needs Blender: run it by `blender -b -P render.py --`, or install the package bpy"
+        ) from error
+    if bpy.app.version[:2] < MIN_VERSION:
+        raise UnusableError(
+            f"needs Blender 4.5 or newer, whose cameras may be shaders; this is {bpy.app.version_string}"
+        )
+    import _cycles  # noqa: PLC0415
+
+    return bpy, _cycles
+
+
+def build_scene(bpy: Any, plate: Mapping[str, Any]) -> None:
+    """Make the scene of the scene file: its meshes with numbers of triangles and objects, and its lights."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with np.load(HERE / "scene.npz") as stored:
+        mesh = {name: stored[name] for name in stored.files}
+    if len(mesh["faces"]) >= MAX_NUMBER - 1:
+        raise UnusableError(
+            f"the scene has {len(mesh['faces']):,} triangles; Cycles passes on numbers up to {MAX_NUMBER:,}"
+        )
+    collection = bpy.context.scene.collection
+    for number, name in enumerate(plate["objects"]):
+        first, last = mesh["first_triangle"][number : number + 2]
+        low, high = mesh["first_vertex"][number : number + 2]
+        made = bpy.data.meshes.new(name)
+        vertices, faces = mesh["vertices"][low:high], mesh["faces"][first:last] - low
+        made.vertices.add(len(vertices))
+        made.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+        made.loops.add(faces.size)
+        made.loops.foreach_set("vertex_index", faces.astype(np.int32).ravel())
+        made.polygons.add(len(faces))
+        made.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+        for attribute, values in ((TRIANGLE, np.arange(first, last)), (OBJECT, np.full(len(faces), number))):
+            numbers = made.attributes.new(attribute, "FLOAT", "FACE")
+            numbers.data.foreach_set("value", (values + 1).astype(np.float32))
+        made.update()
+        made.materials.append(material(bpy, name, plate["colors"][number]))
+        collection.objects.link(bpy.data.objects.new(name, made))
+    for number, light in enumerate(plate["lights"]):
+        sun = bpy.data.lights.new(f"light {number}", "SUN")
+        strength = max(*light["color"], 1e-9)
+        sun.energy, sun.color = math.pi * strength, [part / strength for part in light["color"]]
+        lamp = bpy.data.objects.new(sun.name, sun)
+        lamp.rotation_euler = _toward(light["direction"])
+        collection.objects.link(lamp)
+    add_passes(bpy)
+
+
+def _toward(direction: Sequence[float]) -> Any:
+    import mathutils  # noqa: PLC0415 - it comes with Blender
+
+    return mathutils.Vector(direction).to_track_quat("Z", "Y").to_euler()
+
+
+def material(bpy: Any, name: str, color: Sequence[float]) -> Any:
+    """Return a matte material that also writes the numbers of its triangle and object."""
+    made = bpy.data.materials.new(name)
+    if made.node_tree is None:
+        made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    out, matte = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeBsdfDiffuse")
+    matte.inputs["Color"].default_value = (*(min(part, 1.0) for part in color), 1.0)
+    tree.links.new(matte.outputs[0], out.inputs["Surface"])
+    for attribute in (TRIANGLE, OBJECT):
+        number, written = tree.nodes.new("ShaderNodeAttribute"), tree.nodes.new("ShaderNodeOutputAOV")
+        number.attribute_name, number.attribute_type = attribute, "GEOMETRY"
+        written.aov_name = attribute
+        tree.links.new(number.outputs["Fac"], written.inputs["Value"])
+    return made
+
+
+def add_passes(bpy: Any) -> None:
+    """Add the passes of numbers to the view layer."""
+    for layer in bpy.context.scene.view_layers:
+        for name in (TRIANGLE, OBJECT):
+            made = layer.aovs.add()
+            made.name, made.type = name, "VALUE"
+
+
+def plate_empty(bpy: Any, plate: Mapping[str, Any]) -> Any:
+    """Return the empty that stands for the plate; it is made in the origin where there is none."""
+    empty = bpy.data.objects.get(PLATE_EMPTY)
+    if empty is None:
+        empty = bpy.data.objects.new(PLATE_EMPTY, None)
+        empty.empty_display_type, empty.empty_display_size = "ARROWS", max(plate["size"]) / 2
+        bpy.context.scene.collection.objects.link(empty)
+        bpy.context.view_layer.update()
+    return empty
+
+
+def placed(empty: Any) -> tuple[Array, float]:
+    """Return the (4, 4) matrix to the world from the plate's frame, and by how much it enlarges."""
+    matrix = np.array(empty.matrix_world, dtype=np.float64)
+    scales = np.linalg.norm(matrix[:3, :3], axis=0)
+    gram = matrix[:3, :3].T @ matrix[:3, :3]
+    if not np.allclose(gram, np.diag([scales[0] ** 2] * 3), rtol=1e-5, atol=1e-5 * scales[0] ** 2):
+        raise UnusableError(f"the empty {PLATE_EMPTY!r} must be scaled by the same factor along x, y and z")
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        raise UnusableError(f"the empty {PLATE_EMPTY!r} must not be mirrored")
+    return matrix, float(scales[0])
+
+
+def set_renderer(
+    bpy: Any, plate: Mapping[str, Any], encoding: str, samples: int | None, scale: float
+) -> None:
+    """Set Cycles for an encoding: numbers take one sample and no bounce, pictures what the user has set."""
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = plate["resolution"]
+    scene.render.resolution_percentage = 100
+    scene.render.use_border = scene.render.use_motion_blur = False
+    scene.render.use_persistent_data = True
+    scene.render.use_compositing = scene.render.use_sequencer = False
+    scene.cycles.device = "CPU"
+    if samples:
+        scene.cycles.samples = samples
+    if encoding != "picture":
+        if encoding == "triangle-id" or not samples:
+            scene.cycles.samples = 1
+        scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+        scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", CENTER_FILTER_PX
+        scene.render.film_transparent = True
+        if encoding == "triangle-id":
+            scene.cycles.max_bounces = 0
+        for layer in scene.view_layers:
+            layer.use_pass_combined = layer.use_pass_position = layer.use_pass_normal = True
+    image = scene.render.image_settings
+    if hasattr(image, "media_type"):
+        image.media_type = "IMAGE" if encoding == "picture" else "MULTI_LAYER_IMAGE"
+    if encoding == "picture":
+        image.file_format, image.color_mode, image.color_depth = "PNG", "RGB", "8"
+    else:
+        image.file_format, image.color_depth, image.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
+        if hasattr(image, "use_exr_interleave"):
+            image.use_exr_interleave = True
+    camera = bpy.data.cameras.new("xfrustum aperture")
+    camera.type, camera.clip_start = "CUSTOM", CLIP_START
+    (_, back), slopes = plate["reach"], _steepest(plate)
+    camera.clip_end = FAR_FACTOR * scale * (plate["reach"][0] + back) * slopes
+    eye = bpy.data.objects.new(camera.name, camera)
+    scene.collection.objects.link(eye)
+    scene.camera = eye
+
+
+def _steepest(plate: Mapping[str, Any]) -> float:
+    """Return the largest length of a line per unit of depth, over the plate's corners."""
+    columns, rows = plate["hogels"]
+    lengths = []
+    for index in ((0, 0), (columns - 1, 0), (0, rows - 1), (columns - 1, rows - 1)):
+        shear, half = film(plate, aperture_center(plate, *index))
+        lengths.append(math.hypot(*(abs(k) + t for k, t in zip(shear, half, strict=True)), 1.0))
+    return max(lengths)
+
+
+def aim(bpy: Any, cycles: Any, shader: str, matrix: Array, folder: Path, number: int) -> None:
+    """Give the camera the shader of an aperture and its place."""
+    source, compiled = folder / f"{number}.osl", folder / f"{number}.oso"
+    source.write_text(shader, encoding="ascii")
+    if not cycles.osl_compile(str(source), str(compiled)):
+        raise UnusableError("Cycles cannot compile the camera's shader: is it built with OSL?")
+    eye = bpy.context.scene.camera
+    eye.matrix_world = _matrix(matrix)
+    eye.data.custom_mode = "EXTERNAL"
+    eye.data.custom_filepath = str(compiled)
+
+
+def _matrix(matrix: Array) -> Any:
+    import mathutils  # noqa: PLC0415 - it comes with Blender
+
+    return mathutils.Matrix(matrix.tolist())
+
+
+# ---------------------------------------------------------------- hogels
+
+
+def render_hogels(
+    arguments: argparse.Namespace,
+    plate: Mapping[str, Any],
+    apertures: Sequence[tuple[int, int]],
+    say: Callable[[str], None],
+) -> int:
+    """Render the hogels that are not there yet, and return how many there were to render."""
+    bpy, cycles = blender_modules()
+    if arguments.blend:
+        bpy.ops.wm.open_mainfile(filepath=str(arguments.blend))
+    own = not bpy.data.filepath
+    if own:
+        build_scene(bpy, plate)
+    encoding = arguments.encoding or ("triangle-id" if own else "picture")
+    empty = plate_empty(bpy, plate)
+    if arguments.save:
+        bpy.ops.wm.save_as_mainfile(filepath=str(arguments.save.resolve()), copy=True)
+        say(f"{arguments.save}: the scene with the empty {PLATE_EMPTY!r}")
+    if arguments.out is None:
+        return 0
+    matrix, scale = placed(empty)
+    set_renderer(bpy, plate, encoding, arguments.samples, scale)
+    paths = dict(_paths(arguments, plate, apertures, ".exr" if encoding == "exr" else ".png"))
+    mesh = HERE / "scene.npz"
+    wanted = [index for index in apertures if arguments.again or not paths[index].exists()]
+    say(f"{len(wanted)} hogels to render, {len(apertures) - len(wanted)} found")
+    with tempfile.TemporaryDirectory() as scratch:
+        for number, index in enumerate(wanted):
+            began = time.monotonic()
+            x, y = aperture_center(plate, *index)
+            stands = matrix @ np.array(
+                [[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=np.float64
+            )
+            stands[:3, :3] /= scale
+            turned = arguments.layout == "burnett"
+            shader = shader_of(plate, index, scale, centered=encoding != "picture", turned=turned)
+            aim(bpy, cycles, shader, stands, Path(scratch), number)
+            rendered = Path(scratch) / ("hogel.png" if encoding == "picture" else "hogel.exr")
+            bpy.context.scene.render.filepath = str(rendered)
+            bpy.ops.render.render(write_still=True)
+            content = rendered.read_bytes()
+            if encoding != "picture":
+                content = encoded(exr_planes(content), plate, np.linalg.inv(matrix), encoding, mesh)
+            paths[index].parent.mkdir(parents=True, exist_ok=True)
+            put(paths[index], content)
+            say(f"hogel {index[0]},{index[1]}: {time.monotonic() - began:.3f} s  {paths[index]}")
+    return len(wanted)
+
+
+def _paths(
+    arguments: argparse.Namespace, plate: Mapping[str, Any], apertures: Sequence[tuple[int, int]], suffix: str
+) -> Iterator[tuple[tuple[int, int], Path]]:
+    """Yield apertures with the files of their hogels; a name with a suffix is that of a single file."""
+    if arguments.out.suffix.lower() in (".png", ".exr"):
+        if len(apertures) > 1:
+            raise UnusableError(
+                f"--out {arguments.out} is one file for {len(apertures)} apertures: give a folder"
+            )
+        if arguments.out.suffix.lower() != suffix:
+            raise UnusableError(
+                f"--out {arguments.out}: this encoding is written to files that end in {suffix}"
+            )
+        yield apertures[0], arguments.out
+        return
+    for column, row in apertures:
+        yield (column, row), arguments.out / (hogel_name(arguments.layout, plate, column, row) + suffix)
+
+
+def parsed(argv: Sequence[str]) -> argparse.Namespace:
+    """Return the options of a command line."""
+    parser = argparse.ArgumentParser(prog="render.py", description="Render hogels of a plate with Cycles.")
+    parser.add_argument("--apertures", metavar="I,J;I,J", help="column,row of each [default: all]")
+    parser.add_argument("--out", type=Path, help="folder of the hogels, or one hogel's file")
+    parser.add_argument("--encoding", choices=ENCODINGS, help="[default: triangle-id; picture for a .blend]")
+    parser.add_argument(
+        "--layout", choices=LAYOUTS, default="hogels", help="names and orientation of the files"
+    )
+    parser.add_argument("--blend", type=Path, help="a scene of yours instead of the scene file's")
+    parser.add_argument(
+        "--samples", type=int, help="samples per pixel [default: 1 for numbers; else the scene's]"
+    )
+    parser.add_argument("--save", type=Path, help="write the scene with the plate's empty as a .blend file")
+    parser.add_argument("--again", action="store_true", help="render hogels anew that are there already")
+    arguments = parser.parse_args(argv)
+    if arguments.out is None and arguments.save is None:
+        parser.error("give --out, --save or both")
+    return arguments
+
+
+def chosen(plate: Mapping[str, Any], text: str | None) -> list[tuple[int, int]]:
+    """Return the apertures that are asked for: those of --apertures, those of plate.json, or all."""
+    columns, rows = plate["hogels"]
+    if text is None:
+        named = plate["apertures"] or [(i, j) for j in range(rows) for i in range(columns)]
+        return [(int(i), int(j)) for i, j in named]
+    try:
+        pairs = [tuple(int(part) for part in pair.split(",")) for pair in text.split(";")]
+        found = [(i, j) for i, j in pairs]
+    except ValueError as error:
+        raise UnusableError(f"--apertures {text!r} is not a list of column,row such as 40,30;0,0") from error
+    for i, j in found:
+        if not (0 <= i < columns and 0 <= j < rows):
+            raise UnusableError(f"aperture {i},{j} lies outside the plate of {columns} x {rows} hogels")
+    return found
+
+
+def main(argv: Sequence[str]) -> int:
+    """Render, and return the exit status: 0 done, 2 something that the user can mend."""
+    arguments = parsed(argv)
+    try:
+        plate = json.loads((HERE / "plate.json").read_text(encoding="utf-8"))
+        render_hogels(
+            arguments, plate, chosen(plate, arguments.apertures), lambda line: print(line, flush=True)
+        )
+    except (UnusableError, UnreadableError, OSError) as error:
+        print(f"render.py: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    # Blender's own arguments end at --.
+    inside = "--" in sys.argv
+    sys.exit(main(sys.argv[sys.argv.index("--") + 1 :] if inside else sys.argv[1:]))

@@ -1,0 +1,239 @@
+"""Plates from one layout into another, and from and into Zarr."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.exchange.plate_group import (
+    PlateArray,
+    is_group,
+    missing_hogels,
+    read_group,
+    write_group,
+)
+from xfrustum.scenes.arguments import choice
+from xfrustum.scenes.disk.durable import Aside
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.layouts.catalogue import LAYOUTS, layout_for, layouts_named
+from xfrustum.scenes.files.layouts.detection import PARAMETERS_FILE, looks_like
+from xfrustum.scenes.files.layouts.layout import PICTURE_SUFFIXES, Layout, Naming, PlateShape
+from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
+from xfrustum.scenes.files.layouts.reading import LaidOutFiles, Plates, with_levels
+from xfrustum.scenes.files.layouts.writing import Target, write_files
+
+ZARR = "zarr"
+"""Name under which a Zarr group counts as a layout."""
+
+ZARR_SUFFIX = ".zarr"
+"""Suffix of folders that are taken for Zarr groups."""
+
+ONE_PICTURE = ("mosaic", "quilt", "cubevi")
+"""Names of layouts of a single picture, which may be written under the name of a file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conversion:
+    """What a conversion did.
+
+    Attributes
+    ----------
+    source, out
+        What was read, and the folder or file that was written.
+    read_as
+        Layout in which the source was read.
+    reasons
+        What speaks for this layout.
+    written_as
+        Layout in which it was written.
+    hogels, resolution
+        Numbers of hogels, and of the pixels of each as they were read.
+    files
+        Number of files that were written; of Zarr groups, of hogels.
+    losses
+        What was lost, one clause each; none where every bit was kept.
+    notes
+        What readers may expect and the files do not have.
+    """
+
+    source: Path
+    out: Path
+    read_as: str
+    reasons: tuple[str, ...]
+    written_as: str
+    hogels: tuple[int, int]
+    resolution: tuple[int, int]
+    files: int
+    losses: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConversionOptions:
+    """Facts that files may not state themselves.
+
+    Attributes
+    ----------
+    hogels
+        Numbers of columns and rows of hogels, which a mosaic does not state.
+    tiles
+        Columns and rows of tiles of a quilt to be written.
+    suffix
+        Suffix of the pictures to be written; None for that of the layout, and .exr for floating point.
+    array
+        Array of a Zarr group to be read or written: `color` or `triangle`.
+    """
+
+    hogels: tuple[int, int] | None = None
+    tiles: tuple[int, int] | None = None
+    suffix: str | None = None
+    array: PlateArray | str | None = None
+
+
+def convert(
+    source: Path | str,
+    out: Path | str,
+    read_as: str | None = None,
+    write_as: str | None = None,
+    options: ConversionOptions | None = None,
+) -> Conversion:
+    """Write the plate of a folder, picture or Zarr group in another layout.
+
+    Parameters
+    ----------
+    source, out
+        What is read, and what is written: a folder, a picture, or a Zarr group (NAME.zarr).
+    read_as, write_as
+        Names of layouts, or `zarr`; None for what the source looks like, and for `zarr` or `hogels` by the
+        name of `out`.
+    options
+        Facts that files do not state.
+
+    Raises
+    ------
+    InputError
+        The source cannot be read in this layout, or nothing can be written at `out`.
+    """
+    source, out, options = Path(source), Path(out), options or ConversionOptions()
+    target = write_as or (ZARR if out.suffix.lower() == ZARR_SUFFIX else None)
+    if target is None:
+        raise InputError(
+            "say with --to in which layout to write; only names that end in .zarr say it themselves"
+        )
+    array = None if options.array is None else choice(PlateArray, options.array, "array")
+    plate, name, reasons = _read(source, read_as, options, array)
+    if target == ZARR:
+        return _into_group(plate, source, out, array, (name, reasons))
+    return _into_files(plate, source, out, layouts_named(target)[0].name, options, (name, reasons))
+
+
+def _read(
+    source: Path, read_as: str | None, options: ConversionOptions, array: PlateArray | None
+) -> tuple[Plates, str, tuple[str, ...]]:
+    """Return the pixels of a source, the name of its layout, and what speaks for it."""
+    if read_as == ZARR or (read_as is None and is_group(source)):
+        plate, chosen = read_group(source, array)
+        missing = missing_hogels(source, chosen)
+        reasons = [f"array {chosen}", plate.shape.words]
+        if missing:
+            reasons.append(f"{missing} hogels are not there and count as empty")
+        return plate, ZARR, tuple(reasons)
+    told = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
+    layouts = LAYOUTS if read_as is None else layouts_named(read_as)
+    found = looks_like(source, told, layouts)[0]
+    if found.missing:
+        raise InputError(f"{source}: {found.missing} files of the layout {found.layout.name} are not there")
+    return LaidOutFiles(files=found).plate, found.layout.name, found.reasons
+
+
+def _into_group(
+    plate: Plates, source: Path, out: Path, array: PlateArray | None, read: tuple[str, tuple[str, ...]]
+) -> Conversion:
+    name, reasons = read
+    chosen = array or PlateArray.COLOR
+    if chosen is PlateArray.TRIANGLE and plate.levels is None:
+        raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
+    if plate.levels not in (None, BYTE_LEVELS):
+        before = plate.levels
+        keep = chosen is PlateArray.TRIANGLE
+        levels = BYTE_LEVELS if keep else None
+        plate = Plates(pixels=with_levels(plate.pixels, before, levels), levels=levels)
+    if out.exists() or out.is_symlink():
+        raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
+    try:
+        with Aside(out.absolute().parent, folder=True) as aside:
+            made = aside.path / "group"
+            write_group(plate, made, chosen, {"source": str(source), "layout": name})
+            made.rename(out)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}); choose another place") from error
+    columns, rows = plate.shape.hogels
+    return _done(plate, source, out, (name, reasons, ZARR), (columns * rows, (), ()))
+
+
+def _into_files(
+    plate: Plates,
+    source: Path,
+    out: Path,
+    layout_name: str,
+    options: ConversionOptions,
+    read: tuple[str, tuple[str, ...]],
+) -> Conversion:
+    name, reasons = read
+    single = layout_name in ONE_PICTURE and out.suffix.lower() in PICTURE_SUFFIXES
+    suffix = out.suffix.lower() if single else options.suffix
+    layout = layout_for(layout_name, suffix)
+    naming = Naming(
+        suffix=suffix or (".exr" if plate.levels is None else layout.suffix),
+        stem=_stem(out, layout) if single else "",
+        tiles=options.tiles,
+    )
+    target = Target(layout=layout, naming=naming)
+    files, losses = target.files(plate.shape), target.losses(plate)
+    with Staging(out.absolute().parent if single else out) as staging:
+        write_files(plate, target, staging.folder)
+        if layout.name == "hci":
+            (staging.folder / PARAMETERS_FILE).write_text(_parameters(plate.shape), encoding="ascii")
+        written = staging.commit()
+    place = written[0] if single else out
+    return _done(
+        plate, source, place, (name, reasons, layout.name), (files, losses, target.notes(plate.shape))
+    )
+
+
+def _stem(out: Path, layout: Layout) -> str:
+    """Return the beginning of the name of a single picture: what follows in quilts' names is their own."""
+    return out.stem.partition("_qs")[0] if layout.name == "quilt" else out.stem
+
+
+def _parameters(shape: PlateShape) -> str:
+    """Return the part of a parameters.cfg that the pictures decide."""
+    (columns, rows), (width, height) = shape.hogels, shape.resolution
+    return (
+        "[intrinsics]\n"
+        f"image_resolution_x_px = {columns}\nimage_resolution_y_px = {rows}\n\n"
+        f"[extrinsics]\nnum_cams_x = {width}\nnum_cams_y = {height}\n"
+    )
+
+
+def _done(
+    plate: Plates,
+    source: Path,
+    out: Path,
+    names: tuple[str, tuple[str, ...], str],
+    outcome: tuple[int, tuple[str, ...], tuple[str, ...]],
+) -> Conversion:
+    (read_as, reasons, written_as), (files, losses, notes) = names, outcome
+    return Conversion(
+        source=source,
+        out=out,
+        read_as=read_as,
+        reasons=reasons,
+        written_as=written_as,
+        hogels=plate.shape.hogels,
+        resolution=plate.shape.resolution,
+        files=files,
+        losses=losses,
+        notes=notes,
+    )

@@ -1,0 +1,144 @@
+"""Plates in Zarr groups, as arrays of pixels.
+
+This is the only place where the exchange touches the store of plates: it reads the arrays that
+CONVENTIONS.md, "Plates", describes, and writes groups with the same arrays.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.codecs import ZstdCodec
+from zarr.errors import ArrayNotFoundError, GroupNotFoundError
+
+from xfrustum.scenes.arrays import Bytes, Numbers
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.layouts.layout import Pixels, PlateShape
+from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
+from xfrustum.scenes.files.layouts.reading import Plates
+
+METADATA = "zarr.json"
+"""Name of the file in the folder of a Zarr group of format 3."""
+
+LAYOUT_ATTRIBUTE = "xfrustum:converted"
+"""Attribute of groups that were converted, which says from what; groups that `plate` draws have another."""
+
+COMPRESSION_LEVEL = 1
+"""Level of Zstandard, as in plates that are drawn."""
+
+
+class PlateArray(StrEnum):
+    """The arrays of a plate."""
+
+    COLOR = "color"
+    TRIANGLE = "triangle"
+
+
+def is_group(place: Path) -> bool:
+    """Return whether a folder is a Zarr group."""
+    return (place / METADATA).is_file()
+
+
+def read_group(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArray]:
+    """Return the pixels of a plate in a Zarr group, and the array that they come from.
+
+    Parameters
+    ----------
+    place
+        Folder of the group.
+    array
+        Array to be read; None for colors where there are any, else for numbers of triangles. Numbers become
+        pixels as in `--encoding triangle-id`.
+
+    Raises
+    ------
+    InputError
+        The folder is no plate, or its arrays are of another kind.
+    """
+    try:
+        group = zarr.open_group(place, mode="r")
+        names = [name for name in PlateArray if name in group]
+        chosen = array or (names[0] if names else PlateArray.COLOR)
+        if chosen not in names:
+            raise InputError(f"{place}: has no array {chosen}; is it a plate that `xfrustum plate` drew?")
+        stored = group[chosen]
+    except (GroupNotFoundError, ArrayNotFoundError, ValueError, OSError) as error:
+        raise InputError(f"{place}: is no plate that can be read ({error})") from error
+    dimensions = 5 if chosen is PlateArray.COLOR else 4
+    if not isinstance(stored, zarr.Array) or stored.ndim != dimensions or stored.dtype.kind not in "uif":
+        raise InputError(f"{place}: array {chosen} is not that of a plate")
+    rows, columns, height, width = (int(count) for count in stored.shape[:4])
+    shape = PlateShape(hogels=(columns, rows), resolution=(width, height))
+    floating = stored.dtype.kind == "f"
+    dtype = stored.dtype if chosen is PlateArray.COLOR else np.dtype(np.uint8)
+    if dtype not in (np.uint8, np.float16, np.float32):
+        raise InputError(f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32")
+    plate = Plates.empty(shape, dtype, None if floating else BYTE_LEVELS)
+    for row in range(rows):
+        for column in range(columns):
+            hogel: Any = stored[row, column]
+            plate.pixels[row, column] = hogel if chosen is PlateArray.COLOR else packed(hogel)
+    return plate, chosen
+
+
+def missing_hogels(place: Path, array: PlateArray) -> int:
+    """Return the number of hogels that were never written, which read as black or as no triangle."""
+    stored = zarr.open_group(place, mode="r")[array]
+    assert isinstance(stored, zarr.Array)
+    return int(stored.nchunks - stored.nchunks_initialized)
+
+
+def write_group(plate: Plates, place: Path, array: PlateArray, description: dict[str, object]) -> None:
+    """Write a plate into a new Zarr group with one chunk for each hogel.
+
+    Parameters
+    ----------
+    plate
+        Pixels: 8 bits or floating point as colors; 8 bits as numbers of triangles.
+    place
+        Folder that does not exist.
+    array
+        Array to be written.
+    description
+        Attribute of the group that says where the plate comes from.
+    """
+    group = zarr.create_group(place, attributes={LAYOUT_ATTRIBUTE: description})
+    shape = plate.shape.array if array is PlateArray.COLOR else plate.shape.array[:4]
+    names = ("row", "column", "v", "u", "rgb")
+    stored = group.create_array(
+        array,
+        shape=shape,
+        chunks=(1, 1, *shape[2:]),
+        dtype=plate.pixels.dtype if array is PlateArray.COLOR else np.dtype(np.int32),
+        compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
+        fill_value=-1 if array is PlateArray.TRIANGLE else 0,
+        dimension_names=names[: len(shape)],
+    ).with_config({"write_empty_chunks": True})
+    for row in range(shape[0]):
+        for column in range(shape[1]):
+            hogel = plate.pixels[row, column]
+            stored[row, column] = hogel if array is PlateArray.COLOR else unpacked(hogel)
+
+
+def packed(triangle: Numbers) -> Bytes:
+    """Return numbers (.., -1 for nothing) as pixels (.., 3): red * 65536 + green * 256 + blue is number + 1.
+
+    Raises
+    ------
+    InputError
+        A number takes more than 24 bits.
+    """
+    number = triangle.astype(np.int64) + 1
+    if number.max(initial=0) >= 1 << 24:
+        raise InputError("numbers of triangles above 16,777,214 do not fit into pictures of 8 bits")
+    return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
+
+
+def unpacked(pixels: Pixels) -> Numbers:
+    """Return the numbers that pixels (.., 3) stand for: the inverse of `packed`."""
+    red, green, blue = (pixels[..., channel].astype(np.int32) for channel in range(3))
+    return (red << 16 | green << 8 | blue) - np.int32(1)

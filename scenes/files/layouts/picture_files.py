@@ -1,0 +1,217 @@
+"""Pictures as arrays, read and written without a change of any bit."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import Imath
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio
+from PIL import Image, UnidentifiedImageError
+from PIL.PngImagePlugin import PngInfo
+
+from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.files.foreign_images import LOSSY_FORMATS
+from xfrustum.scenes.files.layouts.layout import Pixels
+from xfrustum.scenes.files.openexr.header import MAGIC, check_header
+
+PLENO_LEVELS = 1023
+"""Largest level of the 10-bit pictures that JPEG Pleno's test conditions ask for."""
+
+BYTE_LEVELS = 255
+"""Largest level of 8-bit pictures."""
+
+TEXT_KEY = "xfrustum:layout"
+"""Keyword of the text in a PNG file that says how a single picture is divided, as a JSON object."""
+
+_P6_HEADER = re.compile(rb"P6\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)\s+(\d+)\s")
+"""Header of a binary PPM file: width, height, largest level."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Picture:
+    """A picture as its file stores it.
+
+    Attributes
+    ----------
+    pixels
+        (H, W, 3), row 0 at the top; (frames, H, W, 3) of a video. Levels are uint8 or uint16; other numbers
+        are float16 or float32.
+    levels
+        Largest level of integers; None of floating-point numbers.
+    lossy
+        Whether the file's format changes pixels when it stores them.
+    """
+
+    pixels: Pixels
+    levels: int | None = BYTE_LEVELS
+    lossy: bool = False
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Return the width and height of a picture file in pixels.
+
+    Raises
+    ------
+    InputError
+        The file is missing, or is no picture.
+    """
+    head = _head(path)
+    if head.startswith(MAGIC):
+        check_header(path)
+        spec = _opened(path).spec()
+        return spec.width, spec.height
+    if ppm := _P6_HEADER.match(head):
+        return int(ppm[1]), int(ppm[2])
+    try:
+        with Image.open(path) as picture:
+            return picture.size
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(f"{path}: is not a picture that can be read") from error
+
+
+def picture_text(path: Path) -> dict[str, object]:
+    """Return what a PNG file says of its own division; empty where it says nothing."""
+    try:
+        with Image.open(path) as picture:
+            told = json.loads(getattr(picture, "text", {}).get(TEXT_KEY, "{}"))
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError, RecursionError):
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
+def read_picture(path: Path) -> Picture:
+    """Read a picture file: PNG and the like with 8 bits, PPM with up to 16, OpenEXR.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged or of another kind.
+    """
+    head = _head(path)
+    if head.startswith(MAGIC):
+        return _read_exr(path)
+    if _P6_HEADER.match(head):
+        return _read_ppm(path)
+    try:
+        with bounded_memory(path), Image.open(path) as picture:
+            if picture.mode not in ("RGB", "RGBA", "P", "L", "1"):
+                raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
+            lossy = picture.format in LOSSY_FORMATS
+            return Picture(pixels=np.asarray(picture.convert("RGB")), lossy=lossy)
+    except InputError:
+        raise
+    except UnidentifiedImageError as error:
+        raise InputError(f"{path}: is not an image that can be read") from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(f"{path}: the image is damaged ({error})") from error
+
+
+def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:
+    """Write a picture into a folder that is being made, in the format that the suffix names.
+
+    Parameters
+    ----------
+    path
+        Path that ends in .png (8 bits), .ppm (8 to 16 bits) or .exr (floating point).
+    picture
+        Picture whose type that format can hold.
+    text
+        Division of the picture, which PNG files state beside their pixels.
+
+    Raises
+    ------
+    InputError
+        The format cannot hold the picture.
+    OSError
+        The file cannot be written.
+    """
+    suffix, pixels = path.suffix.lower(), np.array(picture.pixels, order="C")
+    if suffix == ".png" and pixels.dtype == np.uint8:
+        info, buffer = PngInfo(), io.BytesIO()
+        if text:
+            info.add_text(TEXT_KEY, json.dumps(text))
+        Image.fromarray(pixels).save(buffer, "PNG", pnginfo=info)
+        path.write_bytes(buffer.getvalue())
+    elif suffix == ".ppm" and picture.levels is not None:
+        height, width = pixels.shape[:2]
+        stored = pixels.astype(">u2" if picture.levels > BYTE_LEVELS else np.uint8)
+        path.write_bytes(f"P6\n{width} {height}\n{picture.levels}\n".encode() + stored.tobytes())
+    elif suffix == ".exr" and picture.levels is None:
+        _write_exr(path, pixels)
+    else:
+        raise InputError(
+            f"{path}: cannot hold {pixels.dtype.name}; .png holds 8 bits, .ppm integers, .exr floating point"
+        )
+
+
+def _head(path: Path) -> bytes:
+    regular_size(path, "file")
+    try:
+        with path.open("rb") as file:
+            return file.read(1024)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _read_ppm(path: Path) -> Picture:
+    with bounded_memory(path):
+        content = path.read_bytes()
+    found = _P6_HEADER.match(content)
+    assert found is not None
+    width, height, levels = (int(number) for number in found.groups())
+    if not 0 < levels < 1 << 16:
+        raise InputError(f"{path}: the image is damaged (largest level {levels})")
+    dtype = np.dtype(">u2" if levels > BYTE_LEVELS else np.uint8)
+    if len(content) - found.end() < 3 * width * height * dtype.itemsize:
+        raise InputError(f"{path}: the image is damaged (it ends too early)")
+    stored = np.frombuffer(content, dtype, count=3 * width * height, offset=found.end())
+    native = stored.astype(dtype.newbyteorder("="))
+    if native.max(initial=0) > levels:
+        raise InputError(f"{path}: the image is damaged (a level lies above {levels})")
+    return Picture(pixels=native.reshape(height, width, 3), levels=levels)
+
+
+def _opened(path: Path) -> oiio.ImageInput:
+    picture = oiio.ImageInput.open(str(path))
+    if picture is None:
+        reason = " ".join(oiio.geterror().split())
+        raise InputError(f"{path}: the image is damaged ({reason})")
+    return picture
+
+
+def _read_exr(path: Path) -> Picture:
+    check_header(path)
+    with bounded_memory(path):
+        picture = _opened(path)
+        spec = picture.spec()
+        missing = [name for name in "RGB" if name not in spec.channelnames]
+        if missing:
+            raise InputError(
+                f"{path}: has no channel {missing[0]}; only pictures in R, G and B are re-arranged"
+            )
+        half = spec.format.basetype == oiio.HALF
+        pixels = picture.read_image(oiio.HALF if half else oiio.FLOAT)
+        if pixels is None:
+            raise InputError(f"{path}: the image is damaged ({' '.join(picture.geterror().split())})")
+    rgb = np.asarray(pixels)[..., [spec.channelindex(name) for name in "RGB"]]
+    return Picture(pixels=rgb.astype(np.float16 if half else np.float32), levels=None)
+
+
+def _write_exr(path: Path, pixels: Pixels) -> None:
+    height, width = pixels.shape[:2]
+    kind = Imath.PixelType.HALF if pixels.dtype == np.float16 else Imath.PixelType.FLOAT
+    header = OpenEXR.Header(width, height)
+    header["channels"] = {name: Imath.Channel(Imath.PixelType(kind)) for name in "RGB"}
+    header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
+    file = OpenEXR.OutputFile(str(path), header)
+    try:
+        file.writePixels({name: pixels[..., channel].tobytes() for channel, name in enumerate("RGB")})
+    finally:
+        file.close()

@@ -1,0 +1,202 @@
+"""Blender renders the crossed frustum with the script that `camera --for blender` writes.
+
+The tests that need Blender use build/blender, which `make test-blender` makes, or the Python with the package
+bpy that XFRUSTUM_BLENDER_PYTHON names.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shlex
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from tests.conftest import CHECKOUT
+from tests.support.views import view
+from xfrustum.reference import Reference
+from xfrustum.reference.lines.lines import film_window
+from xfrustum.reports.exchange.blender import pixel_files, render
+from xfrustum.reports.exchange.camera_files import write_cameras
+from xfrustum.reports.verification.verification import verify
+from xfrustum.scenes import Scene
+from xfrustum.scenes.files.openexr.images import read_image
+
+BLENDER = Path(os.environ.get("XFRUSTUM_BLENDER_PYTHON", CHECKOUT / "build" / "blender" / "bin" / "python"))
+needs_blender = pytest.mark.skipif(
+    not BLENDER.exists(), reason="needs Blender as a Python module: run make test-blender"
+)
+
+
+def small(name: str = "asymmetric-recentered") -> Scene:
+    scene = view(name, (64, 48))
+    return replace(scene, frustum=replace(scene.frustum, resolution=(64, 48)))
+
+
+def plate_of(scene: Scene, folder: Path) -> Any:
+    write_cameras(scene, "blender", folder)
+    return json.loads((folder / "plate.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_the_script_has_the_film_of_every_aperture(name: str, tmp_path: Path) -> None:
+    scene = small(name)
+    plate = plate_of(scene, tmp_path)
+    for column, row in ((0, 0), (17, 40), (80, 60)):
+        aperture = scene.plate.aperture(column, row)
+        assert render.aperture_center(plate, column, row) == (aperture.x, aperture.y)
+        shear, half = render.film(plate, (aperture.x, aperture.y))
+        true_shear, true_half = film_window(scene.frustum, aperture)
+        assert np.allclose([shear, half], [true_shear, true_half], rtol=1e-14)
+
+
+def test_files_of_plain_python_are_read_by_libraries() -> None:
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(0, 256, (5, 7, 3), np.uint8)
+    content = pixel_files.png(pixels)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
+
+
+def test_openexr_of_plain_python_is_read_by_the_library_and_by_itself(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    planes = {
+        "P.X": rng.random((5, 7), np.float32),
+        "id.triangle": rng.integers(0, 1 << 24, (5, 7), dtype=np.uint32),
+    }
+    content = pixel_files.exr(planes)
+    (tmp_path / "hogel.exr").write_bytes(content)
+    file = OpenEXR.InputFile(str(tmp_path / "hogel.exr"))
+    for name, dtype in (("P.X", np.float32), ("id.triangle", np.uint32)):
+        assert np.array_equal(np.frombuffer(file.channel(name), dtype).reshape(5, 7), planes[name])
+        assert np.array_equal(pixel_files.exr_planes(content)[name], planes[name].astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--out", "h", "--apertures", "x"], "is not a list of column,row"),
+        (["--out", "h", "--apertures", "81,0"], "lies outside the plate"),
+    ],
+)
+def test_the_script_tells_mistakes_in_one_line(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plate_of(small(), tmp_path)
+    monkeypatch.setattr(render, "HERE", tmp_path)
+    assert render.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+
+
+def run(folder: Path, arguments: str) -> str:
+    """Run the script in Blender, and return what it printed."""
+    command = [str(BLENDER), str(folder / "render.py"), *shlex.split(arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+@needs_blender
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_blender_draws_the_crossed_frustum(name: str, tmp_path: Path) -> None:
+    scene = small(name)
+    write_cameras(scene, "blender", tmp_path)
+    found = verify(
+        scene,
+        command=f"{BLENDER}"
+        f" {tmp_path}/render.py --encoding triangle-id --apertures {{i}},{{j}} --out {{out}}",
+        encoding="triangle-id",
+        apertures=[(0, 0), (40, 30)],
+    )
+    assert found.passed
+    assert found.diagnosis.faults == ()
+    whole = found.record.as_found
+    assert whole is not None
+    # Blender has vertices and rays in 32 bits: a pixel's center within a millionth of an edge may differ.
+    assert whole.wrong <= 2
+    assert whole.shown > 500
+
+
+@needs_blender
+@pytest.mark.slow
+def test_openexr_has_numbers_points_and_normals(tmp_path: Path) -> None:
+    scene = small()
+    write_cameras(scene, "blender", tmp_path)
+    run(tmp_path, f"--apertures 5,50 --out {tmp_path}/hogel.exr --encoding exr")
+    truth = Reference(scene).trace(scene.plate.aperture(5, 50))
+    image = read_image(tmp_path / "hogel.exr", truth.camera)
+    same = image.triangle == truth.triangle
+    assert (~same).sum() <= 2
+    assert np.array_equal(image.object[same], truth.object[same])
+    shown = same & truth.covered
+    assert np.allclose(image.position[shown], truth.position[shown], atol=1e-3)
+    assert image.normal is not None
+    assert truth.normal is not None
+    assert np.allclose(image.normal[shown], truth.normal[shown], atol=1e-5)
+    assert np.isnan(image.position[same & ~truth.covered]).all()
+
+
+@needs_blender
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", ["hogels", "burnett", "hocking"])
+def test_it_goes_on_where_it_was_in_every_layout_of_hogels(layout: str, tmp_path: Path) -> None:
+    scene = small()
+    write_cameras(scene, "blender", tmp_path)
+    options = f"--out {tmp_path}/hogels --layout {layout}"
+    assert "1 hogels to render, 0 found" in run(tmp_path, f"--apertures 5,50 {options}")
+    assert "1 hogels to render, 1 found" in run(tmp_path, f"--apertures '5,50;70,3' {options}")
+    found = verify(
+        scene,
+        str(tmp_path / "hogels"),
+        layout=layout,
+        encoding="triangle-id",
+        apertures=[(5, 50), (70, 3)],
+    )
+    assert found.passed
+
+
+MOVE = """
+import sys, bpy, math
+from mathutils import Matrix
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+by = Matrix.Translation((3, -2, 7)) @ Matrix.Rotation(0.6, 4, (1, 2, 3)) @ Matrix.Scale(2.5, 4)
+for one in bpy.data.objects:
+    one.matrix_world = by @ one.matrix_world
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+
+
+@needs_blender
+@pytest.mark.slow
+def test_hogels_follow_the_empty_in_a_blend_file(tmp_path: Path) -> None:
+    scene = small()
+    write_cameras(scene, "blender", tmp_path)
+    run(tmp_path, f"--save {tmp_path}/mine.blend")
+    (tmp_path / "move.py").write_text(MOVE)
+    subprocess.run([str(BLENDER), str(tmp_path / "move.py"), str(tmp_path / "mine.blend")], check=True)
+    blend = f"--blend {tmp_path}/mine.blend --apertures 5,50"
+    run(tmp_path, f"{blend} --out {tmp_path}/hogel.exr --encoding exr")
+    truth = Reference(scene).trace(scene.plate.aperture(5, 50))
+    image = read_image(tmp_path / "hogel.exr", truth.camera)
+    same = image.triangle == truth.triangle
+    # A scene that was moved has other roundings to 32 bits.
+    assert (~same).sum() <= 5
+    assert np.allclose(image.position[same & truth.covered], truth.position[same & truth.covered], atol=1e-2)
+    run(tmp_path, f"{blend} --out {tmp_path}/hogel.png --samples 4")
+    picture = np.asarray(Image.open(tmp_path / "hogel.png"))
+    assert picture.shape == (48, 64, 3)
+    assert picture[truth.covered].mean() > 20

@@ -1,0 +1,241 @@
+"""`camera`: C and C* as files, fed into renderers that share no code with the rasterizer."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.views import view
+from xfrustum.cli.main import main
+from xfrustum.raster import Rasterizer
+from xfrustum.reports.exchange.camera_files import write_cameras
+from xfrustum.scenes import (
+    Camera,
+    DepthFormat,
+    DepthMapping,
+    DoubleFrustum,
+    Fit,
+    InputError,
+    Offset,
+    Pivot,
+    Scene,
+)
+from xfrustum.scenes.plate.plate import Aperture
+
+JITTER_PX = 0.02
+"""Distance by which pixel centers are moved to find out whether a pixel lies on an edge: the rasterizer snaps
+vertices to 1/256 px, and rounds positions on films of 96 pixels to less than as much again."""
+
+
+def read(path: Path) -> Any:
+    return json.loads(path.read_text())
+
+
+def draw(cameras: Any, triangles: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Draw pixels (N, 2), column and row, of the first aperture by the file alone.
+
+    Each pixel's line is met with each triangle in clip coordinates.
+    """
+    u, v = ((2 * pixels + 1) / cameras["frustum"]["resolution"] - 1).T * ((1,), (-1,))
+    film = np.stack((u, v, np.ones(len(u))), axis=-1)
+    picture = np.full(len(film), -1, dtype=np.int64)
+    for one in cameras["apertures"][0]["passes"]:
+        matrix, depth = np.array(one["clip_from_scene"])[[0, 1, 3]], one["depth"]
+        n, f = one["near"], one["far"]
+        stored = np.full(len(film), depth["clear"])
+        xyw = triangles @ matrix[:, :3].T + matrix[:, 3]
+        met = (xyw[..., 2].max(1) >= n) & (xyw[..., 2].min(1) <= f) & (abs(np.linalg.det(xyw)) > 1e-12)
+        for index in np.flatnonzero(met):
+            # A point w (u, v, 1) of the triangle's plane is a mean of its corners with weights w * weights.
+            weights = film @ np.linalg.inv(xyw[index])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                w = 1 / weights.sum(-1)
+                inside = (weights * w[:, None] >= 0).all(-1) & (w >= n) & (w <= f)
+                value = stored_depth(depth["function"], w, n, f)
+                shown = inside & (value < stored if depth["test"] == "<" else value > stored)
+            picture[shown], stored[shown] = index, value[shown]
+        # The next pass is drawn over this one, whatever its depth.
+    return picture
+
+
+def stored_depth(function: str, w: np.ndarray, n: float, f: float) -> np.ndarray:
+    """Return the depth that a file's formula gives."""
+    values: dict[str, np.ndarray] = {
+        "ln(w/n) / ln(f/n)": np.log(w / n) / np.log(f / n),
+        "n (f - w) / (w (f - n))": n * (f - w) / (w * (f - n)),
+        "f (w - n) / (w (f - n))": f * (w - n) / (w * (f - n)),
+    }
+    return values[function]
+
+
+def small_view(name: str) -> Scene:
+    scene = view(name, (40, 30))
+    return replace(scene, frustum=replace(scene.frustum, resolution=(40, 30)))
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "index"),
+    [
+        (
+            "asymmetric-recentered",
+            DoubleFrustum(near=3.0, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED),
+            (5, 50),
+        ),
+        ("asymmetric-recentered", DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN), (70, 3)),
+        ("asymmetric", DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC, slabs=(20.0,)), (40, 30)),
+        ("asymmetric", DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR), (0, 0)),
+    ],
+    ids=["reversed", "pivot and fit", "slabs", "no offset"],
+)
+def test_a_renderer_that_knows_the_file_alone_draws_what_raster_draws(
+    name: str, settings: DoubleFrustum, index: tuple[int, int], tmp_path: Path
+) -> None:
+    scene = small_view(name)
+    aperture = scene.plate.aperture(*index)
+    write_cameras(scene, "json", tmp_path, settings, [aperture])
+    cameras = read(tmp_path / "cameras.json")
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.render(aperture, settings).triangle
+    pixels = np.stack(np.meshgrid(*map(np.arange, scene.frustum.resolution)), axis=-1).reshape(-1, 2)
+    drawn = drawn.reshape(-1)
+    mine = draw(cameras, scene.triangles, pixels)
+    other = mine != drawn
+    assert other.mean() < 0.03
+    moved = [pixels[other] + (x * JITTER_PX, y * JITTER_PX) for x in (-1, 1) for y in (-1, 1)]
+    # Only where its own picture changes within the jitter does a pixel lie on an edge.
+    assert np.any([draw(cameras, scene.triangles, some) != mine[other] for some in moved], axis=0).all()
+    assert (drawn >= 0).sum() > 30
+
+
+def test_the_file_says_where_cameras_stand_and_what_their_films_are(tmp_path: Path) -> None:
+    scene = small_view("asymmetric-recentered")
+    settings, aperture = DoubleFrustum(near=3.0), scene.plate.aperture(5, 50)
+    write_cameras(scene, "json", tmp_path, settings, [aperture])
+    cameras = read(tmp_path / "cameras.json")
+    c, c_star = cameras["apertures"][0]["passes"]
+    screen = scene.frustum.screen
+    assert screen is not None
+    k = [(m - a) / -screen.height for m, a in zip(screen.center, (aperture.x, aperture.y), strict=True)]
+    assert np.allclose(c["shear"], k)
+    assert np.allclose(c["position"], (aperture.x - 3 * k[0], aperture.y - 3 * k[1], 3))
+    assert np.allclose(c_star["position"], (aperture.x + 3 * k[0], aperture.y + 3 * k[1], -3))
+    assert (c["camera"], c["looks_to"], c["wins"]) == ("c", "-z", "nearest")
+    assert (c_star["camera"], c_star["looks_to"], c_star["wins"]) == ("c-star", "+z", "farthest")
+    assert (c["depth"]["clear"], c_star["depth"]["clear"]) == (1.0, 0.0)
+    assert cameras["scene_hash"] == scene.content_hash
+
+
+def through_the_file(one: Any, points: np.ndarray) -> np.ndarray:
+    """Return film coordinates u, v of points by a pass's matrix."""
+    clip = np.c_[points, np.ones(len(points))] @ np.array(one["clip_from_scene"]).T
+    return np.asarray(clip[:, :2] / clip[:, 3:])
+
+
+def points_before(one: Any, count: int = 40) -> np.ndarray:
+    """Return random points of the film's frustum between a pass's planes."""
+    rng = np.random.default_rng(2)
+    u, v, depth = (
+        rng.uniform(-1, 1, count),
+        rng.uniform(-1, 1, count),
+        rng.uniform(one["near"], one["far"], count),
+    )
+    w = np.stack((u, v, np.ones(count)), axis=-1) * depth[:, None]
+    matrix = np.array(one["clip_from_scene"])[[0, 1, 3]]
+    return np.linalg.solve(matrix[:, :3], (w - matrix[:, 3]).T).T
+
+
+SETTINGS = DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN, slabs=(40.0,))
+
+
+def both_files(scene: Scene, other: str, tmp_path: Path) -> tuple[list[Any], Any]:
+    apertures: list[Aperture] = [scene.plate.aperture(5, 50), scene.plate.aperture(70, 3)]
+    write_cameras(scene, "json", tmp_path, SETTINGS, apertures)
+    files = write_cameras(scene, other, tmp_path, SETTINGS, apertures).files
+    passes = [one for each in read(tmp_path / "cameras.json")["apertures"] for one in each["passes"]]
+    return passes, read(files[0])
+
+
+@pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
+def test_a_gltf_camera_contains_the_film_where_it_says(name: str, tmp_path: Path) -> None:
+    scene = small_view(name)
+    passes, document = (
+        both_files(scene, "gltf", tmp_path) if name != "asymmetric" else _centered(scene, tmp_path)
+    )
+    assert len(document["nodes"]) == len(document["cameras"]) == len(passes)
+    for one, node in zip(passes, document["nodes"], strict=True):
+        lens = document["cameras"][node["camera"]]["perspective"]
+        points = points_before(one)
+        # A glTF camera looks to its own -z; half a turn about y exchanges the signs of x and z.
+        turned = node.get("rotation") == [0, 1, 0, 0]
+        eye = (points - node["translation"]) * ((-1, 1, -1) if turned else (1, 1, 1))
+        half = np.tan(lens["yfov"] / 2) * np.array([lens["aspectRatio"], 1])
+        picture = eye[:, :2] / -eye[:, 2:] / half
+        film = node["extras"]["film"]
+        left, right, bottom, top = (film[side] for side in ("left", "right", "bottom", "top"))
+        u = (2 * picture[:, 0] - left - right) / (right - left)
+        v = (2 * picture[:, 1] - bottom - top) / (top - bottom)
+        v = -v if node["extras"]["rows_reversed"] else v
+        assert np.allclose(np.stack((u, v), axis=-1), through_the_file(one, points))
+        assert (lens["znear"], lens["zfar"]) == (one["near"], one["far"])
+        assert np.isclose(max(-left, right), 1)
+        assert np.isclose(max(-bottom, top), 1)
+
+
+def _centered(scene: Scene, tmp_path: Path) -> tuple[list[Any], Any]:
+    settings = replace(SETTINGS, fit=None)
+    write_cameras(scene, "json", tmp_path, settings)
+    files = write_cameras(scene, "gltf", tmp_path, settings).files
+    return [one for each in read(tmp_path / "cameras.json")["apertures"] for one in each["passes"]], read(
+        files[0]
+    )
+
+
+def test_mitsuba_sees_along_the_same_lines(tmp_path: Path) -> None:
+    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba.set_variant("llvm_ad_rgb" if "llvm_ad_rgb" in mitsuba.variants() else "scalar_rgb")
+    scene = small_view("asymmetric-recentered")
+    passes, document = both_files(scene, "mitsuba", tmp_path)
+    for one, entry in zip(passes, document["sensors"], strict=True):
+        plugin = entry["sensor"]
+        transform = mitsuba.ScalarTransform4f(np.array(plugin["to_world"]))
+        sensor = mitsuba.load_dict({**plugin, "to_world": transform})
+        for u, v in ((-0.9, 0.7), (0.0, 0.0), (0.6, -0.3)):
+            row = -v if entry["rows_reversed"] else v
+            place = mitsuba.Point2f((u + 1) / 2, (1 - row) / 2)
+            ray, _ = sensor.sample_ray(0.0, 0.5, place, mitsuba.Point2f(0.5))
+            origin, direction = (np.ravel(np.array(part)) for part in (ray.o, ray.d))
+            found = through_the_file(one, (origin + 20 * direction)[None])
+            assert np.allclose(found[0], (u, v), atol=1e-4)
+
+
+def test_mitsuba_has_square_pixels(tmp_path: Path) -> None:
+    scene = small_view("asymmetric-recentered")
+    wide = replace(scene, frustum=replace(scene.frustum, resolution=(40, 12)))
+    with pytest.raises(InputError, match="square pixels"):
+        write_cameras(wide, "mitsuba", tmp_path, SETTINGS)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--for", "json"], "need --near"),
+        (["--for", "json", "--slabs", "3"], "give --near too"),
+        (["--for", "json", "--near", "1000"], "must be smaller than the reach"),
+        (["--for", "json", "--near", "1", "--apertures", "900,0"], "outside the plate"),
+        (["--for", "blender", "--near", "1"], "leave out --near"),
+    ],
+)
+def test_bad_questions_are_told_in_one_line(
+    arguments: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["camera", "asymmetric", *arguments, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,148 @@
+"""`convert`: a plate goes through every layout and through Zarr, and comes back with the same bits."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+
+from xfrustum.cli.main import main
+from xfrustum.reports.exchange.convert import ConversionOptions, convert
+from xfrustum.reports.exchange.plate_group import PlateArray, read_group, write_group
+from xfrustum.scenes import InputError
+from xfrustum.scenes.files.layouts.layout import PlateShape
+from xfrustum.scenes.files.layouts.reading import Plates
+
+FULL = ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", "hci")
+HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
+
+
+def group(folder: Path, dtype: str, resolution: tuple[int, int] = (6, 5)) -> tuple[Path, np.ndarray]:
+    """Write a plate of random colors into a Zarr group."""
+    rng = np.random.default_rng(1)
+    shape = PlateShape(hogels=(4, 3), resolution=resolution).array
+    if dtype == "uint8":
+        plate = Plates(pixels=rng.integers(0, 256, shape, np.uint8), levels=255)
+    else:
+        plate = Plates(pixels=rng.random(shape, np.float32).astype(dtype), levels=None)
+    write_group(plate, folder / "plate.zarr", PlateArray.COLOR, {})
+    return folder / "plate.zarr", plate.pixels
+
+
+def stored(tmp_path: Path, array: str) -> np.ndarray:
+    """Return an array of the group that came back."""
+    found = zarr.open_group(tmp_path / "back.zarr")[array]
+    assert isinstance(found, zarr.Array)
+    return np.asarray(found[...])
+
+
+@pytest.mark.parametrize("name", [*FULL, *HORIZONTAL])
+def test_from_zarr_through_every_layout_and_back(name: str, tmp_path: Path) -> None:
+    source, pixels = group(tmp_path, "uint8", (40, 1) if name in HORIZONTAL else (6, 5))
+    there = convert(source, tmp_path / name, write_as=name)
+    assert (there.read_as, there.written_as, there.losses) == ("zarr", name, ())
+    back = convert(tmp_path / name, tmp_path / "back.zarr", read_as=name, options=_told(name))
+    assert back.read_as == name
+    plate, _ = read_group(tmp_path / "back.zarr", PlateArray.COLOR)
+    found = plate.pixels if plate.levels else np.rint(plate.pixels * 255)
+    assert np.array_equal(found, pixels)
+
+
+def _told(name: str) -> ConversionOptions:
+    return ConversionOptions(hogels=(4, 3)) if name == "cubevi" else ConversionOptions()
+
+
+@pytest.mark.parametrize("name", ["hogels", "mosaic", "hci", "quilt"])
+def test_floating_point_stays_what_it_is(name: str, tmp_path: Path) -> None:
+    source, pixels = group(tmp_path, "float16", (6, 1))
+    assert convert(source, tmp_path / "out", write_as=name).losses == ()
+    convert(tmp_path / "out", tmp_path / "back.zarr", options=ConversionOptions(hogels=(4, 3)))
+    assert np.array_equal(stored(tmp_path, "color"), pixels)
+
+
+def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, pixels = group(tmp_path, "float32")
+    out = tmp_path / "quilt.png"
+    assert main(["convert", str(source), str(out), "--to", "quilt", "--tiles", "3,2", "--json"]) == 0
+    told = capsys.readouterr()
+    summary = json.loads(told.out)
+    assert Path(summary["out"]).name == "quilt_qs3x2a1.333.png"
+    assert [lost.partition(":")[0] for lost in summary["losses"]] == [
+        "vertical parallax",
+        "floating-point numbers",
+    ]
+    assert "note: lost: vertical parallax" in told.err
+    convert(Path(summary["out"]), tmp_path / "back.zarr")
+    found = stored(tmp_path, "color")
+    assert np.array_equal(found, np.rint(pixels[:, :, 2:3].astype(np.float64) * 255).astype(np.uint8))
+
+
+def test_numbers_of_triangles_become_pictures_and_numbers_again(tmp_path: Path) -> None:
+    numbers = np.array([-1, 0, 254, 255, 65535, (1 << 24) - 2], dtype=np.int32).reshape(1, 1, 2, 3)
+    plate = zarr.create_group(tmp_path / "plate.zarr")
+    plate.create_array("triangle", data=numbers)
+    convert(tmp_path / "plate.zarr", tmp_path / "pictures", write_as="hogels")
+    triangles = ConversionOptions(array="triangle")
+    convert(tmp_path / "pictures", tmp_path / "back.zarr", options=triangles)
+    assert np.array_equal(stored(tmp_path, "triangle"), numbers)
+
+
+def test_hogels_that_were_never_drawn_are_counted(tmp_path: Path) -> None:
+    plate = zarr.create_group(tmp_path / "plate.zarr")
+    color = plate.create_array("color", shape=(2, 3, 4, 5, 3), chunks=(1, 1, 4, 5, 3), dtype="uint8")
+    color[1, 1] = np.full((4, 5, 3), 7, np.uint8)
+    done = convert(tmp_path / "plate.zarr", tmp_path / "views", write_as="views")
+    assert done.reasons[-1] == "5 hogels are not there and count as empty"
+
+
+def test_a_folder_says_which_layout_it_looks_like(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, _ = group(tmp_path, "uint8")
+    convert(source, tmp_path / "files", write_as="hocking")
+    assert main(["convert", str(tmp_path / "files"), str(tmp_path / "views"), "--to", "views"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("read as hocking: 12 of 12 names fit: ")
+    assert len(list((tmp_path / "views").iterdir())) == 30
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nowhere", "out", "--to", "views"], "no such file or folder"),
+        (["plate.zarr", "out"], "--to"),
+        (["plate.zarr", "plate.zarr"], "exists"),
+        (["plate.zarr", "out", "--to", "cubevi"], "40 pixels wide"),
+        (["plate.zarr", "out", "--to", "quilt", "--tiles", "4,2"], "4 x 2 tiles hold no 6 views"),
+        (["plate.zarr", "out", "--array", "triangle", "--to", "views"], "no array triangle"),
+        (["plate.zarr", "out", "--to", "polaroid"], "'polaroid' is not one of"),
+        (["mosaic.png", "out", "--to", "views"], "--hogels"),
+    ],
+)
+def test_bad_input_is_told_in_one_line_and_leaves_nothing(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from PIL import Image  # noqa: PLC0415
+
+    monkeypatch.chdir(tmp_path)
+    group(Path(), "uint8")
+    Image.new("RGB", (4, 4)).save("mosaic.png")
+    before = sorted(Path().iterdir())
+    assert main(["convert", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+    assert sorted(Path().iterdir()) == before
+
+
+def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
+    source, _ = group(tmp_path, "uint8")
+    convert(source, tmp_path / "files", write_as="pleno")
+    (tmp_path / "files" / "002_003.ppm").write_bytes(b"P6\n4 3\n1023\n12")
+    with pytest.raises(InputError, match=r"002_003\.ppm: the image is damaged"):
+        convert(tmp_path / "files", tmp_path / "out", write_as="views")

@@ -1,0 +1,222 @@
+"""`verify` reads layouts by name, and names the wrong readings that people are known for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.support.views import view
+from xfrustum.reference import Reference
+from xfrustum.reports.verification.verdict import Verification
+from xfrustum.reports.verification.verification import verify
+from xfrustum.scenes import InputError, Plate, Scene, Screen
+from xfrustum.scenes.files.layouts.catalogue import layout_for
+from xfrustum.scenes.files.layouts.layout import Naming
+from xfrustum.scenes.files.layouts.reading import Plates
+from xfrustum.scenes.files.layouts.writing import Target, write_files
+
+
+def scene_of(resolution: tuple[int, int], hogels: tuple[int, int] = (3, 3)) -> Scene:
+    scene = view("asymmetric-recentered", resolution)
+    return replace(scene, plate=Plate(size=scene.plate.size, hogels=hogels))
+
+
+def packed(triangle: np.ndarray) -> np.ndarray:
+    """Return the pixels of pictures that name triangles."""
+    number = triangle + 1
+    return np.stack((number >> 16, number >> 8 & 255, number & 255), axis=-1).astype(np.uint8)
+
+
+def true_plate(scene: Scene) -> Plates:
+    reference = Reference(scene)
+    columns, rows = scene.plate.hogels
+    pixels = [
+        [packed(reference.trace(scene.plate.aperture(i, j)).triangle) for i in range(columns)]
+        for j in range(rows)
+    ]
+    return Plates(pixels=np.asarray(pixels), levels=255)
+
+
+@pytest.fixture(scope="module")
+def full() -> tuple[Scene, Plates]:
+    scene = scene_of((20, 20))
+    return scene, true_plate(scene)
+
+
+@pytest.fixture(scope="module")
+def horizontal() -> tuple[Scene, Plates]:
+    scene = scene_of((48, 1), (7, 7))
+    return scene, true_plate(scene)
+
+
+def written(plate: Plates, name: str, folder: Path) -> Path:
+    layout = layout_for(name, None)
+    write_files(plate, Target(layout=layout, naming=Naming(suffix=layout.suffix)), folder)
+    return folder
+
+
+def asked(scene: Scene, place: Path, layout: str | None = None) -> Verification:
+    return verify(scene, str(place), encoding="triangle-id", layout=layout)
+
+
+def faults(found: Verification) -> set[str]:
+    return {fault.fault for fault in found.diagnosis.faults}
+
+
+def words(found: Verification) -> str:
+    return "; ".join(fault.words for fault in found.diagnosis.faults)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("hogels", "hocking", "views"),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("burnett", "mosaic", "stanford", "pleno", "hci")
+        ),
+    ],
+)
+def test_a_true_plate_is_right_in_every_layout(name: str, full: tuple[Scene, Plates], tmp_path: Path) -> None:
+    scene, plate = full
+    found = asked(scene, written(plate, name, tmp_path))
+    assert found.passed
+    assert f"layout {name}" in found.source
+
+
+@pytest.mark.parametrize("name", ["hocking-columns", "quilt"])
+def test_a_true_plate_is_right_in_layouts_of_horizontal_parallax(
+    name: str, horizontal: tuple[Scene, Plates], tmp_path: Path
+) -> None:
+    scene, plate = horizontal
+    assert asked(scene, written(plate, name, tmp_path), name).passed
+
+
+def test_burnett_read_as_column_before_row_and_upright(full: tuple[Scene, Plates], tmp_path: Path) -> None:
+    scene, plate = full
+    found = asked(scene, written(plate, "burnett", tmp_path), "hogels")
+    assert not found.passed
+    assert faults(found) == {"orientation", "aperture-order"}
+    assert "turned by 180 degrees" in words(found)
+
+
+def test_hocking_read_with_rows_from_the_top(full: tuple[Scene, Plates], tmp_path: Path) -> None:
+    scene, plate = full
+    pattern = str(written(plate, "hocking", tmp_path)) + "/hogel_{i:04d}_0003_{j:04d}_0003.png"
+    found = verify(scene, pattern, encoding="triangle-id")
+    assert [fault.value for fault in found.diagnosis.faults] == ["rows counted from the bottom"]
+
+
+@pytest.mark.slow
+def test_pleno_with_s_before_t(full: tuple[Scene, Plates], tmp_path: Path) -> None:
+    scene, plate = full
+    exchanged = Plates(pixels=plate.pixels.swapaxes(2, 3).copy(), levels=255)
+    found = asked(scene, written(exchanged, "pleno", tmp_path))
+    assert [fault.value for fault in found.diagnosis.faults] == ["transposed (rows and columns exchanged)"]
+
+
+@pytest.mark.slow
+def test_pleno_with_s_before_t_where_there_are_fewer_rows_than_columns(tmp_path: Path) -> None:
+    scene = scene_of((24, 16))
+    exchanged = Plates(pixels=true_plate(scene).pixels.swapaxes(2, 3).copy(), levels=255)
+    found = asked(scene, written(exchanged, "pleno", tmp_path), "pleno")
+    assert not found.passed
+    assert faults(found) == {"layout"}
+    assert "numbers of its names exchanged" in words(found)
+
+
+@pytest.mark.slow
+def test_columns_that_are_not_mirrored(horizontal: tuple[Scene, Plates], tmp_path: Path) -> None:
+    scene, plate = horizontal
+    mirrored = Plates(pixels=plate.pixels[:, :, :, ::-1].copy(), levels=255)
+    found = asked(scene, written(mirrored, "hocking-columns", tmp_path))
+    assert [fault.value for fault in found.diagnosis.faults] == ["mirrored left to right"]
+
+
+def test_a_quilt_whose_name_says_rows_before_columns(
+    horizontal: tuple[Scene, Plates], tmp_path: Path
+) -> None:
+    scene, plate = horizontal
+    file = next(written(plate, "quilt", tmp_path).iterdir())
+    file.rename(tmp_path / "quilt_qs6x8a1.png")
+    found = asked(scene, tmp_path, "quilt")
+    assert not found.passed
+    assert faults(found) == {"layout"}
+    assert "the name says rows x columns" in words(found)
+
+
+@pytest.mark.slow
+def test_a_quilt_whose_views_begin_at_the_top_left(horizontal: tuple[Scene, Plates], tmp_path: Path) -> None:
+    scene, plate = horizontal
+    file = next(written(plate, "quilt", tmp_path).iterdir())
+    pixels = np.asarray(Image.open(file))
+    rows = pixels.reshape(6, -1, *pixels.shape[1:])[::-1]
+    Image.fromarray(np.ascontiguousarray(rows).reshape(pixels.shape)).save(file)
+    found = asked(scene, tmp_path, "quilt")
+    assert not found.passed
+    assert faults(found) == {"layout"}
+    assert "view 0 of the leftmost eye at the top left" in words(found)
+
+
+def first_hits(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Return the number of the first triangle along each line (N, 3), -1 where there is none."""
+    p, q, r = (scene.triangles[:, corner] for corner in range(3))
+    normal = np.cross(q - p, r - p)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = ((p * normal).sum(1) - origin @ normal.T) / (direction @ normal.T)
+        at = origin[:, None] + t[..., None] * direction[:, None]
+    inside = np.isfinite(t) & (t > 0)
+    for one, other in ((p, q), (q, r), (r, p)):
+        inside &= (np.cross(other - one, at - one) * normal).sum(-1) >= 0
+    t = np.where(inside, t, np.inf)
+    return np.where(np.isfinite(t).any(1), t.argmin(1), -1).astype(np.int32)
+
+
+def sheared_views(scene: Scene, factor: float) -> Plates:
+    """Return a plate of views by eyes on the screen, each sheared by a factor of what the plate needs."""
+    screen = scene.frustum.screen
+    assert screen is not None
+    (columns, rows), width = scene.plate.hogels, scene.frustum.resolution[0]
+    apertures = np.array([[(a.x, a.y, 0.0) for a in (scene.plate.aperture(i, j) for i in range(columns))]
+                          for j in range(rows)])  # fmt: skip
+    pixels = np.zeros((rows, columns, 1, width, 3), dtype=np.uint8)
+    for c in range(width):
+        # On a screen before the plate the film is mirrored.
+        eye = np.array([-((2 * c + 1) / width - 1) * screen.size[0] / 2, 0.0, screen.height])
+        seen = apertures + (1 - factor) * np.array([eye[0], 0.0, 0.0])
+        origin = np.broadcast_to(eye, seen.shape).reshape(-1, 3)
+        hits = first_hits(scene, origin, (seen - eye).reshape(-1, 3)).reshape(rows, columns)
+        pixels[:, :, 0, c] = packed(hits)
+    return Plates(pixels=pixels, levels=255)
+
+
+@pytest.mark.parametrize(
+    "factor", [pytest.param(1.0, marks=pytest.mark.slow), pytest.param(0.83, marks=pytest.mark.slow)]
+)
+def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
+    """A vendor's sample shears by 0.83 of what its focal plane needs at its default angle, 45 degrees."""
+    scene = scene_of((48, 1), (7, 7))
+    screen = Screen(height=150.0, center=(0.0, 0.0), size=(80.0, 2.0))
+    scene = replace(scene, frustum=replace(scene.frustum, screen=screen))
+    found = asked(scene, written(sheared_views(scene, factor), "quilt", tmp_path))
+    assert found.passed == (factor == 1.0)
+    if factor != 1.0:
+        assert [(fault.fault, round(float(fault.value), 2)) for fault in found.diagnosis.faults] == [
+            ("view-shear", factor)
+        ]
+
+
+def test_a_missing_view_is_missing_in_every_hogel(full: tuple[Scene, Plates], tmp_path: Path) -> None:
+    scene, plate = full
+    (written(plate, "views", tmp_path) / "3_4.png").unlink()
+    found = asked(scene, tmp_path)
+    assert {hogel.problem for hogel in found.hogels} == {f"{tmp_path}: has no file such as 3_4.png"}
+
+
+def test_files_that_do_not_fit_a_stated_layout(full: tuple[Scene, Plates], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read in the layout views"):
+        asked(full[0], written(full[1], "hocking", tmp_path), "views")

@@ -1,0 +1,228 @@
+"""Layouts: every one is written, read back, and recognized; the files hold what their layout says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from xfrustum.scenes import InputError
+from xfrustum.scenes.files.layouts.catalogue import NAMES, layout_for, layouts_named
+from xfrustum.scenes.files.layouts.detection import looks_like
+from xfrustum.scenes.files.layouts.layout import Naming, PlateShape
+from xfrustum.scenes.files.layouts.picture_files import Picture, read_picture, write_picture
+from xfrustum.scenes.files.layouts.reading import LaidOutFiles, Plates, with_levels
+from xfrustum.scenes.files.layouts.writing import Target, write_files
+
+HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
+"""Names of the layouts that keep one row of pixels of each hogel."""
+
+
+def plate(shape: PlateShape, dtype: str = "uint8") -> Plates:
+    """Return a plate of random pixels."""
+    rng = np.random.default_rng(3)
+    if dtype == "uint8":
+        return Plates(pixels=rng.integers(0, 256, shape.array, np.uint8), levels=255)
+    return Plates(pixels=rng.random(shape.array, np.float32).astype(dtype), levels=None)
+
+
+def shape_for(name: str) -> PlateShape:
+    """Return a shape with four different numbers, as far as the layout allows it."""
+    if name == "cubevi":
+        return PlateShape(hogels=(4, 3), resolution=(40, 1))
+    return PlateShape(hogels=(4, 3), resolution=(6, 1 if name in HORIZONTAL else 5))
+
+
+def target(name: str, suffix: str | None = None) -> Target:
+    layout = layout_for(name, suffix)
+    return Target(layout=layout, naming=Naming(suffix=suffix or layout.suffix))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_plate_that_was_written_is_read_again_bit_by_bit(name: str, tmp_path: Path) -> None:
+    shape = shape_for(name)
+    before = plate(shape)
+    assert target(name).losses(before) == ()
+    write_files(before, target(name), tmp_path)
+    found = looks_like(tmp_path, shape, layouts_named(name))[0]
+    assert (found.missing, found.strangers, found.shape) == (0, 0, shape)
+    after = LaidOutFiles(files=found)
+    assert np.array_equal(with_levels(after.plate.pixels, after.plate.levels, 255), before.pixels)
+    for column, row in ((0, 0), (3, 1), (1, 2)):
+        one = after.hogel(column, row)
+        assert np.array_equal(with_levels(one.pixels, one.levels, 255), before.pixels[row, column])
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("pleno",)])
+@pytest.mark.parametrize("dtype", ["float16", "float32"])
+def test_floating_point_is_kept_in_openexr(name: str, dtype: str, tmp_path: Path) -> None:
+    before = plate(shape_for(name), dtype)
+    write_files(before, target(name, ".exr"), tmp_path)
+    found = looks_like(tmp_path, shape_for(name), layouts_named(name))[0]
+    after = LaidOutFiles(files=found).plate
+    assert after.pixels.dtype == before.pixels.dtype
+    assert np.array_equal(after.pixels, before.pixels)
+
+
+@pytest.mark.parametrize("name", HORIZONTAL)
+def test_horizontal_parallax_keeps_the_stated_row(name: str, tmp_path: Path) -> None:
+    shape = PlateShape(hogels=(4, 3), resolution=(40, 5))
+    before = plate(shape)
+    assert "row 2" in target(name).losses(before)[0]
+    write_files(before, target(name), tmp_path)
+    flat = PlateShape(hogels=shape.hogels, resolution=(40, 1))
+    after = LaidOutFiles(files=looks_like(tmp_path, flat, layouts_named(name))[0]).plate
+    assert np.array_equal(after.pixels, before.pixels[:, :, 2:3])
+
+
+def test_video_rows_are_read_again_bit_by_bit(tmp_path: Path) -> None:
+    pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
+    before = plate(PlateShape(hogels=(4, 3), resolution=(16, 8)))
+    write_files(before, target("burnett", ".avi"), tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"HogelRow_{j}.avi" for j in range(3)]
+    found = looks_like(tmp_path)[0]
+    assert found.layout.name == "burnett"
+    after = LaidOutFiles(files=found).plate
+    assert not after.lossy
+    assert np.array_equal(after.pixels, before.pixels)
+
+
+NAMES_OF_FILES = {
+    "hogels": {"hogel_0x0.png", "hogel_3x2.png"},
+    "burnett": {"Hogel_0x0.png", "Hogel_2x3.png"},
+    "hocking": {"hogel_0000_0004_0000_0003.png", "hogel_0003_0004_0002_0003.png"},
+    "hocking-columns": {"Hogel_Column_0.png", "Hogel_Column_3.png"},
+    "mosaic": {"mosaic.png"},
+    "views": {"0_0.png", "4_5.png"},
+    "stanford": {"out_00_00_0.800000_-0.833333.png", "out_04_05_-0.800000_0.833333.png"},
+    "pleno": {"000_000.ppm", "004_005.ppm"},
+    "hci": {"input_Cam000.png", "input_Cam029.png"},
+    "quilt": {"quilt_qs3x2a1.333.png"},
+    "cubevi": {"cubevi.png"},
+}
+"""Names that files of the plates in `shape_for` have: all of one file, or the first and the last."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_have_the_names_that_others_give_them(name: str) -> None:
+    written = [part.name for part in layout_for(name, None).parts(shape_for(name), target(name).naming)]
+    assert {min(written), max(written)} == NAMES_OF_FILES[name]
+
+
+def pixels_of(name: str, file: str, tmp_path: Path, before: Plates) -> np.ndarray:
+    write_files(before, target(name), tmp_path)
+    return read_picture(tmp_path / file).pixels
+
+
+def test_burnett_turns_pictures_and_names_the_row_first(tmp_path: Path) -> None:
+    before = plate(shape_for("burnett"))
+    found = pixels_of("burnett", "Hogel_2x3.png", tmp_path, before)
+    assert np.array_equal(found, before.pixels[2, 3][::-1, ::-1])
+
+
+def test_hocking_counts_rows_upward(tmp_path: Path) -> None:
+    before = plate(shape_for("hocking"))
+    found = pixels_of("hocking", "hogel_0003_0004_0000_0003.png", tmp_path, before)
+    assert np.array_equal(found, before.pixels[2, 3])
+
+
+def test_hocking_columns_are_mirrored_lines_of_the_hogels_of_a_column(tmp_path: Path) -> None:
+    before = plate(shape_for("hocking-columns"))
+    found = pixels_of("hocking-columns", "Hogel_Column_3.png", tmp_path, before)
+    assert np.array_equal(found[2], before.pixels[2, 3, 0, ::-1])
+
+
+def test_a_tile_of_a_mosaic_is_a_hogel(tmp_path: Path) -> None:
+    before = plate(shape_for("mosaic"))
+    found = pixels_of("mosaic", "mosaic.png", tmp_path, before)
+    assert np.array_equal(found[2 * 5 : 3 * 5, 3 * 6 : 4 * 6], before.pixels[2, 3])
+
+
+@pytest.mark.parametrize(
+    ("name", "file"), [("views", "4_1.png"), ("stanford", "out_04_01_-0.800000_-0.500000.png")]
+)
+def test_a_view_is_one_pixel_of_every_hogel(name: str, file: str, tmp_path: Path) -> None:
+    before = plate(shape_for(name))
+    found = pixels_of(name, file, tmp_path, before)
+    assert np.array_equal(found, before.pixels[:, :, 4, 1])
+
+
+def test_pleno_has_ten_bits_big_endian(tmp_path: Path) -> None:
+    before = plate(shape_for("pleno"))
+    write_files(before, target("pleno"), tmp_path)
+    content = (tmp_path / "004_001.ppm").read_bytes()
+    assert content.startswith(b"P6\n4 3\n1023\n")
+    first = int.from_bytes(content[len(b"P6\n4 3\n1023\n") :][:2], "big")
+    assert first == round(int(before.pixels[0, 0, 4, 1, 0]) * 1023 / 255)
+
+
+def test_the_first_camera_stands_where_lines_of_the_last_pixel_come_from(tmp_path: Path) -> None:
+    before = plate(shape_for("hci"))
+    found = pixels_of("hci", "input_Cam000.png", tmp_path, before)
+    assert np.array_equal(found, before.pixels[:, :, 4, 5])
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "size"),
+    [("quilt", (1, 0), (3, 2)), ("cubevi", (0, 0), (8, 5))],
+)
+def test_the_first_view_of_a_quilt_is_that_of_the_leftmost_eye(
+    name: str, first: tuple[int, int], size: tuple[int, int], tmp_path: Path
+) -> None:
+    before = plate(shape_for(name))
+    write_files(before, target(name), tmp_path)
+    found = read_picture(next(tmp_path.iterdir())).pixels
+    assert found.shape == (3 * size[1], 4 * size[0], 3)
+    tile = found[first[0] * 3 :][:3, first[1] * 4 :][:, :4]
+    assert np.array_equal(tile, before.pixels[:, :, 0, -1])
+    second = found[first[0] * 3 :][:3, 4:8]
+    assert np.array_equal(second, before.pixels[:, :, 0, -2])
+
+
+def test_pixels_beside_the_tiles_of_a_quilt_are_left_out(tmp_path: Path) -> None:
+    before = plate(shape_for("quilt"))
+    found = pixels_of("quilt", "quilt_qs3x2a1.333.png", tmp_path, before)
+    wide = np.pad(found, ((1, 0), (0, 2), (0, 0)))
+    write_picture(tmp_path / "quilt_qs3x2a1.333.png", Picture(pixels=wide))
+    after = LaidOutFiles(files=looks_like(tmp_path)[0]).plate
+    assert np.array_equal(after.pixels, before.pixels)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_say_themselves_which_layout_they_look_like(name: str, tmp_path: Path) -> None:
+    write_files(plate(shape_for(name)), target(name), tmp_path)
+    told = shape_for(name) if name in ("hci", "cubevi") else None
+    found = looks_like(tmp_path, told)[0]
+    assert found.layout.name == name
+    assert found.shape == shape_for(name)
+    assert len(found.reasons) >= 2
+
+
+def test_a_folder_of_other_pictures_looks_like_nothing(tmp_path: Path) -> None:
+    for name in ("left.png", "right.png"):
+        Image.new("RGB", (4, 4)).save(tmp_path / name)
+    with pytest.raises(InputError, match="names of no layout"):
+        looks_like(tmp_path)
+
+
+def test_a_missing_view_is_named(tmp_path: Path) -> None:
+    write_files(plate(shape_for("views")), target("views"), tmp_path)
+    (tmp_path / "2_3.png").unlink()
+    found = looks_like(tmp_path)[0]
+    assert found.missing == 1
+    with pytest.raises(InputError, match=r"no file such as 2_3\.png"):
+        LaidOutFiles(files=found).hogel(0, 0)
+
+
+@given(st.integers(1, 3), st.integers(1, 3), st.integers(1, 4), st.integers(1, 4))
+def test_every_file_holds_pixels_that_no_other_file_holds(i: int, j: int, w: int, h: int) -> None:
+    shape = PlateShape(hogels=(i, j), resolution=(w, h))
+    for name in ("hogels", "burnett", "hocking", "mosaic", "views", "stanford", "pleno", "hci"):
+        numbered = np.zeros(shape.array, dtype=np.int64)
+        for part in layout_for(name, None).parts(shape, Naming()):
+            part.select(numbered)[...] += 1
+        assert (numbered == 1).all(), name
