@@ -57,9 +57,11 @@ class PlainReference(Reference):
         camera = replace(image.camera, renderer=f"{self.tracer_name} alone, nothing certified")
         return replace(image, camera=camera, rendering=self.rendering(sampling))
 
-    def stream(self, apertures: Iterable[Aperture]) -> Iterator[HogelImage]:
-        """Yield what the tracer shows of many apertures, in order."""
-        yield from map(self.trace, apertures)
+    def stream(self, apertures: Iterable[Aperture], *, colored: bool = True) -> Iterator[HogelImage]:
+        """Yield what the tracer shows of many apertures, in order; `colored` as for `Reference.stream`."""
+        for aperture in apertures:
+            image = self.trace(aperture)
+            yield image if colored else replace(image, color=None, rendering=None)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
         """Return what the tracer shows along the lines of the cameras of these settings.

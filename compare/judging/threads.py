@@ -77,12 +77,21 @@ class TracingThread:
         Machine whose time is shared.
     streamed
         Whether apertures are traced as one stream; else one by one, each alone where the machine allows it.
+    colored
+        Whether the truths of a stream have color.
     """
 
     def __init__(
-        self, reference: Reference, thread: ThreadPoolExecutor, machine: Machine, *, streamed: bool
+        self,
+        reference: Reference,
+        thread: ThreadPoolExecutor,
+        machine: Machine,
+        *,
+        streamed: bool,
+        colored: bool,
     ) -> None:
-        self._reference, self._thread, self._machine, self._streamed = reference, thread, machine, streamed
+        self._reference, self._thread, self._machine = reference, thread, machine
+        self._streamed, self._colored = streamed, colored
         self._given: deque[Aperture] = deque()
         self._truths: Iterator[HogelImage] = iter(())
 
@@ -97,7 +106,7 @@ class TracingThread:
                 return self._reference.trace(self._given.popleft())
             truth = next(self._truths, None)
             if truth is None:
-                self._truths = self._reference.stream(self._waiting())
+                self._truths = self._reference.stream(self._waiting(), colored=self._colored)
                 truth = next(self._truths)
             return truth
 
