@@ -40,12 +40,16 @@ def apertures_of(scene: Scene, indices: list[tuple[int, int]] = INDICES) -> list
 
 
 def assert_same_arrays(one: object, other: object) -> None:
-    for field in fields(one):  # type: ignore[arg-type]
-        a, b = getattr(one, field.name), getattr(other, field.name)
+    names = {field.name for field in fields(one)}  # type: ignore[arg-type]
+    if "second_opinion" in names:
+        # It is what it says when it is read.
+        names = names - {"second_opinion"} | {"overruled"}
+    for name in names:
+        a, b = getattr(one, name), getattr(other, name)
         if isinstance(a, np.ndarray):
-            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), field.name
+            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), name
         else:
-            assert a == b, field.name
+            assert a == b, name
 
 
 def threads() -> set[str]:
