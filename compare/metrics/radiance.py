@@ -70,12 +70,13 @@ class RadianceSpread:
         if count == 0:
             return None
         error = np.ascontiguousarray(error, dtype=np.float64)
-        # Channel by channel: numpy is many times slower along rows of three numbers.
-        size = np.ascontiguousarray(error.T)
-        np.abs(size, out=size)
-        worst: Floats = np.maximum(np.maximum(size[0], size[1]), size[2])
         # `einsum` adds row by row, as `mean` does along the first axis, in a fifth of the time.
-        squares = np.einsum("ij->j", error * error) / count
+        scratch = error * error
+        squares = np.einsum("ij->j", scratch) / count
+        # Channel by channel, in the same memory: numpy is many times slower along rows of three numbers.
+        size = np.abs(error.T, out=scratch.reshape(3, count))
+        worst: Floats = np.maximum(size[0], size[1])
+        np.maximum(worst, size[2], out=worst)
         return RadianceSpread(
             pixels=count,
             rms=float(np.sqrt(squares.mean())),
@@ -160,7 +161,9 @@ def compare_radiance(
     """
     if truth.color is None or raster.color is None:
         return None
-    error = (raster.color.astype(np.float64) - truth.color).reshape(-1, 3)
+    error = raster.color.astype(np.float64, order="C")
+    error -= truth.color
+    error = error.reshape(-1, 3)
     judged = np.ones(raster.triangle.shape, dtype=np.bool_)
     if not np.isfinite(error).all():
         judged.reshape(-1)[:] = np.isfinite(error[:, 0]) & np.isfinite(error[:, 1]) & np.isfinite(error[:, 2])
