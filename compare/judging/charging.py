@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor, Future
 from threading import Lock
 
@@ -16,8 +16,10 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-PREPARED = (("exact", "steps", "surface_charge"), ("rounding",))
-"""Properties of a `ChainStart` that are found side by side before the first frame is charged."""
+PREPARED = ({"exact": "exact", "steps": "causes", "surface_charge": "causes"}, {"rounding": "causes"})
+"""Stages of the properties of a `ChainStart` that are found side by side before the first frame is charged.
+Comparing the frame with exact depth has one of its own: beside that frame, those of all depth buffers are
+compared in little time."""
 
 
 class Charging:
@@ -78,10 +80,10 @@ class Charging:
         """Have the properties in `PREPARED` found side by side."""
         return tuple(pool.submit(self._find, start, parts) for parts in PREPARED)
 
-    def _find(self, start: Future[ChainStart], parts: Sequence[str]) -> None:
+    def _find(self, start: Future[ChainStart], parts: Mapping[str, str]) -> None:
         ready = start.result()
-        with self._machine.stage(self._watch, "causes"):
-            for part in parts:
+        for part, stage in parts.items():
+            with self._machine.stage(self._watch, stage):
                 getattr(ready, part)
 
     def _traced(self, truth: HogelImage, settings: DoubleFrustum) -> tuple[HogelImage, ...]:

@@ -180,6 +180,8 @@ class SweepCost:
         Seconds of encoding the page's pictures.
     ratio
         `wall_s` over `frames_s` and `truths_s` together.
+    ratio_without_causes
+        The same without the stage `causes`, which charges wrong pixels and draws and traces what that needs.
     total_s
         Seconds of everything.
     """
@@ -189,6 +191,7 @@ class SweepCost:
     truths_s: float
     pictures_s: float
     ratio: float
+    ratio_without_causes: float
     total_s: float
 
 
@@ -213,7 +216,8 @@ class Sweep:
     versions, devices
         Libraries and hardware that produced the numbers.
     times_s
-        Wall seconds per stage, which add up to `wall_s`. `pictures` encodes those of the page, `repeat`
+        Wall seconds per stage, which add up to `wall_s`. `exact` compares the frames with exact depth, beside
+        which those of all depth buffers are compared, `pictures` encodes those of the page, `repeat`
         draws frames again to time them, `light` measures the light of a shaded scene, and `other` is the
         rest.
     parts_s
@@ -283,6 +287,7 @@ class Sweep:
             truths_s=self.times_s["trace"],
             pictures_s=self.times_s["pictures"],
             ratio=measuring / needed,
+            ratio_without_causes=(measuring - self.times_s.get("causes", 0.0)) / needed,
             total_s=self.wall_s,
         )
 
