@@ -289,33 +289,6 @@ def optional_double_frustum_options(command: Command) -> Command:
     return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
 
-_SEVERAL_NEARS = (
-    _NEAR_WITHOUT_NEED,
-    click.option("--nears", type=Numbers(), help="Several offsets, each of which is a setting."),
-)
-
-
-def several_double_frusta_options(command: Command) -> Command:
-    """Add the options of the double frustum, with one near or several, or none.
-
-    The command receives them as one tuple `settings`, which is empty where no near is given.
-    """
-
-    @functools.wraps(command)
-    def with_settings(**options: Any) -> Any:
-        near, nears = options.pop("near"), options.pop("nears")
-        if near is not None and nears is not None:
-            raise click.UsageError("--near is one setting and --nears are several: give one of them")
-        given = nears or (() if near is None else (near,))
-        several = [_collect({**options, "near": one}) for one in given]
-        rest = {name: value for name, value in options.items() if name not in _SETTING_NAMES}
-        return command(settings=tuple(several), **rest)
-
-    for option in reversed((*_SEVERAL_NEARS, *_SETTINGS[1:])):
-        with_settings = option(with_settings)
-    return with_settings  # type: ignore[return-value]  # wraps() keeps the name, not the type
-
-
 def _collect(options: dict[str, Any]) -> DoubleFrustum:
     """Remove the settings from a command's options, and return them."""
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum

@@ -16,6 +16,10 @@ from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
+    from xfrustum.reports.plate.plate import PlateFiles
+    from xfrustum.scenes.model.plate_content import PlateContent
+    from xfrustum.scenes.model.scene import Scene
+    from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 Span = tuple[int, int] | None
@@ -96,6 +100,53 @@ def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -
         )
 
 
+Where = tuple[str | None, int | None, tuple[int, ...] | None, tuple[int, int] | None]
+"""Values of the options that say where blocks are drawn, in the order of `chosen_engine`."""
+
+
+def _written(
+    scene: Scene,
+    settings: DoubleFrustum | None,
+    out: Path,
+    apertures: ApertureBlocks,
+    content: PlateContent,
+    where: Where,
+    **asked: Any,
+) -> PlateFiles:
+    """Draw a plate in this process, or where the options say; print its notes on standard error."""
+    if any(where):
+        from xfrustum.reports.plate.engine import write_plate_on
+
+        if asked.pop("check"):
+            raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
+        engine, told = chosen_engine(*where), lambda line: say(f"note: {line}")
+        files = write_plate_on(engine, scene, settings, out, apertures, content, told=told, **asked)
+    else:
+        from xfrustum.reports.plate.plate import write_plate
+
+        files = write_plate(scene, settings, out, apertures, content, **asked)
+    for note in files.notes:
+        say(f"note: {note}")
+    return files
+
+
+def _tell(files: PlateFiles, *, as_json: bool) -> None:
+    """Print what became of a plate on standard output."""
+    options.tell(
+        as_json,
+        lambda: {
+            **{"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
+            "table": files.table,
+        },
+        lambda: "\n".join(
+            [
+                f"{files.drawn} hogels drawn, {files.found} found",
+                *map(str, filter(None, (files.out, files.table))),
+            ]
+        ),
+    )
+
+
 @click.command()
 @options.scene_argument
 @click.option(
@@ -171,7 +222,7 @@ def plate(
     opened = light.applied(options.open_scene(scene))
     if truth and opened.transport.simulated and not light.tracer(opened, None)[1]:
         opened = replace(opened, transport=replace(opened.transport, shadows=False, interreflection=False))
-    from xfrustum.reports.plate.plate import blocks_of_apertures, write_plate
+    from xfrustum.reports.plate.plate import blocks_of_apertures
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
     spans = [(None, None)] if blocks is None else blocks
@@ -183,39 +234,6 @@ def plate(
         channels=tuple(map(Channel, channels or ())),
         effects=light.chosen(opened, settings=settings),
     )
-    if any((scheduler, workers, devices, part)):
-        from xfrustum.reports.plate.engine import write_plate_on
-
-        if check:
-            raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
-        files = write_plate_on(
-            chosen_engine(scheduler, workers, devices, part),
-            opened,
-            settings,
-            out,
-            chosen,
-            content,
-            block=block,
-            judge=judge,
-            told=lambda line: say(f"note: {line}"),
-            progress=not quiet,
-        )
-    else:
-        files = write_plate(
-            opened, settings, out, chosen, content, block=block, judge=judge, check=check, progress=not quiet
-        )
-    for note in files.notes:
-        say(f"note: {note}")
-    options.tell(
-        as_json,
-        lambda: {
-            **{"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
-            "table": files.table,
-        },
-        lambda: "\n".join(
-            [
-                f"{files.drawn} hogels drawn, {files.found} found",
-                *map(str, filter(None, (files.out, files.table))),
-            ]
-        ),
-    )
+    where = (scheduler, workers, devices, part)
+    asked = {"block": block, "judge": judge, "check": check, "progress": not quiet}
+    _tell(_written(opened, settings, out, chosen, content, where, **asked), as_json=as_json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -66,6 +67,38 @@ class Devices(click.ParamType[tuple[int, ...]]):
         return tuple(int(part) for part in str(value).split(","))
 
 
+def several_double_frusta_options(command: Command) -> Command:
+    """Add the options of the double frustum, with one near or several, or none.
+
+    The command receives them as one tuple `settings`, which is empty where no near is given.
+    """
+
+    def with_one(*, nears: tuple[float, ...] | None, settings: DoubleFrustum | None, **rest: Any) -> Any:
+        if settings is None:
+            return command(settings=(), **rest)
+        return command(
+            settings=tuple(replace(settings, near=near) for near in nears or (settings.near,)), **rest
+        )
+
+    with_near = options.optional_double_frustum_options(with_one)
+
+    @functools.wraps(command)
+    def with_several(**given: Any) -> Any:
+        nears = given["nears"]
+        if nears is not None and given["near"] is not None:
+            raise click.UsageError("--near is one setting and --nears are several: give one of them")
+        return with_near(**(given if nears is None else {**given, "near": nears[0]}))
+
+    with_several.__click_params__ = [  # type: ignore[attr-defined]  # where click keeps options
+        *getattr(command, "__click_params__", ()),
+        *getattr(with_near, "__click_params__", ()),
+    ]
+    several = click.option(
+        "--nears", type=options.Numbers(), help="Several offsets, each of which is a setting."
+    )
+    return several(with_several)  # type: ignore[return-value]  # wraps() keeps the name, not the type
+
+
 _ENGINE_OPTIONS = (
     click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786."),
     click.option(
@@ -87,7 +120,7 @@ def engine_options(command: Command) -> Command:
 
 @click.command()
 @options.scene_argument
-@options.several_double_frusta_options
+@several_double_frusta_options
 @click.option("--all", "everything", is_flag=True, help="Judge every hogel: facts, not bounds.")
 @click.option("--sample", type=click.IntRange(1), help="Hogels drawn at random.  [default: 300]")
 @click.option(
