@@ -18,6 +18,7 @@ from xfrustum.scenes.files.layouts.catalogue import layout_for
 from xfrustum.scenes.files.layouts.layout import Naming
 from xfrustum.scenes.files.layouts.reading import Plates
 from xfrustum.scenes.files.layouts.writing import Target, write_files
+from xfrustum.scenes.files.openexr.images import write_image
 
 
 def scene_of(resolution: tuple[int, int], hogels: tuple[int, int] = (3, 3)) -> Scene:
@@ -208,6 +209,32 @@ def test_a_quilt_with_too_little_shear(factor: float, tmp_path: Path) -> None:
         assert [(fault.fault, round(float(fault.value), 2)) for fault in found.diagnosis.faults] == [
             ("view-shear", factor)
         ]
+
+
+@pytest.mark.parametrize("layout", ["hogels", "burnett"])
+def test_openexr_files_keep_their_numbers_points_and_turns(
+    layout: str, full: tuple[Scene, Plates], tmp_path: Path
+) -> None:
+    scene, _ = full
+    aperture = scene.plate.aperture(2, 0)
+    truth = Reference(scene).trace(aperture)
+    turn = slice(None, None, -1 if layout == "burnett" else 1)
+    turned = replace(
+        truth,
+        triangle=truth.triangle[turn, turn],
+        object=truth.object[turn, turn],
+        position=truth.position[turn, turn],
+        normal=None,
+        color=None,
+        certainty=None,
+        companions=None,
+        overruled=None,
+    )
+    write_image(tmp_path / ("hogel_2x0.exr" if layout == "hogels" else "Hogel_0x2.exr"), turned)
+    found = verify(scene, str(tmp_path), layout=layout, apertures=[(2, 0)])
+    assert found.passed
+    assert found.record.as_found is not None
+    assert found.record.as_found.wrong == 0
 
 
 def test_a_missing_view_is_missing_in_every_hogel(full: tuple[Scene, Plates], tmp_path: Path) -> None:
