@@ -49,6 +49,11 @@ OF_A_SCENE = (
     ("plate", "S", "--near", "0.1", "--out", "x.zarr"),
     ("check", "S"),
     ("verify", "S", "{i}x{j}.png"),
+    ("survey", "S", "--near", "0.1", "--out", "surveyed"),
+    ("view", "S", "--eye", "0,0,600"),
+    ("camera", "S", "--for", "json", "--out", "cameras"),
+    ("bench", "judge", "S"),
+    ("bench", "cluster", "S"),
 )
 
 STRANGE_VALUES = (

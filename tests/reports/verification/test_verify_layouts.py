@@ -228,7 +228,7 @@ def test_openexr_files_keep_their_numbers_points_and_turns(
         color=None,
         certainty=None,
         companions=None,
-        overruled=None,
+        second_opinion=None,
     )
     write_image(tmp_path / ("hogel_2x0.exr" if layout == "hogels" else "Hogel_0x2.exr"), turned)
     found = verify(scene, str(tmp_path), layout=layout, apertures=[(2, 0)])

@@ -45,9 +45,10 @@ def camera(
     `mitsuba` a sensor plugin for each as a dict. `blender` has DIR/render.py, which renders any apertures in
     Blender 4.5 or newer, exactly and in one pass each (docs/blender.md).
     """
+    opened = options.open_scene(scene)
+
     from xfrustum.reports.exchange.camera_files import write_cameras
 
-    opened = options.open_scene(scene)
     chosen = None if apertures is None else [opened.plate.aperture(*index) for index in apertures]
     written = write_cameras(opened, renderer, out, settings, chosen)
     options.tell(

@@ -159,6 +159,8 @@ def bench_judge(
     Without SCENE: the built-in car, ../shared/scenes/beetle.toml where it is beside the checkout, and globes
     of a million triangles.
     """
+    opened = [options.open_scene(name) for name in scenes]
+
     from dataclasses import replace
 
     from xfrustum.reports.benchmarks import judge as benchmarks
@@ -167,7 +169,7 @@ def bench_judge(
 
     names = scenes or default_names()
     count = triangles or (None if scenes else 1_000_000)
-    opened = [options.open_scene(name) for name in names]
+    opened = opened or [options.open_scene(name) for name in names]
     opened += [] if count is None else [globes_through_a_plate(count)]
     sizes = resolution or benchmarks.RESOLUTIONS
     measured = benchmarks.benchmark_judge(opened, sizes, hogels, repeat, progress=not quiet)
@@ -217,9 +219,10 @@ def bench_cluster(
     *, scene: str, resolution: int, hogels: int, quick: bool, quiet: bool, as_json: bool
 ) -> None:
     """Measure surveys with 1 and 2 workers, and the scheduler with 64 and 512 simulated ones."""
+    opened = options.open_scene(scene)
+
     from xfrustum.reports.benchmarks.cluster import cluster as benchmarks
 
-    opened = options.open_scene(scene)
     measured = benchmarks.benchmark_cluster(opened, resolution, hogels, quick=quick, progress=not quiet)
     options.tell(as_json, measured.summary, lambda: benchmarks.table(measured))
 

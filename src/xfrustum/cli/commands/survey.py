@@ -174,9 +174,10 @@ def survey(
     one survey at once. Exit status 1 if the share is above --until; without it, if --tolerance-px was given,
     or --images, and any judged hogel is beyond.
     """
+    opened = options.open_scene(scene)
+
     from xfrustum.reports.survey.survey import survey as surveyed
 
-    opened = options.open_scene(scene)
     if resolution is not None:
         opened = replace(opened, frustum=replace(opened.frustum, resolution=resolution))
     asked = _asked(settings, images, encoding, accept)

@@ -210,15 +210,16 @@ def view(
     of these the display alone is judged. With --out, index.html has all pictures with their numbers, and
     beside it lie OpenEXR and PNG files and an animation.
     """
+    hogels.check()
+    opened = light.applied(options.open_scene(scene))
+
     from xfrustum.reports.common.outputs import check_writable_folder
     from xfrustum.reports.eye.files import file_names, table, write_view
     from xfrustum.reports.eye.viewing import view as viewed
 
-    hogels.check()
     chosen = eyes()
     if quilt is not None and (out is None or len(chosen) > 1 or stereo is not None):
         raise click.UsageError("--quilt needs --out, and one eye: leave out --path and --stereo")
-    opened = light.applied(options.open_scene(scene))
     options.warn_of(opened)
     source = hogels.source(opened, light)
     if opened.sampling.aperture * opened.sampling.supersample * opened.sampling.multisample > 1:
