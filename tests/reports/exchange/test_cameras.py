@@ -86,9 +86,19 @@ def small_view(name: str) -> Scene:
             DoubleFrustum(near=3.0, depth=DepthFormat.D32F, mapping=DepthMapping.REVERSED),
             (5, 50),
         ),
-        ("asymmetric-recentered", DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN), (70, 3)),
+        pytest.param(
+            "asymmetric-recentered",
+            DoubleFrustum(near=3.0, pivot=Pivot.CAMERA, fit=Fit.SCREEN),
+            (70, 3),
+            marks=pytest.mark.slow,
+        ),
         ("asymmetric", DoubleFrustum(near=2.0, mapping=DepthMapping.LOGARITHMIC, slabs=(20.0,)), (40, 30)),
-        ("asymmetric", DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR), (0, 0)),
+        pytest.param(
+            "asymmetric",
+            DoubleFrustum(near=2.0, offset=Offset.NONE, camera=Camera.C_STAR),
+            (0, 0),
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["reversed", "pivot and fit", "slabs", "no offset"],
 )

@@ -75,10 +75,10 @@ def words(found: Verification) -> str:
 @pytest.mark.parametrize(
     "name",
     [
-        *("hogels", "hocking", "views"),
+        *("hogels", "views"),
         *(
             pytest.param(name, marks=pytest.mark.slow)
-            for name in ("burnett", "mosaic", "stanford", "pleno", "hci")
+            for name in ("burnett", "hocking", "mosaic", "stanford", "pleno", "hci")
         ),
     ],
 )
@@ -89,6 +89,7 @@ def test_a_true_plate_is_right_in_every_layout(name: str, full: tuple[Scene, Pla
     assert f"layout {name}" in found.source
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hocking-columns", "quilt"])
 def test_a_true_plate_is_right_in_layouts_of_horizontal_parallax(
     name: str, horizontal: tuple[Scene, Plates], tmp_path: Path
@@ -105,6 +106,7 @@ def test_burnett_read_as_column_before_row_and_upright(full: tuple[Scene, Plates
     assert "turned by 180 degrees" in words(found)
 
 
+@pytest.mark.slow
 def test_hocking_read_with_rows_from_the_top(full: tuple[Scene, Plates], tmp_path: Path) -> None:
     scene, plate = full
     pattern = str(written(plate, "hocking", tmp_path)) + "/hogel_{i:04d}_0003_{j:04d}_0003.png"
