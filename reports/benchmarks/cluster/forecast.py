@@ -18,7 +18,7 @@ WORKER_COUNTS = (2, 64, 512)
 """Numbers of workers of the forecasts."""
 
 ROW_BYTES = 900
-"""Bytes of a row in a part of some 50 hogels: 106 columns, compressed. Smaller parts take more for each row."""
+"""Bytes of a row in a part of some 50 hogels: 106 columns, compressed. Smaller parts take more a row."""
 
 
 @dataclass(frozen=True, kw_only=True)
