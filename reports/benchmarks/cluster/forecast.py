@@ -17,8 +17,8 @@ PLATES = (4_941, 100_000, 10_000_000)
 WORKER_COUNTS = (2, 64, 512)
 """Numbers of workers of the forecasts."""
 
-ROW_BYTES = 600
-"""Bytes of a row in a part, about: some hundred numbers, compressed."""
+ROW_BYTES = 900
+"""Bytes of a row in a part of some 50 hogels: 106 columns, compressed. Smaller parts take more a row."""
 
 
 @dataclass(frozen=True, kw_only=True)

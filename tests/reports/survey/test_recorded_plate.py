@@ -45,7 +45,7 @@ def beyond(displaced: Floats, tolerance_px: float) -> Mask:
 
 
 @pytest.mark.parametrize("tolerance_px", [0.5, 6.0, 30.0])
-@pytest.mark.parametrize("sample", [60, 300])
+@pytest.mark.parametrize("sample", [pytest.param(60, marks=pytest.mark.slow), 300])
 def test_bounds_of_samples_hold_for_the_plate(
     displaced: Floats, plate: Plate, tolerance_px: float, sample: int
 ) -> None:

@@ -129,6 +129,7 @@ def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
         survey(scene, DoubleFrustum(near=0.5), out, Chosen(sample=None), engine=Engine(workers=1))
 
 
+@pytest.mark.slow
 def test_parts_of_a_job_array_make_the_survey_between_them(
     scene_path: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -168,6 +169,7 @@ def test_until_stops_at_the_bound_or_where_it_cannot_be_reached(
     assert bad["status"] == 1 and bad["share_beyond_at_most"] > 0.4
 
 
+@pytest.mark.slow
 def test_a_stated_tolerance_that_is_exceeded_is_a_no(
     scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
