@@ -21,7 +21,7 @@ SURFACE_CHANGE = 1e-3
 
 Asked = tuple[tuple[int, int], tuple[tuple[DepthFormat, DepthMapping], ...], int]
 QUICK: Asked = (
-    (128, 128),
+    (192, 192),
     ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED)),
     6,
 )
