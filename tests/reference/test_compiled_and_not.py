@@ -65,6 +65,30 @@ def assert_alike(one: HogelImage, other: HogelImage) -> None:
     np.testing.assert_allclose(one.color, other.color, rtol=SINGLE_UNIT, atol=0)
 
 
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Let kernels run on so many threads: tests otherwise use one."""
+    drjit = import_module("drjit")
+    before = drjit.thread_count()
+    drjit.set_thread_count(count)
+    try:
+        yield
+    finally:
+        drjit.set_thread_count(before)
+
+
+@pytest.mark.parametrize("name", ["car", "crossing"])
+def test_several_threads_make_the_bits_of_one(name: str) -> None:
+    """Kernels write by atomic operations in any order; what is decided does not depend on it."""
+    scene = view(name, (128, 96))
+    aperture = scene.plate.aperture(38, 31)
+    with threads(1):
+        alone = Reference(scene).trace(aperture)
+    with threads(4):
+        for _ in range(3):
+            assert_alike(Reference(scene).trace(aperture), alone)
+
+
 GRID = st.integers(-6, 6).map(lambda step: step / 2)
 
 

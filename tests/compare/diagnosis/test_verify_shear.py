@@ -74,7 +74,7 @@ def verified(scene: Scene, fault: str, near: float | None, apertures: list[tuple
     check(found, {**expected, **({"near": near} if near else {})})
 
 
-@pytest.mark.parametrize("fault", thinned(FAULTS, 2))
+@pytest.mark.parametrize("fault", thinned(FAULTS, 4))
 def test_a_wrong_shear_is_named_and_no_other_fault(fault: str) -> None:
     verified(small("asymmetric-recentered", SIZE), fault, None, SOME[:3])
 
@@ -112,6 +112,7 @@ def diagnosed(scene: Scene, model: DrawnModel, *apertures: tuple[int, int]) -> A
     return {fault.fault: fault for fault in diagnose(reference, images, DrawnModel()).faults}
 
 
+@pytest.mark.slow
 def test_a_moved_screen_and_a_shifted_sampling_point_show_the_same_images() -> None:
     scene = small("asymmetric-recentered", SIZE)
     assert scene.frustum.screen is not None

@@ -46,6 +46,7 @@ def test_too_many_slabs_are_no_plan_and_the_reason_says_what_comes_nearest() -> 
     assert all(length.split()[-1].rstrip(",") == scene.units for length in lengths)
 
 
+@pytest.mark.slow
 def test_the_choice_among_depth_buffers_is_the_cheapest_that_does() -> None:
     scene = view("car", SMALL)
     every = plan(scene, [scene.plate.middle])

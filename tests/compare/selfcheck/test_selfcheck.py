@@ -111,6 +111,7 @@ def test_what_integers_say_of_a_sheet_and_its_copy_is_known_by_hand() -> None:
     assert all(ties[row, column] == ({0, 1, 2} if column == 7 - row else {0, 2}) for row, column in ties)
 
 
+@pytest.mark.slow
 def test_a_part_of_the_self_check_agrees() -> None:
     """The views cover all kinds of scenes, and ties, exact decisions and proofs among the pixels."""
     check = selfcheck(quick=True)

@@ -173,6 +173,7 @@ def test_the_study_asks_what_the_planner_asks() -> None:
     assert SEPARATION_PER_REACH == ASKED_SEPARATION
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "buffer", [TINY.buffers[0], *(pytest.param(each, marks=pytest.mark.slow) for each in TINY.buffers[1:])]
 )
