@@ -22,7 +22,6 @@ from xfrustum.reports.benchmarks.judge_contestants import (
     RADIANCE,
     READ,
     RENDER,
-    SECOND_OPINION,
     STAGES,
     STREAM,
     Run,
@@ -52,7 +51,9 @@ HOGELS = 6
 RATIOS = ((STREAM, LOOP), (STREAM, PLAIN), (STREAM, RENDER), (STREAM, MITSUBA))
 """Pairs of contestants; the rate of the first is divided by that of the second."""
 
-TRUTH = (DECIDING, SECOND_OPINION, POINTS)
+TRUTH = (DECIDING, POINTS)
+"""Stages of a truth. The second opinion is none of them: it is asked for when somebody reads it."""
+
 FRAME = (DRAWN, READ)
 
 
@@ -243,7 +244,7 @@ def _cpu_race(runs: Mapping[str, Run], repeat: int, bar: tqdm[Any]) -> dict[str,
 def stages_of(parts: Mapping[str, float]) -> dict[str, float]:
     """Return the seconds of each stage, given those of `judging_stages`; a difference is never negative."""
     taken = dict(parts)
-    taken[POINTS] = max(0.0, parts[POINTS] - parts[DECIDING] - parts[SECOND_OPINION])
+    taken[POINTS] = max(0.0, parts[POINTS] - parts[DECIDING])
     taken[READ] = max(0.0, parts[READ] - parts[DRAWN])
     taken[RADIANCE] = max(0.0, parts[RADIANCE] - parts[COMPARING])
     return {stage: taken[stage] for stage in STAGES}

@@ -49,10 +49,10 @@ DECIDING, SECOND_OPINION, POINTS = "deciding", "second opinion", "points and col
 DRAWN, READ, COMPARING, RADIANCE = "drawing", "read-back", "comparing", "comparing radiance"
 STAGES = {
     DECIDING: "the certified decision alone",
-    SECOND_OPINION: "the tracer's first hits along the same lines",
-    POINTS: "the rest of a truth: points, normals, objects, colors, marks of what was overruled",
+    SECOND_OPINION: "the tracer's first hits along the same lines, which is no part of a truth",
+    POINTS: "the rest of a truth: points, normals, objects, colors",
     DRAWN: "the double frustum, until the device has finished",
-    READ: "the rest of a frame: triangle numbers and surface points, read back",
+    READ: "the rest of a frame: triangle numbers, surface points, normals and colors, read back",
     COMPARING: "compare_images, without colors",
     RADIANCE: "what comparing colors takes besides",
 }
@@ -235,7 +235,7 @@ def judging_stages(scene: Scene, aperture: Aperture) -> Iterator[dict[str, Run]]
             ),
             POINTS: lambda: reference.trace(aperture),
             DRAWN: lambda: rasterizer.draw_only(aperture, settings),
-            READ: lambda: rasterizer.render(aperture, settings, normals=False, color=False),
+            READ: lambda: rasterizer.render(aperture, settings),
             COMPARING: lambda: compare_images(truth, frame, reference, radiance=False),
             RADIANCE: lambda: compare_images(truth, frame, reference),
         }

@@ -85,8 +85,8 @@ def test_the_table_names_every_contestant_and_stage() -> None:
 
 def test_stages_are_what_each_part_takes_beyond_the_parts_within_it() -> None:
     stages = stages_of(PARTS)
-    assert stages == {**PARTS, POINTS: 3.0, READ: 3.0, RADIANCE: 3.0}
-    assert stages_of({**PARTS, POINTS: 2.0})[POINTS] == 0.0
+    assert stages == {**PARTS, POINTS: 5.0, READ: 3.0, RADIANCE: 3.0}
+    assert stages_of({**PARTS, POINTS: 0.5})[POINTS] == 0.0
     ratios = judging_over_drawing(stages)
     assert ratios == {"without radiance": 8.0 / 4.0, "with radiance": 11.0 / 4.0}
 
