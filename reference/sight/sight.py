@@ -98,13 +98,16 @@ class Sight:
         if not len(boxes.number):
             return behind
         for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
-            position, tolerance = points.position[found.point], points.tolerance[found.point]
-            far = off_planes(position, self._triangles[found.triangle], tolerance)
-            behind[found.point[far & found.sure]] = True
+            # What hides a point that is known to be hidden need not be asked.
+            asked = np.flatnonzero(~behind[found.point])
+            point, triangle, sure = found.point[asked], found.triangle[asked], found.sure[asked]
+            position, tolerance = points.position[point], points.tolerance[point]
+            far = off_planes(position, self._triangles[triangle], tolerance)
+            behind[point[far & sure]] = True
             # Only points that nothing surely hides are decided in integers.
-            doubtful = np.flatnonzero(far & ~found.sure & ~behind[found.point])
-            met = self._met(pencil, position[doubtful], tolerance[doubtful], found.triangle[doubtful])
-            behind[found.point[doubtful[met]]] = True
+            doubtful = np.flatnonzero(far & ~sure & ~behind[point])
+            met = self._met(pencil, position[doubtful], tolerance[doubtful], triangle[doubtful])
+            behind[point[doubtful[met]]] = True
         return behind
 
     def _met(self, pencil: Pencil, position: Floats, tolerance: Floats, triangle: Indices) -> Mask:

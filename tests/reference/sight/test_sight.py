@@ -198,6 +198,28 @@ def test_true_points_are_seen_and_what_lies_behind_them_is_not(path: str, name: 
     np.testing.assert_array_equal(sight_on(path, scene).hidden(pencil, points), pushed)
 
 
+@pytest.mark.parametrize("path", PATHS)
+def test_many_layers_looked_at_in_small_parts_hide_what_lies_behind_them(
+    path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # More pairs than there is room for at first, and parts that end amid the pairs of a point.
+    frustum = view("sheets", (8, 8)).frustum
+    layer = np.array([[-90.0, -90, 0], [90, -90, 0], [0, 180, 0]])
+    corners = layer - np.array([0.0, 0.0, 1.0]) * (1 + np.arange(40) / 8)[:, None, None]
+    x, y, z = (value.ravel() for value in np.meshgrid(np.linspace(-3, 3, 12), [0.5], [-0.5, -3.0, -9.0]))
+    search = type(sight_on(path, soup(corners, frustum))._search)
+    monkeypatch.setattr(f"{search.__module__}.PAIRS_PER_CHUNK", 7)
+    if path == "dr.jit":
+        monkeypatch.setattr(f"{search.__module__}.MIN_PAIR_ROOM", 5)
+    points = SurfacePoints(
+        position=np.stack((x, y, z), axis=1),
+        triangle=np.full(x.size, NOTHING, dtype=np.int32),
+        tolerance=np.full(x.size, 1e-6),
+    )
+    hidden = sight_on(path, soup(corners, frustum)).hidden(crossed_frustum(frustum, at(0.0, 0.0)), points)
+    np.testing.assert_array_equal(hidden, z < -1)
+
+
 def test_boxes_hold_every_cell_in_which_a_triangle_shows() -> None:
     scene = view("asymmetric", (48, 36))
     truth = Reference(scene).trace(scene.plate.middle)
