@@ -33,17 +33,24 @@ def workers(name: str, count: int | None = None) -> Iterator[ThreadPoolExecutor]
     """Open threads, as many as there are processors unless told otherwise; leaving ends them.
 
     What has not begun by then is cancelled, and what has begun is waited for.
+
+    Raises
+    ------
+    RuntimeError
+        The machine cannot start so many threads; those that it has started are ended.
     """
     count = worker_count() if count is None else count
     pool = ThreadPoolExecutor(count, thread_name_prefix=name)
+    all_started = Barrier(count)
     try:
         # All threads start here, where no signal interrupts a command, and not at the first tasks: a thread
         # whose start was interrupted would never be ended.
-        all_started = Barrier(count)
         for _ in range(count):
             pool.submit(all_started.wait)
         yield pool
     finally:
+        # Threads that wait for one that never starts would wait for ever.
+        all_started.abort()
         pool.shutdown(wait=True, cancel_futures=True)
 
 

@@ -189,7 +189,10 @@ class JudgedImage:
 
     def differing(self, other: HogelImage) -> Indices:
         """Return the flat numbers of the pixels at which another image shows anything else."""
-        differs = (self.image.triangle != other.triangle) | (self.image.object != other.object)
+        # Flat numbers count along rows, in whatever order the images' arrays lie in memory.
+        differs = np.ascontiguousarray(
+            (self.image.triangle != other.triangle) | (self.image.object != other.object)
+        )
         # Bits are compared, because a position that is not a number equals no other.
         positions = self.image.position, other.position
         exactly = np.result_type(*positions)

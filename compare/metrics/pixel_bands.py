@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from xfrustum.reference.devices.threads import worker_count
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 Judged = TypeVar("Judged")
@@ -48,5 +48,5 @@ def each_part(judge: Callable[[Part], Judged], parts: Sequence[Part], pixels: in
     """Judge the parts of an image, side by side where they have many pixels together."""
     if pixels <= MAX_SERIAL_PIXELS:
         return [judge(part) for part in parts]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(worker_count()) as pool:
         return list(pool.map(judge, parts))

@@ -7,16 +7,19 @@ from importlib import import_module
 
 from xfrustum.reference.certify.narrow import NarrowPhase
 from xfrustum.reference.certify.narrow_numpy import NumpyNarrowPhase
-from xfrustum.reference.devices.dr_jit import OLDEST_LLVM, loaded_llvm, prepare_llvm
+from xfrustum.reference.devices.dr_jit import OLDEST_LLVM, limit_threads, loaded_llvm, prepare_llvm
 from xfrustum.reference.lines.lines import Pencil
 
 
 @cache
 def compiled() -> bool:
-    """Return whether Dr.Jit can compile on this machine."""
+    """Return whether Dr.Jit can compile on this machine, and bound its threads if so."""
     prepare_llvm()
     version = loaded_llvm()
-    return version is not None and version[0] >= OLDEST_LLVM
+    if version is None or version[0] < OLDEST_LLVM:
+        return False
+    limit_threads()
+    return True
 
 
 def narrow_phase(pencil: Pencil, rows: range) -> NarrowPhase:

@@ -93,10 +93,15 @@ def backend() -> Backend:
             f"{LLVM_VARIABLE} to an LLVM from {OLDEST_LLVM} on before mitsuba is imported, or take scalar_rgb"
         )
     drjit = importlib.import_module("drjit")
+    limit_threads()
+    return Backend(mitsuba=mitsuba, drjit=drjit, variant=chosen, llvm=llvm)
+
+
+def limit_threads() -> None:
+    """Have Dr.Jit use no more threads than the environment allows."""
     limit = thread_limit()
     if limit is not None:
-        drjit.set_thread_count(limit)
-    return Backend(mitsuba=mitsuba, drjit=drjit, variant=chosen, llvm=llvm)
+        importlib.import_module("drjit").set_thread_count(limit)
 
 
 @cache

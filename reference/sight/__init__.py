@@ -1,7 +1,7 @@
 """Which surface points a pencil's lines see: certified, by the bounds of the truth.
 
 boxes       Triangles as boxes of cells on the film: what shares no cell with a point cannot hide it
-distance    Distances of points from triangles
+distance    Distances of points from triangles and from their planes
 sight       Surface points that the true frustum does not see, because another surface hides them
 walk        What a line may meet before its end, by the bounds of double precision: one text for all
             arithmetics

@@ -2,9 +2,9 @@
 
 The answer is decided, as the truth is. A point's own line is that of the doubles (x - a_x)/s and (y - a_y)/s.
 A triangle hides the point if this line meets it before the point by more than half of the tolerance within
-which the point is known, and if the point lies farther from the triangle than this tolerance. Whether and
-where the line meets it is known within the bounds of double precision (`walk`); what they leave open is
-decided in integers.
+which the point is known, and if the point lies farther from the triangle's plane than this tolerance: a point
+nearer to the plane may as well lie on its other side, where the triangle does not hide it. Both are known
+within the bounds of double precision (`walk`, `distance`); what they leave open is decided exactly.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from xfrustum.reference.certify.arbitrary_lines import ExactLines
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
-from xfrustum.reference.sight.distance import apart
+from xfrustum.reference.sight.distance import off_planes
 from xfrustum.reference.sight.walk import Before, PointLines, film_numbers
 from xfrustum.reference.sight.walk_numpy import NumpySearch
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
@@ -50,8 +50,8 @@ class SurfacePoints:
     triangle
         (N,) number of the triangle that each point lies on, `NOTHING` where that is not known.
     tolerance
-        (N,) distance within which each point is known, scene units: a surface that passes within this
-        distance of a point is the point's own. Thus a mesh's tessellation makes no difference.
+        (N,) distance within which each point is known, scene units: a triangle whose plane passes within
+        this distance of a point does not hide it. Thus a mesh's tessellation makes no difference.
     """
 
     position: Floats
@@ -98,13 +98,16 @@ class Sight:
         if not len(boxes.number):
             return behind
         for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
-            position, tolerance = points.position[found.point], points.tolerance[found.point]
-            far = apart(position, self._triangles[found.triangle], tolerance)
-            behind[found.point[far & found.sure]] = True
+            # What hides a point that is known to be hidden need not be asked.
+            asked = np.flatnonzero(~behind[found.point])
+            point, triangle, sure = found.point[asked], found.triangle[asked], found.sure[asked]
+            position, tolerance = points.position[point], points.tolerance[point]
+            far = off_planes(position, self._triangles[triangle], tolerance)
+            behind[point[far & sure]] = True
             # Only points that nothing surely hides are decided in integers.
-            doubtful = np.flatnonzero(far & ~found.sure & ~behind[found.point])
-            met = self._met(pencil, position[doubtful], tolerance[doubtful], found.triangle[doubtful])
-            behind[found.point[doubtful[met]]] = True
+            doubtful = np.flatnonzero(far & ~sure & ~behind[point])
+            met = self._met(pencil, position[doubtful], tolerance[doubtful], triangle[doubtful])
+            behind[point[doubtful[met]]] = True
         return behind
 
     def _met(self, pencil: Pencil, position: Floats, tolerance: Floats, triangle: Indices) -> Mask:

@@ -23,8 +23,11 @@ PAIRS_PER_POINT = 1 / 8
 """Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
 more pairs, the walk is repeated with room for all of them."""
 
-FEWEST_PAIRS = 1 << 12
-"""Pairs that there is always room for."""
+MIN_PAIR_ROOM = 1 << 12
+"""Number of pairs that there is always room for."""
+
+PAIRS_PER_CHUNK = 1 << 20
+"""Largest number of pairs that are yielded at once: looking at one takes some 500 bytes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,17 +83,26 @@ class JitSearch:
                 return
             nearest = dr.opaque(Float64, boxes.pencil.s_range[0])
             center = [dr.opaque(Float64, value) for value in boxes.pencil.center]
-            room = max(FEWEST_PAIRS, int(PAIRS_PER_POINT * len(position)))
-            found = None
-            while found is None or len(found.point) > room:
-                room = room if found is None else len(found.point)
-                found = self._walked(lines, lanes, center, nearest, room)
-        yield found
+            room = max(MIN_PAIR_ROOM, int(PAIRS_PER_POINT * len(position)))
+            count, found = self._walked(lines, lanes, center, nearest, room)
+            if count > room:
+                count, found = self._walked(lines, lanes, center, nearest, count)
+            point, triangle, sure = (values.numpy()[:count] for values in found)
+        for start in range(0, count, PAIRS_PER_CHUNK):
+            some = slice(start, start + PAIRS_PER_CHUNK)
+            yield Before(
+                point=point[some].astype(np.int64),
+                triangle=triangle[some].astype(np.int64),
+                sure=sure[some],
+            )
 
     def _walked(
         self, lines: _Sorted, lanes: tuple[Any, ...], center: list[Any], nearest: Any, room: int
-    ) -> Before:
-        """Return the pairs of some lanes; where there is no room for all, as many without meaning."""
+    ) -> tuple[int, tuple[Any, Any, Any]]:
+        """Return the number of pairs of some lanes, and the pairs themselves as far as there is room.
+
+        Pairs are arrays of points, of triangles, and of whether the triangle is surely met.
+        """
         first, last, number, holds = lanes
         corners: list[Any] = [
             tuple(dr.gather(Float64, self._corners, 9 * number + (3 * corner + axis)) for axis in range(3))
@@ -115,11 +127,7 @@ class JitSearch:
 
         dr.while_loop((UInt32(first),), lambda query: query < last, step)
         dr.eval(written, points, triangles, certain)
-        count = int(written[0])
-        point, triangle, sure = (
-            np.resize(values.numpy()[:count], count) for values in (points, triangles, certain)
-        )
-        return Before(point=point.astype(np.int64), triangle=triangle.astype(np.int64), sure=sure)
+        return int(written[0]), (points, triangles, certain)
 
 
 def _lanes(boxes: CellBoxes, start: Any) -> tuple[Any, ...]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -170,3 +173,23 @@ def test_nothing_is_looked_up_outside_a_picture_whatever_the_place(jit: Any) -> 
     nowhere = jit.Float64(np.array([np.nan, np.inf, 0.0]))
     for channel in Surroundings(jit.JIT, sky).radiance([nowhere, nowhere, nowhere]):
         assert len(np.asarray(channel)) == 3
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_environment_bounds_the_threads_of_compiled_truths(threads: int) -> None:
+    # No tracer is asked, and so nothing but the choice of the processor says it to Dr.Jit.
+    program = """
+from dataclasses import replace
+import drjit
+from xfrustum.reference import Reference
+from xfrustum.scenes import open_scene
+scene = open_scene("asymmetric")
+scene = replace(scene, frustum=replace(scene.frustum, resolution=(8, 8)))
+Reference(scene).trace(scene.plate.middle)
+print(drjit.thread_count())
+"""
+    environment = {**os.environ, "XFRUSTUM_THREADS": str(threads)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == threads

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -16,8 +16,8 @@ from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import make_chain, with_exact_depth
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
-from xfrustum.scenes.arrays import Mask
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage
+from xfrustum.scenes.arrays import Floats, Mask, Singles
 
 NEARS_PER_REACH = (1e-4, 1e-6, 1e-8)
 """Nears at which D16 swaps few surfaces, at which it loses many, and at which it loses all of them."""
@@ -70,6 +70,22 @@ def test_a_picture_that_differs_nowhere_has_the_same_errors(drawn: Drawn) -> Non
     assert judged.differing(drawn.again).size == 0
     found = compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False, judged=judged)
     assert found.numbers == compare_images(drawn.truth, drawn.again, drawn.reference, radiance=False).numbers
+
+
+def test_pixels_that_differ_are_found_in_images_stored_by_columns(drawn: Drawn) -> None:
+    def by_columns(image: HogelImage, position: Singles | Floats) -> HogelImage:
+        return replace(
+            image,
+            triangle=np.asfortranarray(image.triangle),
+            object=np.asfortranarray(image.object),
+            position=position,
+        )
+
+    moved = np.array(drawn.exact.position)
+    moved[3, 5] += 1
+    judged = replace(drawn.judged(), image=by_columns(drawn.exact, drawn.exact.position))
+    width = moved.shape[1]
+    assert judged.differing(by_columns(drawn.exact, moved)).tolist() == [3 * width + 5]
 
 
 def test_what_depth_buffers_share_is_charged_as_without_them(drawn: Drawn) -> None:

@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 
 from tests.support.brute_force import exact_s
 from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
-from tests.support.views import soup, view
+from tests.support.views import at, soup, view
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.sight.boxes import cell_boxes
-from xfrustum.reference.sight.distance import distance_to_triangles
 from xfrustum.reference.sight.sight import Sight
 from xfrustum.reference.sight.walk_numpy import NumpySearch
 from xfrustum.scenes import Scene
@@ -52,9 +51,43 @@ def hidden_by_definition(scene: Scene, pencil: Pencil, points: SurfacePoints) ->
             met = exact_s(corners, center, line)
             if number == own or met is None or not Fraction(pencil.s_range[0]) <= met < Fraction(end):
                 continue
-            hides |= bool(distance_to_triangles(position[None], corners[None])[0] > tolerance)
+            hides |= is_off_plane(position, corners, tolerance)
         found.append(hides)
     return found
+
+
+def is_off_plane(point: Floats, corners: Floats, tolerance: float) -> bool:
+    """Return whether (P - b0) . n exceeds the tolerance times |n|, in rational numbers."""
+    b0, b1, b2, p = ([Fraction(float(value)) for value in row] for row in (*corners, point))
+    u, v, w = ([to - start for to, start in zip(end, b0, strict=True)] for end in (b1, b2, p))
+    n = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+    along = sum(a * b for a, b in zip(w, n, strict=True))
+    return bool(along**2 > Fraction(float(tolerance)) ** 2 * sum(value**2 for value in n))
+
+
+def sheet(origin: Floats, across: Floats, along: Floats, cells: tuple[int, int]) -> Floats:
+    """Return a parallelogram in some cells of two triangles each, (F, 3, 3)."""
+    i, j = np.meshgrid(np.arange(cells[0]), np.arange(cells[1]), indexing="ij")
+
+    def corner(right: int, up: int) -> Floats:
+        share = [((i + right) / cells[0]).ravel()[:, None], ((j + up) / cells[1]).ravel()[:, None]]
+        return np.asarray(origin + share[0] * across + share[1] * along)
+
+    halves = [(corner(0, 0), corner(1, 0), corner(1, 1)), (corner(0, 0), corner(1, 1), corner(0, 1))]
+    return np.concatenate([np.stack(half, axis=1) for half in halves])
+
+
+def points_drawn_on(corners: Floats, count: int) -> SurfacePoints:
+    """Return points on some triangles as float32 stores them, known to 16 of its roundings."""
+    random = np.random.default_rng(11)
+    number = random.integers(0, len(corners), count).astype(np.int32)
+    share = random.dirichlet((1, 1, 1), count)
+    exact = np.einsum("ij,ijk->ik", share, corners[number])
+    return SurfacePoints(
+        position=exact.astype(np.float32).astype(np.float64),
+        triangle=number,
+        tolerance=np.full(count, 16 * 2.0**-24 * np.abs(corners).max()),
+    )
 
 
 @st.composite
@@ -112,6 +145,35 @@ def test_surfaces_are_told_apart_that_float32_cannot_tell(path: str) -> None:
         assert other != own
 
 
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("times_finer", [1, 10, 100, 1000])
+def test_a_flat_sheet_does_not_hide_its_own_points_however_fine_it_is(path: str, times_finer: int) -> None:
+    # Lines meet the sheet's plane at angles of some 1e-5: where rounding moves a point by 1e-6 behind it, its
+    # line met it 0.1 before, in another triangle of the finest sheet.
+    frustum = view("sheets", (32, 32)).frustum
+    corners = sheet(
+        np.array([-1.5, 1e-4 - 0.375, -9.0]),
+        np.array([3.0, 0.75, 0.0]),
+        np.array([0.0, 0.0, 6.0]),
+        (1, times_finer),
+    )
+    points = points_drawn_on(corners, 400)
+    pencil = crossed_frustum(frustum, at(0.0, 0.0))
+    assert not sight_on(path, soup(corners, frustum)).hidden(pencil, points).any()
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("cells", [(1, 1), (16, 32)])
+def test_a_plane_through_the_aperture_does_not_hide_its_own_points(path: str, cells: tuple[int, int]) -> None:
+    # Every line to a point of the plane lies in the plane, but rounded points lie beside it: their lines meet
+    # the triangle about the aperture at s = 0.
+    frustum = view("sheets", (32, 32)).frustum
+    corners = sheet(np.array([-1.5, -2.5, -4.5]), np.array([0.0, 4.0, 0.0]), np.array([3.0, 0.5, 9.0]), cells)
+    pencil = crossed_frustum(frustum, at(0.0, 0.25))
+    points = points_drawn_on(corners, 400)
+    assert not sight_on(path, soup(corners, frustum)).hidden(pencil, points).any()
+
+
 def seen_and_pushed(name: str) -> tuple[Scene, Pencil, SurfacePoints, Mask]:
     """Return the true points of an aperture, then the same pushed away, and which are of the second kind."""
     scene = view(name, (48, 36))
@@ -134,6 +196,28 @@ def seen_and_pushed(name: str) -> tuple[Scene, Pencil, SurfacePoints, Mask]:
 def test_true_points_are_seen_and_what_lies_behind_them_is_not(path: str, name: str) -> None:
     scene, pencil, points, pushed = seen_and_pushed(name)
     np.testing.assert_array_equal(sight_on(path, scene).hidden(pencil, points), pushed)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_many_layers_looked_at_in_small_parts_hide_what_lies_behind_them(
+    path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # More pairs than there is room for at first, and parts that end amid the pairs of a point.
+    frustum = view("sheets", (8, 8)).frustum
+    layer = np.array([[-90.0, -90, 0], [90, -90, 0], [0, 180, 0]])
+    corners = layer - np.array([0.0, 0.0, 1.0]) * (1 + np.arange(40) / 8)[:, None, None]
+    x, y, z = (value.ravel() for value in np.meshgrid(np.linspace(-3, 3, 12), [0.5], [-0.5, -3.0, -9.0]))
+    search = type(sight_on(path, soup(corners, frustum))._search)
+    monkeypatch.setattr(f"{search.__module__}.PAIRS_PER_CHUNK", 7)
+    if path == "dr.jit":
+        monkeypatch.setattr(f"{search.__module__}.MIN_PAIR_ROOM", 5)
+    points = SurfacePoints(
+        position=np.stack((x, y, z), axis=1),
+        triangle=np.full(x.size, NOTHING, dtype=np.int32),
+        tolerance=np.full(x.size, 1e-6),
+    )
+    hidden = sight_on(path, soup(corners, frustum)).hidden(crossed_frustum(frustum, at(0.0, 0.0)), points)
+    np.testing.assert_array_equal(hidden, z < -1)
 
 
 def test_boxes_hold_every_cell_in_which_a_triangle_shows() -> None:
