@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -28,6 +29,7 @@ from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reference.certify.processors import kernels_on_one_thread
 from xfrustum.reference.devices.threads import worker_count
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -274,7 +276,9 @@ class Engine(Generic[Found]):
         if len(settings) > 1 and self._batch_size > 1:
             # Threads go on with the frames of one turn while those of the next one are drawn.
             most = max(most, max(sum(len(part.settings) for part in turn) for turn in turns) + worker_count())
-        with workers("judging") as pool, workers("tracing", 1) as thread:
+        # While truths and frames are made by themselves, each may take all processors.
+        threads = nullcontext() if self._wanted.apart else kernels_on_one_thread(self._pixels)
+        with threads, workers("judging") as pool, workers("tracing", 1) as thread:
             tracing = TracingThread(
                 self._reference,
                 thread,

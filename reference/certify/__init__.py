@@ -10,7 +10,8 @@ narrow           The narrow phase: each pixel against each triangle whose box ho
                  roundings bounded
 narrow_jit       The narrow phase compiled by Dr.Jit for all processors: one lane for each row of a triangle
 narrow_numpy     The narrow phase on NumPy, where there is no LLVM for Dr.Jit
-processors       The choice between Dr.Jit on LLVM and NumPy for the double-precision arithmetic
+processors       The choice between Dr.Jit on LLVM and NumPy, and of the number of threads that run Dr.Jit's
+                 kernels
 rows             The rows of pixels that triangles' boxes on the film reach into
 runner_up        The distance between the first surface of each line and the next one on the same side
 runner_up_jit    Second surfaces compiled by Dr.Jit: one more walk over the lanes of the narrow phase

@@ -1,9 +1,16 @@
-"""The choice between Dr.Jit on LLVM and NumPy for the double-precision arithmetic."""
+"""The choice between Dr.Jit on LLVM and NumPy, and of the number of threads that run Dr.Jit's kernels.
+
+Dr.Jit's threads wait busily for up to 20 ms after each kernel. With images of up to half a million pixels this
+takes more of the processors than the kernels themselves, and takes it from whatever else runs beside them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
+from threading import Lock
 
 from xfrustum.reference.certify.narrow import NarrowPhase
 from xfrustum.reference.certify.narrow_numpy import NumpyNarrowPhase
@@ -29,3 +36,55 @@ def narrow_phase(pencil: Pencil, rows: range) -> NarrowPhase:
     # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
     phase: type[NarrowPhase] = import_module("xfrustum.reference.certify.narrow_jit").JitNarrowPhase
     return phase(pencil, rows)
+
+
+MAX_SHORT_PIXELS = 1 << 19
+"""Largest number of pixels, or of points, whose kernels take a few milliseconds on one thread."""
+
+
+class _Bound:
+    """Count of those who want kernels on one thread, and the number of threads before the first of them."""
+
+    def __init__(self) -> None:
+        self._lock, self._wanted, self._before = Lock(), 0, 0
+
+    def enter(self) -> None:
+        """Bound the threads, unless somebody else has."""
+        drjit = import_module("drjit")
+        with self._lock:
+            if self._wanted == 0:
+                self._before = drjit.thread_count()
+                if self._before > 1:
+                    drjit.set_thread_count(1)
+            self._wanted += 1
+
+    def leave(self) -> None:
+        """Give the threads back, unless somebody else still wants one."""
+        drjit = import_module("drjit")
+        with self._lock:
+            self._wanted -= 1
+            if self._wanted == 0 and self._before > 1:
+                drjit.set_thread_count(self._before)
+
+
+_BOUND = _Bound()
+"""The bound of this process: Dr.Jit has one pool of threads."""
+
+
+@contextmanager
+def kernels_on_one_thread(pixels: int) -> Iterator[None]:
+    """Have Dr.Jit's kernels run on one thread, of all of the process, unless images are large.
+
+    Parameters
+    ----------
+    pixels
+        Pixels of an image, or points that are asked about: above `MAX_SHORT_PIXELS` nothing is changed.
+    """
+    if pixels > MAX_SHORT_PIXELS or not compiled():
+        yield
+        return
+    _BOUND.enter()
+    try:
+        yield
+    finally:
+        _BOUND.leave()

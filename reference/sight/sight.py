@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from xfrustum.reference.certify.arbitrary_lines import ExactLines
-from xfrustum.reference.certify.processors import compiled
+from xfrustum.reference.certify.processors import compiled, kernels_on_one_thread
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
 from xfrustum.reference.sight.distance import off_planes
@@ -97,6 +97,12 @@ class Sight:
         boxes = self._boxes(pencil)
         if not len(boxes.number):
             return behind
+        with kernels_on_one_thread(len(behind)):
+            self._mark(behind, boxes, pencil, points)
+        return behind
+
+    def _mark(self, behind: Mask, boxes: CellBoxes, pencil: Pencil, points: SurfacePoints) -> None:
+        """Mark the hidden points in `behind`, (N,)."""
         for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
             # What hides a point that is known to be hidden need not be asked.
             asked = np.flatnonzero(~behind[found.point])
@@ -108,7 +114,6 @@ class Sight:
             doubtful = np.flatnonzero(far & ~sure & ~behind[point])
             met = self._met(pencil, position[doubtful], tolerance[doubtful], triangle[doubtful])
             behind[point[doubtful[met]]] = True
-        return behind
 
     def _met(self, pencil: Pencil, position: Floats, tolerance: Floats, triangle: Indices) -> Mask:
         """Return which of some points' lines meet triangles before the points, decided in integers."""

@@ -193,3 +193,15 @@ print(drjit.thread_count())
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
     )
     assert int(done.stdout) == threads
+
+
+def test_kernels_are_kept_to_one_thread_by_as_many_as_ask_for_it() -> None:
+    drjit = import_module("drjit")
+    with threads(3):
+        with processors.kernels_on_one_thread(processors.MAX_SHORT_PIXELS + 1):
+            assert drjit.thread_count() == 3
+        with processors.kernels_on_one_thread(1):
+            with processors.kernels_on_one_thread(1):
+                assert drjit.thread_count() == 1
+            assert drjit.thread_count() == 1
+        assert drjit.thread_count() == 3
