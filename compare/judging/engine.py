@@ -275,13 +275,9 @@ class Engine(Generic[Found]):
             # Threads go on with the frames of one turn while those of the next one are drawn.
             most = max(most, max(sum(len(part.settings) for part in turn) for turn in turns) + worker_count())
         with workers("judging") as pool, workers("tracing", 1) as thread:
-            tracing = TracingThread(
-                self._reference,
-                thread,
-                self.machine,
-                streamed=not self._wanted.apart,
-                colored=self._wanted.color,
-            )
+            # The time of a whole truth is measured with its color.
+            colored = self._wanted.color or self._wanted.apart
+            tracing = TracingThread(self._reference, thread, self.machine, colored=colored)
             drawn: deque[Future[list[_Batch]]] = deque()
             tasks = (
                 task
