@@ -51,17 +51,19 @@ class PlainReference(Reference):
         """Name of the tracer."""
         return self.tracer_name
 
-    def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
+    def trace(
+        self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True
+    ) -> HogelImage:
         """Return what the tracer shows of an aperture; only one sample a pixel is taken."""
         image = self.propose(aperture)
         camera = replace(image.camera, renderer=f"{self.tracer_name} alone, nothing certified")
-        return replace(image, camera=camera, rendering=self.rendering(sampling))
+        image = replace(image, camera=camera)
+        return replace(image, rendering=self.rendering(sampling)) if colored else replace(image, color=None)
 
     def stream(self, apertures: Iterable[Aperture], *, colored: bool = True) -> Iterator[HogelImage]:
         """Yield what the tracer shows of many apertures, in order; `colored` as for `Reference.stream`."""
         for aperture in apertures:
-            image = self.trace(aperture)
-            yield image if colored else replace(image, color=None, rendering=None)
+            yield self.trace(aperture, colored=colored)
 
     def trace_model(self, aperture: Aperture, settings: DoubleFrustum, *, shaded: bool = True) -> HogelImage:
         """Return what the tracer shows along the lines of the cameras of these settings.

@@ -77,7 +77,7 @@ class Reference:
 
     @cached_property
     def sight(self) -> Sight:
-        """What says which surface points are hidden, made ready when first needed."""
+        """The search for hidden surface points, made ready when first needed."""
         return Sight(self.scene)
 
     @property
@@ -90,7 +90,9 @@ class Reference:
         """Names and versions of the libraries that the truth rests on, for reports."""
         return self.tracer.versions
 
-    def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
+    def trace(
+        self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True
+    ) -> HogelImage:
         """Return the true image of an aperture (paper, section 3: one frustum that crosses itself).
 
         Parameters
@@ -99,8 +101,12 @@ class Reference:
             Aperture of the image.
         sampling
             Points over which color is averaged; None for the scene's own sampling.
+        colored
+            Whether the image has color; without it, it is made faster.
         """
         one_of(aperture, Aperture, "aperture")
+        if not colored:
+            return self._whole(aperture, self._kept_sides, colored=False)
         if averages(self.scene.sampling if sampling is None else sampling):
             image = stacked(list(self.trace_bands(aperture, sampling)))
         else:

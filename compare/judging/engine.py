@@ -279,13 +279,9 @@ class Engine(Generic[Found]):
         # While truths and frames are made by themselves, each may take all processors.
         threads = nullcontext() if self._wanted.apart else kernels_on_one_thread(self._pixels)
         with threads, workers("judging") as pool, workers("tracing", 1) as thread:
-            tracing = TracingThread(
-                self._reference,
-                thread,
-                self.machine,
-                streamed=not self._wanted.apart,
-                colored=self._wanted.color,
-            )
+            # The time of a whole truth is measured with its color.
+            colored = self._wanted.color or self._wanted.apart
+            tracing = TracingThread(self._reference, thread, self.machine, colored=colored)
             drawn: deque[Future[list[_Batch]]] = deque()
             tasks = (
                 task

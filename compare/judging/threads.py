@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
@@ -63,9 +62,7 @@ class DrawingThread:
 
 
 class TracingThread:
-    """A reference that traces apertures in order, in some thread, as one stream.
-
-    Apertures that wait when the stream takes the next ones are traced together; it never waits for more.
+    """A reference that traces apertures one after the other, in the order in which they are submitted.
 
     Parameters
     ----------
@@ -75,41 +72,20 @@ class TracingThread:
         Executor with one thread.
     machine
         Machine whose time is shared.
-    streamed
-        Whether apertures are traced as one stream; else one by one, each alone where the machine allows it.
     colored
-        Whether the truths of a stream have color.
+        Whether the truths have color.
     """
 
     def __init__(
-        self,
-        reference: Reference,
-        thread: ThreadPoolExecutor,
-        machine: Machine,
-        *,
-        streamed: bool,
-        colored: bool,
+        self, reference: Reference, thread: ThreadPoolExecutor, machine: Machine, *, colored: bool
     ) -> None:
         self._reference, self._thread, self._machine = reference, thread, machine
-        self._streamed, self._colored = streamed, colored
-        self._given: deque[Aperture] = deque()
-        self._truths: Iterator[HogelImage] = iter(())
+        self._colored = colored
 
     def submit(self, aperture: Aperture, watch: Stopwatch) -> Future[HogelImage]:
         """Have an aperture traced; the stopwatch is given the time."""
-        self._given.append(aperture)
-        return self._thread.submit(self._next, watch)
+        return self._thread.submit(self._traced, aperture, watch)
 
-    def _next(self, watch: Stopwatch) -> HogelImage:
+    def _traced(self, aperture: Aperture, watch: Stopwatch) -> HogelImage:
         with self._machine.undisturbed(), self._machine.timed(watch, "trace"):
-            if not self._streamed:
-                return self._reference.trace(self._given.popleft())
-            truth = next(self._truths, None)
-            if truth is None:
-                self._truths = self._reference.stream(self._waiting(), colored=self._colored)
-                truth = next(self._truths)
-            return truth
-
-    def _waiting(self) -> Iterator[Aperture]:
-        while self._given:
-            yield self._given.popleft()
+            return self._reference.trace(aperture, colored=self._colored)

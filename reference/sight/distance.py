@@ -28,7 +28,7 @@ def off_planes(points: Floats, corners: Floats, tolerance: Floats) -> Mask:
     tolerance
         (N,) distances.
     """
-    planes = Planes.of(NUMPY, corners.transpose(1, 2, 0), points.T, False)
+    planes = Planes.of(NUMPY, list(corners.transpose(1, 2, 0)), points.T, False)
     normal, magnitude = (
         np.linalg.norm(np.array(vector), axis=0) for vector in (planes.normal, planes.normal_magnitude)
     )

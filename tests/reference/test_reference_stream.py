@@ -73,6 +73,7 @@ def test_a_stream_without_color_has_all_else() -> None:
         (image,) = reference.stream([scene.plate.middle], colored=False)
         assert image.color is None and image.rendering is None
         assert_same(image, replace(expected, color=None, rendering=None))
+        assert_same(image, reference.trace(scene.plate.middle, colored=False))
 
 
 def test_nothing_is_traced_before_it_is_asked_for() -> None:

@@ -157,7 +157,7 @@ def test_closing_a_stream_ends_its_threads() -> None:
     assert not threads()
 
 
-@pytest.mark.parametrize("broken", ["draw", "stream", "aperture", "compare"])
+@pytest.mark.parametrize("broken", ["draw", "trace", "aperture", "compare"])
 def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     broken: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,8 +174,8 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
 
     if broken == "draw":
         monkeypatch.setattr(Rasterizer, "draw", fails)
-    if broken == "stream":
-        monkeypatch.setattr(Reference, "stream", fails)
+    if broken == "trace":
+        monkeypatch.setattr(Reference, "trace", fails)
     if broken == "compare":
         monkeypatch.setattr(engine, "compare_images", fails)
     with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:

@@ -184,8 +184,10 @@ def test_a_reference_that_believes_its_tracer_fails_the_self_check(monkeypatch: 
     """In float32 the pixels of coinciding and nearly coinciding sheets come out in either order."""
 
     class Believer(Reference):
-        def trace(self, aperture: Aperture, sampling: Sampling | None = None) -> HogelImage:
-            image = super().trace(aperture, sampling)
+        def trace(
+            self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True
+        ) -> HogelImage:
+            image = super().trace(aperture, sampling, colored=colored)
             assert image.overruled is not None
             return replace(image, triangle=np.where(image.overruled, image.triangle + 1, image.triangle))
 
