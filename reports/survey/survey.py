@@ -170,7 +170,7 @@ def _job(
         blocks = chosen.blocks(scene, 1)
         job = ForeignJob(ticket=ticket, plate=foreign, tolerance_px=tolerance_px, blocks=blocks, parts=parts)
         several: tuple[DoubleFrustum | None, ...] = (None,)
-        work = {"images": foreign}
+        work = {"images": foreign, "state of the images": foreign.state(scene.plate)}
     else:
         drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
         if not drawn:
