@@ -144,13 +144,17 @@ def open_team(
     Raises
     ------
     InputError
-        No scheduler answers.
+        No scheduler answers, or the scene is one that other processes cannot open.
     """
     processes = engine.process_count(blocks)
     if engine.scheduler is None and processes == 1:
         with Desk(scene) as desk:
             yield _Alone(desk)
         return
+    if not scene.source:
+        raise InputError(
+            f"{scene.name}: has no file or name by which workers could open it; take one process (--workers 1)"
+        )
     # Dask takes a second to load, which no other command may pay for.
     from xfrustum.reports.cluster.cluster import foreign_cluster, machine_cluster  # noqa: PLC0415
 

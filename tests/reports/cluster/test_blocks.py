@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -153,6 +154,27 @@ def test_a_scene_travels_by_path_and_another_one_is_refused(tmp_path: Path) -> N
     path.write_text(text + part("sphere", 5, (0, 0, -11)))
     with pytest.raises(InputError, match="a worker finds another content than the command"):
         ticket.open()
+
+
+def test_a_built_in_scene_travels_by_its_name_whatever_lies_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = open_scene("car")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "car").mkdir()
+    assert SceneTicket.of(scene).source == "car"
+
+
+def test_a_scene_that_was_made_in_memory_stays_in_its_process(tmp_path: Path) -> None:
+    job, scene = ToyJob.at(tmp_path), replace(open_scene("car"), source="")
+    with (
+        pytest.raises(InputError, match="has no file or name by which workers could open it"),
+        open_team(Engine(workers=2), len(job.numbers), scene),
+    ):
+        pass
+    with open_team(Engine(workers=1), len(job.numbers), scene) as team:
+        run_blocks(job, job.numbers, team, job.blocks.hogels(0), "toy")
+    assert all(map(job.finished, job.numbers))
 
 
 def test_strange_wishes_are_refused() -> None:
