@@ -153,7 +153,8 @@ def open_team(
         return
     if not scene.source:
         raise InputError(
-            f"{scene.name}: has no file or name by which workers could open it; take one process (--workers 1)"
+            f"{scene.name}: has no file or name by which workers could open it; "
+            "take one process (--workers 1)"
         )
     # Dask takes a second to load, which no other command may pay for.
     from xfrustum.reports.cluster.cluster import foreign_cluster, machine_cluster  # noqa: PLC0415
