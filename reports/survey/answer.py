@@ -129,7 +129,7 @@ class Survey(Summarized[SurveyRecord]):
         Displacement beyond which a hogel is counted, and largest share of such hogels that was asked for;
         None where no share was.
     judged_by
-        What a hogel is beyond, in words.
+        Limits that counted hogels exceed, in words.
     workers, wall_s
         Number of processes, and wall seconds.
     """

@@ -37,7 +37,7 @@ ROWS = "survey.parquet"
 """Folder of the rows."""
 
 DEFAULT_SAMPLE = 300
-"""Hogels of a sample unless another number is asked for: if none of them is beyond the tolerance, at most 1 %
+"""Hogels of a sample unless another number is asked for: if none of them is beyond the limits, at most 1 %
 of all are, with a confidence of 95 % (0.95 to the power 1/299 is 0.99)."""
 
 
@@ -119,7 +119,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     chosen
         Which hogels are judged; a sample of `DEFAULT_SAMPLE` by default.
     tolerance_px
-        Displacement of 1 % of a hogel's points beyond which it is counted.
+        Displacement of 1 % of a hogel's points beyond which it is counted; it is counted too where more than
+        `MAX_WRONG` of its pixels show the wrong surface.
     tracer
         Tracer that gives the truth a second opinion.
     engine
@@ -187,7 +188,7 @@ def _job(
             parts=parts,
         )
         several = drawn
-        work = {"settings": drawn, "tracer": tracer}
+        work = {"settings": drawn, "tracer": tracer, "max_wrong": MAX_WRONG}
     scene_description = {key: value for key, value in vars(ticket).items() if key != "source"}
     hogels = {key: value for key, value in vars(blocks).items() if not key.startswith("_")}
     parts.open(
@@ -255,15 +256,10 @@ class _Run:
             ),
             tolerance_px=self.tolerance_px,
             limit=self.chosen.until,
-            judged_by=self._judged_by,
+            judged_by=f"beyond {self.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
             workers=team.workers,
             wall_s=time.perf_counter() - begun,
         )
-
-    @property
-    def _judged_by(self) -> str:
-        beyond = f"beyond {self.tolerance_px:g} px"
-        return f"{beyond} or {percent(MAX_WRONG)} wrong" if isinstance(self.job, ForeignJob) else beyond
 
     def _decided(self, found: Survey) -> bool:
         """Return whether a survey need not go on: every setting keeps the limit, or certainly exceeds it."""
