@@ -107,7 +107,7 @@ def risk_of_look(look: int, confidence: float = CONFIDENCE) -> float:
 
     The looks share the risk of all, 1 - confidence, in the parts 1/2, 1/6, 1/12, .. 1/(k (k + 1)), which add
     up to one. So all bounds hold together with this confidence, however many looks there are, and also the
-    last one of somebody who stops when it pleases him (the union bound, which asks for no independence).
+    last one, wherever the survey stops (the union bound, which asks for no independence).
     """
     return (1 - confidence) / ((look + 1) * (look + 2))
 
@@ -131,6 +131,17 @@ def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFID
     # than the mean of the runs' shares, by this factor at most.
     longest = math.ceil(hogels / judged) * judged / hogels
     return min(possible, longest * share_at_most(beyond, judged, 1 - risk))
+
+
+def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
+    """Return the lower bound on a share of a plate's hogels: all but the upper bound on those without it.
+
+    Parameters
+    ----------
+    beyond, judged, hogels, risk
+        As for `share_beyond`.
+    """
+    return 1 - share_beyond(judged - beyond, judged, hogels, risk)
 
 
 def clean_sample(share: float, hogels: int, risk: float) -> int:

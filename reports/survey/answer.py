@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from xfrustum.compare.scouting.sample import CONFIDENCE, confidence_of_each
-from xfrustum.compare.scouting.strata import risk_of_look, share_beyond
+from xfrustum.compare.scouting.strata import risk_of_look, share_beyond, share_beyond_at_least
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
@@ -106,9 +106,23 @@ class Extent:
             return beyond / self.hogels
         if not self.complete:
             return None
+        return share_beyond(beyond, self.judged, self.hogels, self._risk(settings))
+
+    def decides(self, beyond: int, settings: int, limit: float) -> bool:
+        """Return whether the share of one setting surely keeps a limit, or surely exceeds it.
+
+        That a survey stops where a share surely exceeds the limit costs no risk: what is claimed are the
+        upper bounds, and these hold at all looks together.
+        """
+        bound = self.bound(beyond, settings)
+        if bound is None or self.everything or bound <= limit:
+            return bound is not None
+        return share_beyond_at_least(beyond, self.judged, self.hogels, self._risk(settings)) > limit
+
+    def _risk(self, settings: int) -> float:
+        """Return the risk of a bound on one of several settings, at this look."""
         each = confidence_of_each(settings)
-        risk = 1 - each if self.look is None else risk_of_look(self.look, each)
-        return share_beyond(beyond, self.judged, self.hogels, risk)
+        return 1 - each if self.look is None else risk_of_look(self.look, each)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,6 +181,17 @@ class Survey(Summarized[SurveyRecord]):
             share_beyond_at_most=self.extent.bound(tally.beyond, len(self.tallies)),
             worst=WorstRecord.of(tally.worst[0]) if tally.worst else None,
         )
+
+    @property
+    def decided(self) -> bool:
+        """Whether every setting keeps the share that was asked for, or surely exceeds it.
+
+        True where no share was asked for.
+        """
+        if self.limit is None:
+            return True
+        several = len(self.tallies)
+        return all(self.extent.decides(tally.beyond, several, self.limit) for tally in self.tallies)
 
     @property
     def exceeded(self) -> bool:

@@ -221,7 +221,7 @@ class _Run:
                 complete = part.everything or all(map(self.job.finished, blocks.numbers(look)))
                 self._count(look)
                 found = self._survey(look, complete, team, begun)
-                if self._decided(found):
+                if found.decided:
                     break
             if complete:
                 pictures = self._pictured(found, team)
@@ -260,18 +260,6 @@ class _Run:
             workers=team.workers,
             wall_s=time.perf_counter() - begun,
         )
-
-    def _decided(self, found: Survey) -> bool:
-        """Return whether a survey need not go on: every setting keeps the limit, or certainly exceeds it."""
-        limit = self.chosen.until
-        if limit is None:
-            return True
-        for number, tally in enumerate(found.tallies):
-            share = found.share(number).share_beyond_at_most
-            kept = share is not None and share <= limit
-            if not kept and tally.beyond <= limit * found.extent.hogels:
-                return False
-        return True
 
     def _pictured(self, found: Survey, team: Team) -> list[Pictured]:
         """Return the worst hogels of the best setting with their pictures, drawn anew."""
