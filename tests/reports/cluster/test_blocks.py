@@ -140,7 +140,10 @@ def test_a_folder_is_continued_with_the_same_work_alone(tmp_path: Path) -> None:
     parts.open({"scene": "a", "near": 1})
     with pytest.raises(InputError, match="begun with another near"):
         parts.open({"scene": "a", "near": 2})
+    (tmp_path / "empty").mkdir()
+    Parts(out=tmp_path, name="empty").open({})
     (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "rows.parquet").touch()
     with pytest.raises(InputError, match="was not begun by this command"):
         Parts(out=tmp_path, name="mine").open({})
 
