@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 from xfrustum.reports.cluster.job import Desk, Job
+from xfrustum.reports.cluster.processes import DEVICE_VARIABLE, first_device
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -48,7 +49,7 @@ class Part:
         return self.count == 1
 
     def of(self, numbers: range) -> range:
-        """Return the blocks that belong to it: every so many, for neighbors cost alike."""
+        """Return every count-th block: neighbors take equally long, so parts do too."""
         return numbers[self.number - 1 :: self.count]
 
 
@@ -63,7 +64,7 @@ class Engine:
     workers
         Number of these processes, 1 for this process itself; None for as many as it may use processors.
     devices
-        Indices of EGL devices, which these processes take in turn.
+        Indices of EGL devices, which these processes take in turn; one process takes the first.
     part
         Part of the blocks that are done here, without any engine.
 
@@ -83,6 +84,11 @@ class Engine:
             raise InputError(f"--workers must be at least 1, not {self.workers}")
         if self.scheduler is not None and self.workers is not None:
             raise InputError("--scheduler has workers of its own: leave out --workers")
+        if self.scheduler is not None and self.devices:
+            raise InputError(
+                "--devices are for processes of this machine: leave them out, and start each worker of "
+                f"--scheduler with {DEVICE_VARIABLE}"
+            )
         if not self.part.everything and (self.scheduler or (self.workers or 1) > 1):
             raise InputError("--part is done by one process: leave out --scheduler and --workers")
 
@@ -128,7 +134,7 @@ class _Alone:
 def open_team(
     engine: Engine, blocks: int, scene: Scene, told: Callable[[str], object] = lambda line: None
 ) -> Iterator[Team]:
-    """Provide who does the blocks, until the end of a `with` block.
+    """Open the workers that make the blocks, until the end of a `with` block.
 
     Parameters
     ----------
@@ -148,7 +154,7 @@ def open_team(
     """
     processes = engine.process_count(blocks)
     if engine.scheduler is None and processes == 1:
-        with Desk(scene) as desk:
+        with first_device(engine.devices), Desk(scene) as desk:
             yield _Alone(desk)
         return
     if not scene.source:

@@ -12,6 +12,7 @@ from pathlib import Path
 from xfrustum.reports.cluster.blocks import Blocks
 from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.cluster.job import Job, Session
+from xfrustum.reports.cluster.processes import first_device
 from xfrustum.reports.cluster.run import Engine, open_team, run_blocks
 from xfrustum.reports.plate import blocks as plate_blocks
 from xfrustum.reports.plate.blocks import PlatePlan, blocks_of, draw_block, plan_plate
@@ -159,7 +160,8 @@ def write_plate_on(  # noqa: PLR0913 - one parameter per option of the command
     InputError
         As from `write_plate`; or no scheduler answers, or a worker finds another scene.
     """
-    plan = plan_plate(scene, settings, out, apertures, content, block=block, judge=judge)
+    with first_device(engine.devices):
+        plan = plan_plate(scene, settings, out, apertures, content, block=block, judge=judge)
     layout = layout_of(scene, plan.content, plan.side, judged=judge)
     job = PlateJob(plan=plan, layout=layout)
     hogels = job.blocks.hogels(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.reports.cluster.toy_work import ToyJob, made, parts_of
+from tests.reports.cluster.toy_work import ToyJob, ToySession, made, parts_of
 from tests.support.scene_file import film, named, part
+from xfrustum.cli.commands.survey import chosen_engine
 from xfrustum.compare.scouting.strata import GrowingSample
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
 from xfrustum.reports.cluster.parts import Parts
+from xfrustum.reports.cluster.processes import DEVICE_VARIABLE
 from xfrustum.reports.cluster.run import Engine, Part, open_team, run_blocks
 from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.scenes import Frustum, InputError, Plate, open_scene
@@ -180,12 +183,29 @@ def test_a_scene_that_was_made_in_memory_stays_in_its_process(tmp_path: Path) ->
     assert all(map(job.finished, job.numbers))
 
 
+def device_of(session: ToySession) -> str | None:
+    return os.environ.get(DEVICE_VARIABLE)
+
+
+def test_one_process_draws_on_the_device_that_it_is_given(tmp_path: Path) -> None:
+    before = os.environ.get(DEVICE_VARIABLE)
+    job, scene = ToyJob.at(tmp_path), open_scene("car")
+    with open_team(Engine(workers=1, devices=(3, 4)), len(job.numbers), scene) as team:
+        assert team.ask(job, device_of) == "3"
+    assert os.environ.get(DEVICE_VARIABLE) == before
+
+
+def test_a_job_array_of_one_job_is_one_process() -> None:
+    assert chosen_engine(None, None, None, (1, 1)).process_count(1000) == 1
+
+
 def test_strange_wishes_are_refused() -> None:
     for wish in (
         lambda: Part(number=0, count=3),
         lambda: Part(number=4, count=3),
         lambda: Engine(workers=0),
         lambda: Engine(scheduler="tcp://host:1", workers=2),
+        lambda: Engine(scheduler="tcp://host:1", devices=(0,)),
         lambda: Engine(part=Part(number=1, count=2), workers=2),
     ):
         with pytest.raises(InputError):
