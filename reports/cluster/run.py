@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -19,6 +20,10 @@ Answer = TypeVar("Answer")
 
 ELSEWHERE_POLL_S = 0.2
 """Seconds between two looks at blocks that somebody else is making."""
+
+MAX_UNSEEN_S = 60.0
+"""Seconds until a block that workers call finished must be seen in the store: NFS looks at a folder anew
+after 60 s at the latest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +200,7 @@ def run_blocks(
     Raises
     ------
     InputError
-        See `Job.open`, and `Team`.
+        See `Job.open`, and `Team`; or finished blocks are not seen, as in a folder that is not shared.
     """
     with progress_bar(hogels, what, "hogel", shown=progress) as bar:
 
@@ -210,6 +215,7 @@ def run_blocks(
                     yield number
 
         waiting: Iterable[int] = numbers
+        left, unseen_s = math.inf, 0.0
         while True:
             elsewhere = []
             for number in team.finished(job, unfinished(waiting)):
@@ -219,20 +225,32 @@ def run_blocks(
                     elsewhere.append(number)
             if not elsewhere:
                 return
-            waiting = _free(job, elsewhere)
+            others_had_all = _wait_for_free(job, elsewhere)
+            unseen_s = 0.0 if others_had_all or len(elsewhere) < left else unseen_s + ELSEWHERE_POLL_S
+            if unseen_s > MAX_UNSEEN_S:
+                raise InputError(
+                    f"--out: workers call block {elsewhere[0]} finished, and it is not there; give a folder "
+                    "on a file system that the command and all workers share"
+                )
+            waiting, left = elsewhere, len(elsewhere)
 
 
-def _free(job: Job, elsewhere: list[int]) -> list[int]:
-    """Wait until some blocks that others were making are finished, or given up; return these blocks all."""
+def _wait_for_free(job: Job, elsewhere: list[int]) -> bool:
+    """Wait, at least a moment, until some blocks that others were making are finished, or given up.
+
+    Return whether others were making all of them at first.
+    """
+    others_had_all = False
     while True:
+        time.sleep(ELSEWHERE_POLL_S)
         with job.claims() as claims:
             for number in elsewhere:
                 if job.finished(number):
-                    return elsewhere
+                    return others_had_all
                 if claims.take(number):
                     claims.release(number)
-                    return elsewhere
-        time.sleep(ELSEWHERE_POLL_S)
+                    return others_had_all
+        others_had_all = True
 
 
 def _processors() -> int:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import math
 import os
+import re
+import shutil
+import socket
 import threading
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -16,7 +21,9 @@ from tests.reports.cluster.toy_work import ToyJob, ToySession, made, parts_of
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.commands.survey import chosen_engine
 from xfrustum.compare.scouting.strata import GrowingSample
+from xfrustum.reports.cluster import run
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
+from xfrustum.reports.cluster.job import Answer, Job, do_block
 from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.processes import DEVICE_VARIABLE
 from xfrustum.reports.cluster.run import Engine, Part, open_team, run_blocks
@@ -112,27 +119,60 @@ def test_a_block_that_somebody_else_is_making_is_waited_for(
     job = ToyJob.at(tmp_path)
     with job.claims() as other:
         assert other.take(3)
-        run = threading.Thread(target=all_done, args=(job,))
-        run.start()
-        run.join(0.5)
-        assert run.is_alive()
+        work = threading.Thread(target=all_done, args=(job,))
+        work.start()
+        work.join(0.5)
+        assert work.is_alive()
         assert not job.finished(3)
         other.release(3)
-        run.join(60)
-    assert not run.is_alive()
+        work.join(60)
+    assert not work.is_alive()
     assert parts_of(tmp_path) == undisturbed
     assert len(made(tmp_path)) == len(job.numbers)
+
+
+def test_blocks_that_workers_finish_where_nobody_sees_them_are_no_end_of_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "MAX_UNSEEN_S", 0.5)
+    rounds = []
+
+    class Elsewhere:
+        """Workers whose folder has the same name and is another one."""
+
+        workers = 1
+
+        def finished(self, job: Job, numbers: Iterator[int]) -> Iterator[int]:
+            rounds.append(1)
+            yield from numbers
+
+        def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
+            raise NotImplementedError
+
+    job = ToyJob.at(tmp_path)
+    with pytest.raises(InputError, match="a file system that the command and all workers share"):
+        run_blocks(job, job.numbers, Elsewhere(), job.blocks.hogels(0), "toy")
+    assert 1 < len(rounds) < 10
+
+
+def test_a_worker_that_does_not_see_the_folder_says_so_and_where_it_is(tmp_path: Path) -> None:
+    job = ToyJob.at(tmp_path)
+    shutil.rmtree(job.parts.folder)
+    with pytest.raises(
+        InputError, match=rf"all workers share \(worker on {re.escape(socket.gethostname())}\)"
+    ):
+        do_block(job, 0)
 
 
 def test_two_who_do_the_same_work_at_once_do_nothing_twice(
     tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     job = ToyJob.at(tmp_path, seconds=0.01)
-    runs = [threading.Thread(target=all_done, args=(job,)) for _ in range(2)]
-    for run in runs:
-        run.start()
-    for run in runs:
-        run.join()
+    both = [threading.Thread(target=all_done, args=(job,)) for _ in range(2)]
+    for one in both:
+        one.start()
+    for one in both:
+        one.join()
     assert parts_of(tmp_path) == undisturbed
     assert sorted(number for number, _ in made(tmp_path)) == list(job.numbers)
 
