@@ -21,7 +21,7 @@ class WorstRecord:
 
     aperture: tuple[int, int]
     displacement_p99_px: float | None
-    surface_fraction: float
+    surface_fraction: float | None
 
     @classmethod
     def of(cls, worst: WorstHogel) -> WorstRecord:

@@ -64,8 +64,10 @@ def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
     said = json.loads((out / "survey.json").read_text())
     assert said["beyond"] == sum(not hogel.passed for hogel in verified.hogels) > 1
     # A hogel that is missing is worse than any that is wrong.
-    assert said["worst"] == {"aperture": [2, 1], "displacement_p99_px": None, "surface_fraction": 0.0}
-    assert "This hogel is missing" in (out / "index.html").read_text()
+    assert said["worst"] == {"aperture": [2, 1], "displacement_p99_px": None, "surface_fraction": None}
+    page = (out / "index.html").read_text()
+    assert "<b>2,1</b>: missing</summary>" in page
+    assert "This hogel is missing" in page
 
 
 def test_images_that_were_drawn_again_are_another_survey(
