@@ -52,7 +52,8 @@ class WorstHogel:
         99th percentile of displacement; infinite where that is unknown of a hogel that is beyond, 0 where
         nothing is displaced.
     surface_fraction
-        Share of wrong surfaces; of images that name none, share of wrong pixels; None for a hogel that is missing.
+        Share of wrong surfaces; of images that name none, share of wrong pixels; None for a hogel that is
+        missing.
     aperture
         Column and row.
     displacement_p99_px
