@@ -102,6 +102,16 @@ class GrowingSample:
         return np.asarray(drawn[there], dtype=np.int64)
 
 
+def confidence_of_each_setting(settings: int, confidence: float = CONFIDENCE) -> float:
+    """Return the confidence of the claim about each of several settings, which share the risk (Bonferroni).
+
+    All claims hold together with the confidence that is given, whatever the settings have to do with each
+    other. Sidak's correction, `confidence_of_each`, is safe only for claims that tend to hold or fail
+    together; of two settings one may be wrong just where the other is right.
+    """
+    return 1 - (1 - confidence) / settings
+
+
 def risk_of_look(look: int, confidence: float = CONFIDENCE) -> float:
     """Return the probability with which the bound of one look, 0 for the first, may be wrong.
 

@@ -5,8 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from xfrustum.compare.scouting.sample import CONFIDENCE, confidence_of_each
-from xfrustum.compare.scouting.strata import risk_of_look, share_beyond, share_beyond_at_least
+from xfrustum.compare.scouting.sample import CONFIDENCE
+from xfrustum.compare.scouting.strata import (
+    confidence_of_each_setting,
+    risk_of_look,
+    share_beyond,
+    share_beyond_at_least,
+)
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
@@ -121,7 +126,7 @@ class Extent:
 
     def _risk(self, settings: int) -> float:
         """Return the risk of a bound on one of several settings, at this look."""
-        each = confidence_of_each(settings)
+        each = confidence_of_each_setting(settings)
         return 1 - each if self.look is None else risk_of_look(self.look, each)
 
 

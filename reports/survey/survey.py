@@ -12,8 +12,12 @@ from typing import Any
 import pyarrow as pa
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.scouting.sample import confidence_of_each
-from xfrustum.compare.scouting.strata import GrowingSample, clean_sample, risk_of_look
+from xfrustum.compare.scouting.strata import (
+    GrowingSample,
+    clean_sample,
+    confidence_of_each_setting,
+    risk_of_look,
+)
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
 from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
@@ -83,7 +87,7 @@ class Chosen:
         hogels = math.prod(plate.hogels)
         first = self.sample
         if self.until is not None:
-            first = clean_sample(self.until, hogels, risk_of_look(0, confidence_of_each(settings)))
+            first = clean_sample(self.until, hogels, risk_of_look(0, confidence_of_each_setting(settings)))
         if first is None or first >= hogels:
             return Tiles.of(plate, hogels_per_block(hogels, frustum, settings))
         sample = GrowingSample(plate=plate, first=first, seed=self.seed)

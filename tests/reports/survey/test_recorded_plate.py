@@ -12,8 +12,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from xfrustum.compare.scouting.sample import confidence_of_each
-from xfrustum.compare.scouting.strata import GrowingSample, clean_sample, risk_of_look, share_beyond
+from xfrustum.compare.scouting.strata import (
+    GrowingSample,
+    clean_sample,
+    confidence_of_each_setting,
+    risk_of_look,
+    share_beyond,
+)
 from xfrustum.reports.survey.answer import Extent
 from xfrustum.scenes import Plate
 from xfrustum.scenes.arrays import Floats, Mask
@@ -60,7 +65,7 @@ def test_bounds_of_samples_hold_for_the_plate(
 
 def test_bounds_on_several_tolerances_hold_together(displaced: Floats, plate: Plate) -> None:
     tolerances = (0.5, 2.0, 6.0)
-    risk = 1 - confidence_of_each(len(tolerances))
+    risk = 1 - confidence_of_each_setting(len(tolerances))
     holds = 0
     for seed in range(SEEDS):
         places = GrowingSample(plate=plate, first=150, seed=seed).places(0)

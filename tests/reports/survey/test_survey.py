@@ -175,7 +175,7 @@ def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
     # The best setting is told.
     assert fine["beyond"] == 0 == said["beyond"]
     assert said["share_beyond_at_most"] == fine["share_beyond_at_most"] < coarse["share_beyond_at_most"]
-    # Sidak: with two settings each bound is wider than with one.
+    # Bonferroni: with two settings each bound is wider than with one.
     assert fine["share_beyond_at_most"] > 1.0 - 0.05 ** (1 / 9)
 
 
