@@ -102,12 +102,22 @@ class GrowingSample:
         return np.asarray(drawn[there], dtype=np.int64)
 
 
+def confidence_of_each_setting(settings: int, confidence: float = CONFIDENCE) -> float:
+    """Return the confidence of the claim about each of several settings, which share the risk (Bonferroni).
+
+    All claims hold together with the confidence that is given, whatever the settings have to do with each
+    other. Sidak's correction, `confidence_of_each`, is safe only for claims that tend to hold or fail
+    together; of two settings one may be wrong just where the other is right.
+    """
+    return 1 - (1 - confidence) / settings
+
+
 def risk_of_look(look: int, confidence: float = CONFIDENCE) -> float:
     """Return the probability with which the bound of one look, 0 for the first, may be wrong.
 
     The looks share the risk of all, 1 - confidence, in the parts 1/2, 1/6, 1/12, .. 1/(k (k + 1)), which add
     up to one. So all bounds hold together with this confidence, however many looks there are, and also the
-    last one of somebody who stops when it pleases him (the union bound, which asks for no independence).
+    last one, wherever the survey stops (the union bound, which asks for no independence).
     """
     return (1 - confidence) / ((look + 1) * (look + 2))
 
@@ -131,6 +141,17 @@ def share_beyond(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFID
     # than the mean of the runs' shares, by this factor at most.
     longest = math.ceil(hogels / judged) * judged / hogels
     return min(possible, longest * share_at_most(beyond, judged, 1 - risk))
+
+
+def share_beyond_at_least(beyond: int, judged: int, hogels: int, risk: float = 1 - CONFIDENCE) -> float:
+    """Return the lower bound on a share of a plate's hogels: all but the upper bound on those without it.
+
+    Parameters
+    ----------
+    beyond, judged, hogels, risk
+        As for `share_beyond`.
+    """
+    return 1 - share_beyond(judged - beyond, judged, hogels, risk)
 
 
 def clean_sample(share: float, hogels: int, risk: float) -> int:

@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster
+from distributed.client import ClosedClientError
 
 from xfrustum.reports.cluster.job import Job, ask_session, do_block
 from xfrustum.reports.cluster.processes import WorkerProcesses
@@ -53,6 +54,9 @@ CONNECT_S = 10
 
 RECONNECT_S = 600.0
 """Seconds that a scheduler may take to come back, such as a job that is queued again."""
+
+RECONNECT_POLL_S = 1.0
+"""Seconds between two attempts to connect to a scheduler that is gone."""
 
 MAX_ATTEMPTS = 20
 """Times that a block is given out again after the workers that had it died: more are no accident."""
@@ -132,6 +136,19 @@ def _client(address: str) -> Client:
         ) from error
 
 
+def _client_in_time(address: str) -> Client:
+    """Connect to a scheduler that is gone, as soon as there is one at its address again."""
+    end = time.monotonic() + RECONNECT_S
+    while time.monotonic() < end:
+        with suppress(InputError):
+            return _client(address)
+        time.sleep(RECONNECT_POLL_S)
+    raise InputError(
+        f"--scheduler {address}: is gone and has not come back; start it again and repeat the command, "
+        "which goes on where it was"
+    )
+
+
 @dataclass(kw_only=True)
 class Workers:
     """The workers of a cluster, as a client sees them.
@@ -157,7 +174,6 @@ class Workers:
     tend: Callable[[], object] = lambda: None
     _threads: int = 0
     _counted_at: float = field(default=float("-inf"))
-    _lost_at: float | None = None
 
     @property
     def workers(self) -> int:
@@ -193,16 +209,24 @@ class Workers:
                     if number is None:
                         break
                     key = f"{job.name}-{run}-{number}-{next(serial)}"
-                    future = self.client.submit(work, job, number, key=key, pure=False)
+                    try:
+                        future = self.client.submit(work, job, number, key=key, pure=False)
+                    except ClosedClientError:
+                        again.append(number)
+                        break
                     under_way[key] = (number, future)
                     future.add_done_callback(lambda one: ended.put(one.key))
-                if not under_way:
+                if not under_way and not again:
                     return
                 try:
-                    number, future = under_way.pop(ended.get(timeout=POLL_S))
+                    found = under_way.pop(ended.get(timeout=POLL_S), None)
                 except queue.Empty:
                     self._look_after_connection(under_way, again)
                     continue
+                # Tasks that were lost with their scheduler end too, after their blocks were taken back.
+                if found is None:
+                    continue
+                number, future = found
                 if _succeeded(future):
                     attempts.pop(number, None)
                     yield number
@@ -219,23 +243,30 @@ class Workers:
     def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
         """Return what a worker answers to a question about a job; see `ask_session`."""
         for _ in range(MAX_ATTEMPTS):
-            future = self.client.submit(ask_session, job, question, *arguments, pure=False)
-            while future.status == "pending":
-                time.sleep(ASK_POLL_S)
-                self._look_after_connection({}, deque())
+            client = self.client
             try:
-                answer: Answer = future.result()
-            except (KilledWorker, CancelledError):
-                continue
-            return answer
+                future = client.submit(ask_session, job, question, *arguments, pure=False)
+                while future.status == "pending" and self.client is client:
+                    time.sleep(ASK_POLL_S)
+                    self._look_after_connection({}, deque())
+                if self.client is client:
+                    answer: Answer = future.result()
+                    return answer
+            except (ClosedClientError, KilledWorker, CancelledError):
+                self._look_after_connection({}, deque())
         raise InputError(
-            f"--scheduler {self.address}: {MAX_ATTEMPTS} workers died one after the other; look at their logs"
+            f"{self._where}: {MAX_ATTEMPTS} workers died one after the other; look at their logs"
         )
+
+    @property
+    def _where(self) -> str:
+        """The workers in words, for messages."""
+        return "the workers of this machine" if self.address is None else f"--scheduler {self.address}"
 
     def _window(self) -> int:
         """Return how many tasks are under way at a time."""
         if time.monotonic() - self._counted_at > COUNT_S and self.client.status == "running":
-            with suppress(OSError, TimeoutError, CancelledError):
+            with suppress(OSError, TimeoutError, CancelledError, ClosedClientError):
                 self._threads = sum(self.client.nthreads().values())
             self._counted_at = time.monotonic()
         return max(MIN_TASKS, TASKS_PER_THREAD * max(self._threads, self.count or 0))
@@ -245,6 +276,8 @@ class Workers:
     ) -> None:
         """Connect anew where the client has given up; its tasks are lost, and their blocks come again.
 
+        The client itself tries for `CONNECT_S` to connect again before it gives up.
+
         Raises
         ------
         InputError
@@ -252,23 +285,15 @@ class Workers:
         """
         self.tend()
         if self.client.status not in ("closed", "closing"):
-            if self.client.status == "running":
-                self._lost_at = None
             return
-        now = time.monotonic()
-        if self._lost_at is None:
-            self._lost_at = now
-            messages().write(f"xfrustum: note: the scheduler {self.address} is gone; waiting for it\n")
         again.extend(number for number, _ in under_way.values())
         under_way.clear()
-        if self.address is None or now - self._lost_at > RECONNECT_S:
+        if self.address is None:
             raise InputError(
-                f"--scheduler {self.address}: is gone and has not come back; start it again and repeat the "
-                "command, which goes on where it was"
+                f"{self._where}: their scheduler is gone; repeat the command, which goes on where it was"
             )
-        with suppress(InputError):
-            self.client = _client(self.address)
-            self._lost_at = None
+        messages().write(f"xfrustum: note: the scheduler {self.address} is gone; waiting for it\n")
+        self.client = _client_in_time(self.address)
 
 
 def _succeeded(future: Future[Any]) -> bool:

@@ -7,16 +7,18 @@ worker has that run tasks.
 
 from __future__ import annotations
 
+import socket
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from xfrustum.reports.cluster.blocks import Blocks
 from xfrustum.reports.cluster.claims import Claims
+from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
 
 Answer = TypeVar("Answer")
@@ -85,12 +87,12 @@ class Desk:
         Raises
         ------
         InputError
-            The scene is not to be had, or the store cannot be written.
+            The scene is not to be had, or the store is not there or cannot be written.
         """
         if job.finished(number):
             return
         session = self.session(job)
-        with job.claims() as claims:
+        with _claims(job) as claims:
             # Somebody else that claimed it before may have finished it since.
             if claims.take(number) and not job.finished(number):
                 session.make(number)
@@ -121,6 +123,26 @@ class Desk:
         self.close()
 
 
+def _claims(job: Job) -> Claims:
+    """Return the claims of a job, whose store the command has made before it asks for blocks."""
+    try:
+        return job.claims()
+    except FileNotFoundError as error:
+        raise InputError(
+            f"--out: there is no {error.filename}; give a folder on a file system that the command and all "
+            "workers share"
+        ) from error
+
+
+@contextmanager
+def _host_named() -> Iterator[None]:
+    """Add the name of this machine to what is refused here: workers are many."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{error} (worker on {socket.gethostname()})") from error
+
+
 class _Desks(threading.local):
     """The desk of each thread, which is closed in this thread when the thread ends."""
 
@@ -144,9 +166,11 @@ def _in_renderer(function: Callable[[], Answer]) -> Answer:
 
 def do_block(job: Job, number: int) -> None:
     """Make a block in a worker process; the task of a cluster. See `Desk.do`."""
-    _in_renderer(lambda: _desks.desk.do(job, number))
+    with _host_named():
+        _in_renderer(lambda: _desks.desk.do(job, number))
 
 
 def ask_session(job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
     """Call a function with the session of a job in a worker process, and return its small answer."""
-    return _in_renderer(lambda: question(_desks.desk.session(job), *arguments))
+    with _host_named():
+        return _in_renderer(lambda: question(_desks.desk.session(job), *arguments))

@@ -75,7 +75,9 @@ class Parts:
             The folder holds something else, or cannot be written.
         """
         with self._writable():
-            if self.folder.exists() and not (self.folder / CLAIMS).exists():
+            # Another process may have made the folder and nothing in it yet; the first thing is the claims.
+            begun = self.folder.exists() and any(self.folder.iterdir())
+            if begun and not (self.folder / CLAIMS).exists():
                 raise InputError(
                     f"--out {self.out}: {self.name} exists and was not begun by this command; "
                     "choose another place"

@@ -10,6 +10,8 @@ import itertools
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from xfrustum.scenes.errors import InputError
 
@@ -25,6 +27,28 @@ WORKER_MODULE = "xfrustum.reports.cluster.worker"
 
 MAX_STARTS = 25
 """Number of processes that may be started for one worker: more that die are no accident."""
+
+
+@contextmanager
+def first_device(devices: tuple[int, ...]) -> Iterator[None]:
+    """Let this process draw on the first of some EGL devices, as a worker process would.
+
+    Parameters
+    ----------
+    devices
+        Indices of EGL devices; none for the device that the environment names. OpenGL contexts that exist
+        already stay where they are.
+    """
+    before = os.environ.get(DEVICE_VARIABLE)
+    if devices:
+        os.environ[DEVICE_VARIABLE] = str(devices[0])
+    try:
+        yield
+    finally:
+        if before is not None:
+            os.environ[DEVICE_VARIABLE] = before
+        elif devices:
+            os.environ.pop(DEVICE_VARIABLE, None)
 
 
 class WorkerProcesses:

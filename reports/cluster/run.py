@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 from xfrustum.reports.cluster.job import Desk, Job
+from xfrustum.reports.cluster.processes import DEVICE_VARIABLE, first_device
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -18,6 +20,10 @@ Answer = TypeVar("Answer")
 
 ELSEWHERE_POLL_S = 0.2
 """Seconds between two looks at blocks that somebody else is making."""
+
+MAX_UNSEEN_S = 60.0
+"""Seconds until a block that workers call finished must be seen in the store: NFS looks at a folder anew
+after 60 s at the latest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +54,7 @@ class Part:
         return self.count == 1
 
     def of(self, numbers: range) -> range:
-        """Return the blocks that belong to it: every so many, for neighbors cost alike."""
+        """Return every count-th block: neighbors take equally long, so parts do too."""
         return numbers[self.number - 1 :: self.count]
 
 
@@ -63,7 +69,7 @@ class Engine:
     workers
         Number of these processes, 1 for this process itself; None for as many as it may use processors.
     devices
-        Indices of EGL devices, which these processes take in turn.
+        Indices of EGL devices, which these processes take in turn; one process takes the first.
     part
         Part of the blocks that are done here, without any engine.
 
@@ -83,6 +89,11 @@ class Engine:
             raise InputError(f"--workers must be at least 1, not {self.workers}")
         if self.scheduler is not None and self.workers is not None:
             raise InputError("--scheduler has workers of its own: leave out --workers")
+        if self.scheduler is not None and self.devices:
+            raise InputError(
+                "--devices are for processes of this machine: leave them out, and start each worker of "
+                f"--scheduler with {DEVICE_VARIABLE}"
+            )
         if not self.part.everything and (self.scheduler or (self.workers or 1) > 1):
             raise InputError("--part is done by one process: leave out --scheduler and --workers")
 
@@ -128,7 +139,7 @@ class _Alone:
 def open_team(
     engine: Engine, blocks: int, scene: Scene, told: Callable[[str], object] = lambda line: None
 ) -> Iterator[Team]:
-    """Provide who does the blocks, until the end of a `with` block.
+    """Open the workers that make the blocks, until the end of a `with` block.
 
     Parameters
     ----------
@@ -144,13 +155,18 @@ def open_team(
     Raises
     ------
     InputError
-        No scheduler answers.
+        No scheduler answers, or the scene is one that other processes cannot open.
     """
     processes = engine.process_count(blocks)
     if engine.scheduler is None and processes == 1:
-        with Desk(scene) as desk:
+        with first_device(engine.devices), Desk(scene) as desk:
             yield _Alone(desk)
         return
+    if not scene.source:
+        raise InputError(
+            f"{scene.name}: has no file or name by which workers could open it; "
+            "take one process (--workers 1)"
+        )
     # Dask takes a second to load, which no other command may pay for.
     from xfrustum.reports.cluster.cluster import foreign_cluster, machine_cluster  # noqa: PLC0415
 
@@ -184,7 +200,7 @@ def run_blocks(
     Raises
     ------
     InputError
-        See `Job.open`, and `Team`.
+        See `Job.open`, and `Team`; or finished blocks are not seen, as in a folder that is not shared.
     """
     with progress_bar(hogels, what, "hogel", shown=progress) as bar:
 
@@ -199,6 +215,7 @@ def run_blocks(
                     yield number
 
         waiting: Iterable[int] = numbers
+        left, unseen_s = math.inf, 0.0
         while True:
             elsewhere = []
             for number in team.finished(job, unfinished(waiting)):
@@ -208,20 +225,32 @@ def run_blocks(
                     elsewhere.append(number)
             if not elsewhere:
                 return
-            waiting = _free(job, elsewhere)
+            others_had_all = _wait_for_free(job, elsewhere)
+            unseen_s = 0.0 if others_had_all or len(elsewhere) < left else unseen_s + ELSEWHERE_POLL_S
+            if unseen_s > MAX_UNSEEN_S:
+                raise InputError(
+                    f"--out: workers call block {elsewhere[0]} finished, and it is not there; give a folder "
+                    "on a file system that the command and all workers share"
+                )
+            waiting, left = elsewhere, len(elsewhere)
 
 
-def _free(job: Job, elsewhere: list[int]) -> list[int]:
-    """Wait until some blocks that others were making are finished, or given up; return these blocks all."""
+def _wait_for_free(job: Job, elsewhere: list[int]) -> bool:
+    """Wait, at least a moment, until some blocks that others were making are finished, or given up.
+
+    Return whether others were making all of them at first.
+    """
+    others_had_all = False
     while True:
+        time.sleep(ELSEWHERE_POLL_S)
         with job.claims() as claims:
             for number in elsewhere:
                 if job.finished(number):
-                    return elsewhere
+                    return others_had_all
                 if claims.take(number):
                     claims.release(number)
-                    return elsewhere
-        time.sleep(ELSEWHERE_POLL_S)
+                    return others_had_all
+        others_had_all = True
 
 
 def _processors() -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib import metadata
-from pathlib import Path
 
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.errors import InputError
@@ -25,7 +24,8 @@ class SceneTicket:
     Attributes
     ----------
     source
-        Absolute path of a scene file, or name of a built-in scene.
+        Absolute path of a scene file, or name of a built-in scene; empty for a scene that was made in memory,
+        which no other process can open.
     content, look
         Hashes of geometry and of what colors depend on.
     plate, frustum, sampling, transport
@@ -46,9 +46,8 @@ class SceneTicket:
     @classmethod
     def of(cls, scene: Scene) -> SceneTicket:
         """Return the ticket of a scene."""
-        place = Path(scene.source)
         return cls(
-            source=str(place.resolve()) if scene.source and place.exists() else scene.source,
+            source=scene.source,
             content=scene.content_hash,
             look=look_hash(scene),
             plate=scene.plate,

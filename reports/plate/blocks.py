@@ -57,8 +57,6 @@ class PlatePlan:
         Columns and rows, first and last, of rectangles of hogels; none for the whole plate.
     judged
         Whether hogels are judged, and their measures stored.
-    check
-        Whether finished hogels are read in full.
     """
 
     scene: str
@@ -73,7 +71,6 @@ class PlatePlan:
     side: tuple[int, int]
     chosen: tuple[tuple[int, int, int, int], ...] = ()
     judged: bool = False
-    check: bool = False
 
     def to_json(self) -> str:
         """Return the plan as a JSON object."""
@@ -107,12 +104,26 @@ def plan_plate(  # noqa: PLR0913 - as `write_plate`
     InputError
         As from `write_plate`; or the scene is not one that can be opened by name.
     """
+    return begin_plate(scene, settings, out, apertures, content, block=block, judge=judge)[0]
+
+
+def begin_plate(  # noqa: PLR0913 - as `write_plate`
+    scene: Scene,
+    settings: DoubleFrustum | None,
+    out: Path,
+    apertures: ApertureBlocks | None = None,
+    content: PlateContent | None = None,
+    *,
+    block: tuple[int, int] | None = None,
+    judge: bool = False,
+) -> tuple[PlatePlan, PlateStore]:
+    """Return the plan of a plate with its store, which says what has been mended; see `plan_plate`."""
     content = content or PlateContent()
     if not scene.source:
         raise InputError(f"{scene.name}: has no file or name by which other processes could open it")
     with source_of(scene, settings, content, judge=judge) as source:
         store = opened_store(source, out, block)
-    return PlatePlan(
+    plan = PlatePlan(
         scene=scene.source,
         plate=scene.plate,
         hash=scene.content_hash,
@@ -128,6 +139,7 @@ def plan_plate(  # noqa: PLR0913 - as `write_plate`
         if apertures is None
         else tuple((c.start, c.stop, r.start, r.stop) for c, r in apertures.blocks),
     )
+    return plan, store
 
 
 def blocks_of(plan: PlatePlan) -> Iterator[int]:
@@ -150,14 +162,14 @@ def draw_block(plan: PlatePlan, number: int) -> PlateFiles:
     opened = _opened(plan)
     part = opened.store.layout.part(number, _apertures(plan))
     with opened.store.claims() as claims, progress_bar(0, "plate", "hogel", shown=False) as bar:
-        work = BlockWork(store=opened.store, claims=claims, check=plan.check, bar=bar)
+        work = BlockWork(store=opened.store, claims=claims, bar=bar)
         draw_parts(opened.source, work, [part])
     return work.files()
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Opened:
-    """The plan that this thread has taken up, what draws it, and where to."""
+    """A plan that a thread has taken up, its renderer, and its store."""
 
     plan: PlatePlan
     source: HogelSource

@@ -12,11 +12,12 @@ from pathlib import Path
 from xfrustum.reports.cluster.blocks import Blocks
 from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.cluster.job import Job, Session
+from xfrustum.reports.cluster.processes import first_device
 from xfrustum.reports.cluster.run import Engine, open_team, run_blocks
 from xfrustum.reports.plate import blocks as plate_blocks
-from xfrustum.reports.plate.blocks import PlatePlan, blocks_of, draw_block, plan_plate
+from xfrustum.reports.plate.blocks import PlatePlan, begin_plate, blocks_of, draw_block
 from xfrustum.reports.plate.layout import Layout
-from xfrustum.reports.plate.plate import PlateFiles, layout_of
+from xfrustum.reports.plate.plate import PlateFiles, layout_of, notes_of
 from xfrustum.reports.plate.store import PlateStore
 from xfrustum.scenes.model.plate_content import PlateContent
 from xfrustum.scenes.model.scene import Scene
@@ -159,29 +160,25 @@ def write_plate_on(  # noqa: PLR0913 - one parameter per option of the command
     InputError
         As from `write_plate`; or no scheduler answers, or a worker finds another scene.
     """
-    plan = plan_plate(scene, settings, out, apertures, content, block=block, judge=judge)
+    with first_device(engine.devices):
+        plan, store = begin_plate(scene, settings, out, apertures, content, block=block, judge=judge)
     layout = layout_of(scene, plan.content, plan.side, judged=judge)
     job = PlateJob(plan=plan, layout=layout)
     hogels = job.blocks.hogels(0)
     part = engine.part
     numbers = list(islice(blocks_of(plan), part.number - 1, None, part.count))
-    missing = sum(len(_missing(job, number)) for number in numbers)
+    chosen, missing, damaged = apertures or plan.plate.apertures(), 0, 0
+    for number in numbers:
+        state = store.state(layout.part(number, chosen))
+        missing, damaged = missing + len(state.missing), damaged + len(state.damaged)
     with open_team(engine, len(numbers), scene, told) as team:
         run_blocks(job, numbers, team, hogels // part.count, "plate", progress=progress)
     asked = sum(len(job.blocks.apertures(number)) for number in numbers)
-    store = _store(plan.out, layout)
     return PlateFiles(
         out=out,
         drawn=missing,
         found=asked - missing,
-        damaged=0,
-        notes=(),
+        damaged=damaged,
+        notes=tuple(notes_of(store, damaged)),
         table=store.table.folder if judge else None,
     )
-
-
-def _missing(job: PlateJob, number: int) -> tuple[Aperture, ...]:
-    """Return the hogels of a block that are asked for and not there."""
-    blocks = job.blocks
-    assert isinstance(blocks, _PlateBlocks)
-    return _store(job.plan.out, job.layout).state(job.layout.part(number, blocks.chosen)).missing

@@ -246,21 +246,30 @@ class BlockWork:
             drawn=self.drawn,
             found=self.found,
             damaged=self.damaged,
-            notes=tuple(self._notes()),
+            notes=tuple(notes_of(self.store, self.damaged)),
             table=self.store.out.with_suffix(".parquet") if self.store.layout.measures else None,
         )
-
-    def _notes(self) -> Iterator[str]:
-        """Yield what was damaged and has been mended."""
-        for name in self.store.mended:
-            yield f"{self.store.out}: the description of {name} was damaged and has been written again"
-        if self.damaged:
-            hogels = "hogel was" if self.damaged == 1 else "hogels were"
-            yield f"{self.store.out}: {self.damaged} {hogels} damaged, and drawn again"
 
     def _count_found(self, part: BlockPart, missing: int) -> None:
         self.found += len(part.apertures) - missing
         self.bar.update(len(part.apertures) - missing)
+
+
+def notes_of(store: PlateStore, damaged: int) -> Iterator[str]:
+    """Yield what was damaged and has been mended, in sentences.
+
+    Parameters
+    ----------
+    store
+        Store that was opened, whose descriptions may have been mended then.
+    damaged
+        Number of hogels that were damaged and have been drawn again.
+    """
+    for name in store.mended:
+        yield f"{store.out}: the description of {name} was damaged and has been written again"
+    if damaged:
+        hogels = "hogel was" if damaged == 1 else "hogels were"
+        yield f"{store.out}: {damaged} {hogels} damaged, and drawn again"
 
 
 def _draw(hogels: Iterable[PlateHogel], work: BlockWork) -> None:

@@ -409,7 +409,7 @@ def _laid_out_as(wanted: Description, found: Any) -> Description:
 
 
 def _mended(place: Path, documents: Mapping[str, bytes]) -> Iterator[str]:
-    """Write descriptions again that say something else than they must; yield whose they are."""
+    """Write descriptions again that say something else than they must; yield the names of their arrays."""
     for key, content in documents.items():
         if not _says(place / key, content):
             _clear_way(place, place / key)

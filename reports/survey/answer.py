@@ -5,8 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from xfrustum.compare.scouting.sample import CONFIDENCE, confidence_of_each
-from xfrustum.compare.scouting.strata import risk_of_look, share_beyond
+from xfrustum.compare.scouting.sample import CONFIDENCE
+from xfrustum.compare.scouting.strata import (
+    confidence_of_each_setting,
+    risk_of_look,
+    share_beyond,
+    share_beyond_at_least,
+)
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
@@ -21,7 +26,7 @@ class WorstRecord:
 
     aperture: tuple[int, int]
     displacement_p99_px: float | None
-    surface_fraction: float
+    surface_fraction: float | None
 
     @classmethod
     def of(cls, worst: WorstHogel) -> WorstRecord:
@@ -106,9 +111,23 @@ class Extent:
             return beyond / self.hogels
         if not self.complete:
             return None
-        each = confidence_of_each(settings)
-        risk = 1 - each if self.look is None else risk_of_look(self.look, each)
-        return share_beyond(beyond, self.judged, self.hogels, risk)
+        return share_beyond(beyond, self.judged, self.hogels, self._risk(settings))
+
+    def decides(self, beyond: int, settings: int, limit: float) -> bool:
+        """Return whether the share of one setting surely keeps a limit, or surely exceeds it.
+
+        That a survey stops where a share surely exceeds the limit costs no risk: what is claimed are the
+        upper bounds, and these hold at all looks together.
+        """
+        bound = self.bound(beyond, settings)
+        if bound is None or self.everything or bound <= limit:
+            return bound is not None
+        return share_beyond_at_least(beyond, self.judged, self.hogels, self._risk(settings)) > limit
+
+    def _risk(self, settings: int) -> float:
+        """Return the risk of a bound on one of several settings, at this look."""
+        each = confidence_of_each_setting(settings)
+        return 1 - each if self.look is None else risk_of_look(self.look, each)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,7 +148,7 @@ class Survey(Summarized[SurveyRecord]):
         Displacement beyond which a hogel is counted, and largest share of such hogels that was asked for;
         None where no share was.
     judged_by
-        What a hogel is beyond, in words.
+        Limits that counted hogels exceed, in words.
     workers, wall_s
         Number of processes, and wall seconds.
     """
@@ -167,6 +186,17 @@ class Survey(Summarized[SurveyRecord]):
             share_beyond_at_most=self.extent.bound(tally.beyond, len(self.tallies)),
             worst=WorstRecord.of(tally.worst[0]) if tally.worst else None,
         )
+
+    @property
+    def decided(self) -> bool:
+        """Whether every setting keeps the share that was asked for, or surely exceeds it.
+
+        True where no share was asked for.
+        """
+        if self.limit is None:
+            return True
+        several = len(self.tallies)
+        return all(self.extent.decides(tally.beyond, several, self.limit) for tally in self.tallies)
 
     @property
     def exceeded(self) -> bool:

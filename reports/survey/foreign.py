@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +20,7 @@ from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import HogelVerifier
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.plate import Plate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +43,21 @@ class ForeignPlate:
     encoding: Encoding | None = None
     near: float | None = None
     accept: tuple[str, ...] = ()
+
+    def state(self, plate: Plate) -> str:
+        """Return a digest of the names, sizes and times of all image files: it changes when any is written.
+
+        Every row depends on images all over the plate, from which the renderer's faults are diagnosed.
+        """
+        digest = hashlib.sha256()
+        for aperture in plate.apertures():
+            path = self.pattern.format(i=aperture.column, j=aperture.row)
+            try:
+                found = os.stat(path)  # noqa: PTH116 - a Path for each of millions of names takes as long again
+            except OSError:
+                continue
+            digest.update(f"{path}\0{found.st_size}\0{found.st_mtime_ns}\n".encode(errors="surrogateescape"))
+        return digest.hexdigest()
 
 
 @dataclass(frozen=True, kw_only=True)

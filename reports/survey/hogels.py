@@ -60,11 +60,6 @@ class HogelsJob(Job):
         """Word by which the dashboard groups its tasks."""
         return "survey"
 
-    @property
-    def row_kind(self) -> type:
-        """Dataclass of the rows."""
-        return DrawnRow
-
     def finished(self, number: int) -> bool:
         """Return whether a block has its part."""
         return self.parts.finished(number)

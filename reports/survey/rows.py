@@ -90,8 +90,9 @@ class DrawnRow:
     setting
         Number of the setting, from 0.
     beyond
-        Whether 1 % of its points or more are displaced by more than the tolerance; or nothing that could be
-        is, although more than `MAX_WRONG` of its pixels show the wrong surface.
+        Whether 1 % of its points or more are displaced by more than the tolerance, or more than `MAX_WRONG`
+        of its pixels show the wrong surface. Displacement alone does not see depth fighting or a lost object,
+        for all that is shown may be where it belongs.
     settings, comparison, causes, unexplained
         What `report` measures.
     depth
@@ -130,10 +131,9 @@ class DrawnRow:
 
 
 def beyond_tolerance(comparison: ComparisonNumbers, tolerance_px: float) -> bool:
-    """Return whether a drawing is beyond a tolerance of displacement; see `DrawnRow`."""
-    if comparison.displacement_px is not None:
-        return comparison.displacement_px.p99 > tolerance_px
-    return comparison.surface is not None and comparison.surface.fraction > MAX_WRONG
+    """Return whether a drawing is beyond a tolerance of displacement or `MAX_WRONG`; see `DrawnRow`."""
+    displaced = comparison.displacement_px is not None and comparison.displacement_px.p99 > tolerance_px
+    return displaced or (comparison.surface is not None and comparison.surface.fraction > MAX_WRONG)
 
 
 @dataclass(frozen=True, kw_only=True)

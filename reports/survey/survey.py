@@ -12,8 +12,12 @@ from typing import Any
 import pyarrow as pa
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.scouting.sample import confidence_of_each
-from xfrustum.compare.scouting.strata import GrowingSample, clean_sample, risk_of_look
+from xfrustum.compare.scouting.strata import (
+    GrowingSample,
+    clean_sample,
+    confidence_of_each_setting,
+    risk_of_look,
+)
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
 from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
@@ -37,7 +41,7 @@ ROWS = "survey.parquet"
 """Folder of the rows."""
 
 DEFAULT_SAMPLE = 300
-"""Hogels of a sample unless another number is asked for: if none of them is beyond the tolerance, at most 1 %
+"""Hogels of a sample unless another number is asked for: if none of them is beyond the limits, at most 1 %
 of all are, with a confidence of 95 % (0.95 to the power 1/299 is 0.99)."""
 
 
@@ -83,7 +87,7 @@ class Chosen:
         hogels = math.prod(plate.hogels)
         first = self.sample
         if self.until is not None:
-            first = clean_sample(self.until, hogels, risk_of_look(0, confidence_of_each(settings)))
+            first = clean_sample(self.until, hogels, risk_of_look(0, confidence_of_each_setting(settings)))
         if first is None or first >= hogels:
             return Tiles.of(plate, hogels_per_block(hogels, frustum, settings))
         sample = GrowingSample(plate=plate, first=first, seed=self.seed)
@@ -119,7 +123,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     chosen
         Which hogels are judged; a sample of `DEFAULT_SAMPLE` by default.
     tolerance_px
-        Displacement of 1 % of a hogel's points beyond which it is counted.
+        Displacement of 1 % of a hogel's points beyond which it is counted; it is counted too where more than
+        `MAX_WRONG` of its pixels show the wrong surface.
     tracer
         Tracer that gives the truth a second opinion.
     engine
@@ -170,7 +175,7 @@ def _job(
         blocks = chosen.blocks(scene, 1)
         job = ForeignJob(ticket=ticket, plate=foreign, tolerance_px=tolerance_px, blocks=blocks, parts=parts)
         several: tuple[DoubleFrustum | None, ...] = (None,)
-        work = {"images": foreign}
+        work = {"images": foreign, "state of the images": foreign.state(scene.plate)}
     else:
         drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
         if not drawn:
@@ -187,7 +192,7 @@ def _job(
             parts=parts,
         )
         several = drawn
-        work = {"settings": drawn, "tracer": tracer}
+        work = {"settings": drawn, "tracer": tracer, "max_wrong": MAX_WRONG}
     scene_description = {key: value for key, value in vars(ticket).items() if key != "source"}
     hogels = {key: value for key, value in vars(blocks).items() if not key.startswith("_")}
     parts.open(
@@ -220,7 +225,7 @@ class _Run:
                 complete = part.everything or all(map(self.job.finished, blocks.numbers(look)))
                 self._count(look)
                 found = self._survey(look, complete, team, begun)
-                if self._decided(found):
+                if found.decided:
                     break
             if complete:
                 pictures = self._pictured(found, team)
@@ -255,27 +260,10 @@ class _Run:
             ),
             tolerance_px=self.tolerance_px,
             limit=self.chosen.until,
-            judged_by=self._judged_by,
+            judged_by=f"beyond {self.tolerance_px:g} px or {percent(MAX_WRONG)} wrong",
             workers=team.workers,
             wall_s=time.perf_counter() - begun,
         )
-
-    @property
-    def _judged_by(self) -> str:
-        beyond = f"beyond {self.tolerance_px:g} px"
-        return f"{beyond} or {percent(MAX_WRONG)} wrong" if isinstance(self.job, ForeignJob) else beyond
-
-    def _decided(self, found: Survey) -> bool:
-        """Return whether a survey need not go on: every setting keeps the limit, or certainly exceeds it."""
-        limit = self.chosen.until
-        if limit is None:
-            return True
-        for number, tally in enumerate(found.tallies):
-            share = found.share(number).share_beyond_at_most
-            kept = share is not None and share <= limit
-            if not kept and tally.beyond <= limit * found.extent.hogels:
-                return False
-        return True
 
     def _pictured(self, found: Survey, team: Team) -> list[Pictured]:
         """Return the worst hogels of the best setting with their pictures, drawn anew."""

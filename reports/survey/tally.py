@@ -40,7 +40,7 @@ MAP_COLUMNS = {
 """Columns that are mapped where they have values, in words; columns of causes are found by their names."""
 
 
-@dataclass(frozen=True, kw_only=True, order=True)
+@dataclass(frozen=True, kw_only=True)
 class WorstHogel:
     """A hogel by how bad it is: first whether it is beyond, then by displacement, then by its wrong surfaces.
 
@@ -52,7 +52,8 @@ class WorstHogel:
         99th percentile of displacement; infinite where that is unknown of a hogel that is beyond, 0 where
         nothing is displaced.
     surface_fraction
-        Share of wrong surfaces; of images that name none, share of wrong pixels.
+        Share of wrong surfaces; of images that name none, share of wrong pixels; None for a hogel that is
+        missing.
     aperture
         Column and row.
     displacement_p99_px
@@ -61,7 +62,7 @@ class WorstHogel:
 
     beyond: bool
     badness: float
-    surface_fraction: float
+    surface_fraction: float | None
     aperture: tuple[int, int]
     displacement_p99_px: float | None
 
@@ -144,7 +145,7 @@ class Tally:
             WorstHogel(
                 beyond=bool(is_beyond),
                 badness=px if math.isfinite(px) else math.inf if is_beyond else 0.0,
-                surface_fraction=share if math.isfinite(share) else 0.0,
+                surface_fraction=share if math.isfinite(share) else None,
                 aperture=(column, row),
                 displacement_p99_px=px if math.isfinite(px) else None,
             )
@@ -155,7 +156,12 @@ class Tally:
         # Of equals the first on the plate is named, in whatever order parts are read.
         self.worst = sorted(
             (*self.worst, *found),
-            key=lambda one: (not one.beyond, -one.badness, -one.surface_fraction, one.aperture[::-1]),
+            key=lambda one: (
+                not one.beyond,
+                -one.badness,
+                -(one.surface_fraction or 0.0),
+                one.aperture[::-1],
+            ),
         )[:WORST_HOGELS]
 
     def _map(self, name: str, place: tuple[Indices, ...], values: Floats) -> None:

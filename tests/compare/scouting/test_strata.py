@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from xfrustum.compare.scouting.sample import confidence_of_each, share_at_most
-from xfrustum.compare.scouting.strata import GrowingSample, clean_sample, risk_of_look, share_beyond
+from xfrustum.compare.scouting.strata import (
+    GrowingSample,
+    clean_sample,
+    confidence_of_each_setting,
+    risk_of_look,
+    share_beyond,
+)
 from xfrustum.scenes import InputError, Plate
 
 SEEDS = 400
@@ -105,6 +111,7 @@ def test_bounds_hold_at_every_look_of_somebody_who_stops_as_soon_as_one_pleases(
 
 def test_the_risks_of_all_looks_add_up_to_what_is_allowed() -> None:
     assert sum(risk_of_look(look) for look in range(100_000)) == pytest.approx(0.05, rel=1e-4)
+    assert 3 * (1 - confidence_of_each_setting(3)) == pytest.approx(0.05)
     assert confidence_of_each(1) == 0.95
     assert confidence_of_each(3) ** 3 == pytest.approx(0.95)
 

@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import math
+import os
+import re
+import shutil
+import socket
 import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.reports.cluster.toy_work import ToyJob, made, parts_of
+from tests.reports.cluster.toy_work import ToyJob, ToySession, made, parts_of
 from tests.support.scene_file import film, named, part
+from xfrustum.cli.commands.survey import chosen_engine
 from xfrustum.compare.scouting.strata import GrowingSample
+from xfrustum.reports.cluster import run
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
+from xfrustum.reports.cluster.job import Answer, Job, do_block
 from xfrustum.reports.cluster.parts import Parts
+from xfrustum.reports.cluster.processes import DEVICE_VARIABLE
 from xfrustum.reports.cluster.run import Engine, Part, open_team, run_blocks
 from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.scenes import Frustum, InputError, Plate, open_scene
@@ -108,27 +119,60 @@ def test_a_block_that_somebody_else_is_making_is_waited_for(
     job = ToyJob.at(tmp_path)
     with job.claims() as other:
         assert other.take(3)
-        run = threading.Thread(target=all_done, args=(job,))
-        run.start()
-        run.join(0.5)
-        assert run.is_alive()
+        work = threading.Thread(target=all_done, args=(job,))
+        work.start()
+        work.join(0.5)
+        assert work.is_alive()
         assert not job.finished(3)
         other.release(3)
-        run.join(60)
-    assert not run.is_alive()
+        work.join(60)
+    assert not work.is_alive()
     assert parts_of(tmp_path) == undisturbed
     assert len(made(tmp_path)) == len(job.numbers)
+
+
+def test_blocks_that_workers_finish_where_nobody_sees_them_are_no_end_of_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "MAX_UNSEEN_S", 0.5)
+    rounds = []
+
+    class Elsewhere:
+        """Workers whose folder has the same name and is another one."""
+
+        workers = 1
+
+        def finished(self, job: Job, numbers: Iterator[int]) -> Iterator[int]:
+            rounds.append(1)
+            yield from numbers
+
+        def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
+            raise NotImplementedError
+
+    job = ToyJob.at(tmp_path)
+    with pytest.raises(InputError, match="a file system that the command and all workers share"):
+        run_blocks(job, job.numbers, Elsewhere(), job.blocks.hogels(0), "toy")
+    assert 1 < len(rounds) < 10
+
+
+def test_a_worker_that_does_not_see_the_folder_says_so_and_where_it_is(tmp_path: Path) -> None:
+    job = ToyJob.at(tmp_path)
+    shutil.rmtree(job.parts.folder)
+    with pytest.raises(
+        InputError, match=rf"all workers share \(worker on {re.escape(socket.gethostname())}\)"
+    ):
+        do_block(job, 0)
 
 
 def test_two_who_do_the_same_work_at_once_do_nothing_twice(
     tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     job = ToyJob.at(tmp_path, seconds=0.01)
-    runs = [threading.Thread(target=all_done, args=(job,)) for _ in range(2)]
-    for run in runs:
-        run.start()
-    for run in runs:
-        run.join()
+    both = [threading.Thread(target=all_done, args=(job,)) for _ in range(2)]
+    for one in both:
+        one.start()
+    for one in both:
+        one.join()
     assert parts_of(tmp_path) == undisturbed
     assert sorted(number for number, _ in made(tmp_path)) == list(job.numbers)
 
@@ -139,7 +183,10 @@ def test_a_folder_is_continued_with_the_same_work_alone(tmp_path: Path) -> None:
     parts.open({"scene": "a", "near": 1})
     with pytest.raises(InputError, match="begun with another near"):
         parts.open({"scene": "a", "near": 2})
+    (tmp_path / "empty").mkdir()
+    Parts(out=tmp_path, name="empty").open({})
     (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "rows.parquet").touch()
     with pytest.raises(InputError, match="was not begun by this command"):
         Parts(out=tmp_path, name="mine").open({})
 
@@ -155,12 +202,50 @@ def test_a_scene_travels_by_path_and_another_one_is_refused(tmp_path: Path) -> N
         ticket.open()
 
 
+def test_a_built_in_scene_travels_by_its_name_whatever_lies_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = open_scene("car")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "car").mkdir()
+    assert SceneTicket.of(scene).source == "car"
+
+
+def test_a_scene_that_was_made_in_memory_stays_in_its_process(tmp_path: Path) -> None:
+    job, scene = ToyJob.at(tmp_path), replace(open_scene("car"), source="")
+    with (
+        pytest.raises(InputError, match="has no file or name by which workers could open it"),
+        open_team(Engine(workers=2), len(job.numbers), scene),
+    ):
+        pass
+    with open_team(Engine(workers=1), len(job.numbers), scene) as team:
+        run_blocks(job, job.numbers, team, job.blocks.hogels(0), "toy")
+    assert all(map(job.finished, job.numbers))
+
+
+def device_of(session: ToySession) -> str | None:
+    return os.environ.get(DEVICE_VARIABLE)
+
+
+def test_one_process_draws_on_the_device_that_it_is_given(tmp_path: Path) -> None:
+    before = os.environ.get(DEVICE_VARIABLE)
+    job, scene = ToyJob.at(tmp_path), open_scene("car")
+    with open_team(Engine(workers=1, devices=(3, 4)), len(job.numbers), scene) as team:
+        assert team.ask(job, device_of) == "3"
+    assert os.environ.get(DEVICE_VARIABLE) == before
+
+
+def test_a_job_array_of_one_job_is_one_process() -> None:
+    assert chosen_engine(None, None, None, (1, 1)).process_count(1000) == 1
+
+
 def test_strange_wishes_are_refused() -> None:
     for wish in (
         lambda: Part(number=0, count=3),
         lambda: Part(number=4, count=3),
         lambda: Engine(workers=0),
         lambda: Engine(scheduler="tcp://host:1", workers=2),
+        lambda: Engine(scheduler="tcp://host:1", devices=(0,)),
         lambda: Engine(part=Part(number=1, count=2), workers=2),
     ):
         with pytest.raises(InputError):

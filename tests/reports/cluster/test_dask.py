@@ -18,6 +18,7 @@ import pytest
 
 from tests.reports.cluster.toy_work import ToyJob, made, parts_of, process_of
 from tests.support.processes import signals_by_default
+from xfrustum.reports.cluster import cluster
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
 from xfrustum.scenes import InputError, open_scene
 
@@ -126,6 +127,26 @@ def test_a_killed_worker_and_a_restarted_scheduler_change_no_byte(
             assert not work.is_alive()
     assert parts_of(tmp_path) == undisturbed
     assert sorted(number for number, _ in made(tmp_path)) == list(job.numbers)
+
+
+@pytest.mark.slow
+def test_a_scheduler_may_be_gone_for_longer_than_a_client_tries(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "CONNECT_S", 1)
+    port, job = free_port(), ToyJob.at(tmp_path, seconds=0.4)
+    work = threading.Thread(target=run, args=(job, Engine(scheduler=f"tcp://127.0.0.1:{port}")))
+    with dask(*scheduler(port)), dask(*worker(port)):
+        time.sleep(4)  # a client that tries for a second only must find it there
+        work.start()
+        wait_for_blocks(tmp_path, 2)
+    time.sleep(6)
+    assert work.is_alive()
+    assert len(made(tmp_path)) < len(job.numbers)
+    with dask(*scheduler(port)), dask(*worker(port)):
+        work.join(LONGEST_WAIT_S)
+        assert not work.is_alive()
+    assert parts_of(tmp_path) == undisturbed
 
 
 @pytest.mark.slow

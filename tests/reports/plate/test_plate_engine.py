@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import subprocess
 import sys
@@ -45,6 +46,24 @@ def test_parts_of_a_job_array_make_the_plate_between_them(
     out = tmp_path / "x.zarr"
     assert drawn(scene_path, out, "--part", "2/2") != alone
     assert drawn(scene_path, out, "--part", "1/2") == alone
+
+
+def test_what_was_damaged_is_drawn_again_and_told(
+    scene_path: Path, alone: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "x.zarr"
+    for name, content in alone.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_bytes(content)
+    shard = out / "color" / "c" / "0" / "0" / "0" / "0" / "0"
+    shard.write_bytes(shard.read_bytes()[:-1])
+    (out / "color" / "zarr.json").write_text("{}")
+    capsys.readouterr()
+    assert drawn(scene_path, out, "--part", "1/1", "--json") == alone
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["damaged"] == json.loads(printed.out)["drawn"] == 4
+    assert "4 hogels were damaged, and drawn again" in printed.err
+    assert "the description of color was damaged" in printed.err
 
 
 @pytest.mark.slow

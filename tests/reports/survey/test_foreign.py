@@ -64,8 +64,32 @@ def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
     said = json.loads((out / "survey.json").read_text())
     assert said["beyond"] == sum(not hogel.passed for hogel in verified.hogels) > 1
     # A hogel that is missing is worse than any that is wrong.
-    assert said["worst"] == {"aperture": [2, 1], "displacement_p99_px": None, "surface_fraction": 0.0}
-    assert "This hogel is missing" in (out / "index.html").read_text()
+    assert said["worst"] == {"aperture": [2, 1], "displacement_p99_px": None, "surface_fraction": None}
+    page = (out / "index.html").read_text()
+    assert "<b>2,1</b>: missing</summary>" in page
+    assert "This hogel is missing" in page
+
+
+def test_images_that_were_drawn_again_are_another_survey(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "box.toml"
+    path.write_text(
+        named("box") + film((20, 8), (2, 1), (16, 16), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
+    )
+    scene = open_scene(path)
+    pattern, out = tmp_path / "{i}x{j}.exr", tmp_path / "survey"
+    with Rasterizer(scene) as rasterizer:
+        for near in (0.001, 5.0):
+            for aperture in scene.plate.apertures():
+                image = rasterizer.render(aperture, DoubleFrustum(near=near))
+                write_image(Path(str(pattern).format(i=aperture.column, j=aperture.row)), image)
+            status = survey_of(path, pattern, out)
+            assert status == (0 if near < 1 else 2)
+    assert "begun with another state of the images" in capsys.readouterr().err
+    # The images as they are now are judged in a folder of their own, and are not right any more.
+    assert survey_of(path, pattern, tmp_path / "again") == 1
+    assert survey_of(path, pattern, tmp_path / "again") == 1
 
 
 @pytest.mark.slow

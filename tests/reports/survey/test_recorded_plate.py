@@ -12,8 +12,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from xfrustum.compare.scouting.sample import confidence_of_each
-from xfrustum.compare.scouting.strata import GrowingSample, clean_sample, risk_of_look, share_beyond
+from xfrustum.compare.scouting.strata import (
+    GrowingSample,
+    clean_sample,
+    confidence_of_each_setting,
+    risk_of_look,
+    share_beyond,
+)
+from xfrustum.reports.survey.answer import Extent
 from xfrustum.scenes import Plate
 from xfrustum.scenes.arrays import Floats, Mask
 
@@ -59,7 +65,7 @@ def test_bounds_of_samples_hold_for_the_plate(
 
 def test_bounds_on_several_tolerances_hold_together(displaced: Floats, plate: Plate) -> None:
     tolerances = (0.5, 2.0, 6.0)
-    risk = 1 - confidence_of_each(len(tolerances))
+    risk = 1 - confidence_of_each_setting(len(tolerances))
     holds = 0
     for seed in range(SEEDS):
         places = GrowingSample(plate=plate, first=150, seed=seed).places(0)
@@ -71,7 +77,7 @@ def test_bounds_on_several_tolerances_hold_together(displaced: Floats, plate: Pl
 
 
 @pytest.mark.parametrize("limit", [0.05, 0.1])
-def test_who_stops_at_a_bound_is_told_no_lie(displaced: Floats, plate: Plate, limit: float) -> None:
+def test_bounds_hold_wherever_the_survey_stops(displaced: Floats, plate: Plate, limit: float) -> None:
     wrong = beyond(displaced, 6.0)
     assert 0.04 < wrong.mean() < 0.05
     told_right = 0
@@ -85,3 +91,35 @@ def test_who_stops_at_a_bound_is_told_no_lie(displaced: Floats, plate: Plate, li
                 break
         told_right += bound >= wrong.mean()
     assert told_right >= MIN_HOLDING
+
+
+def judged_until(wrong: Mask, plate: Plate, limit: float, seed: int) -> tuple[Extent, int]:
+    """Return where a survey with `--until` stops, and how many hogels beyond it has found."""
+    first = clean_sample(limit, wrong.size, risk_of_look(0))
+    sample = GrowingSample(plate=plate, first=first, seed=seed)
+    for look in range(sample.looks):
+        places = sample.places(look)
+        extent = Extent(hogels=wrong.size, judged=len(places), look=look, seed=seed, complete=True)
+        found = int(wrong[places].sum())
+        if extent.decides(found, 1, limit):
+            break
+    return extent, found
+
+
+@pytest.mark.parametrize(("tolerance_px", "limit"), [(0.5, 0.1), (6.0, 0.02), (6.0, 0.1)])
+def test_a_survey_stops_where_its_limit_is_surely_kept_or_exceeded(
+    displaced: Floats, plate: Plate, tolerance_px: float, limit: float
+) -> None:
+    wrong = beyond(displaced, tolerance_px)
+    right = hogels = certain = 0
+    for seed in range(SEEDS // 4):
+        extent, found = judged_until(wrong, plate, limit, seed)
+        kept = extent.bound(found, 1)
+        assert kept is not None
+        right += (kept <= limit) == (wrong.mean() <= limit)
+        hogels += extent.judged
+        certain += found > limit * wrong.size
+    assert right >= SEEDS // 4 - 2
+    # It does not go on until more than the limit allows have been seen.
+    assert wrong.mean() <= limit or certain < SEEDS // 4
+    assert hogels < SEEDS // 4 * wrong.size

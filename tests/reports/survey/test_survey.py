@@ -7,17 +7,22 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
 from xfrustum.cli.main import main
+from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.reports.cluster.run import Engine
+from xfrustum.reports.survey.rows import beyond_tolerance
 from xfrustum.reports.survey.survey import Chosen, survey
 from xfrustum.scenes import Scene
 
@@ -68,7 +73,8 @@ def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: 
         aperture.index for aperture in scene.plate.apertures()
     )
     said = json.loads((whole / "survey.json").read_text())
-    beyond = np.array(rows["displacement_px_p99"].to_pylist(), dtype=float) > 0.5
+    displaced = np.array(rows["displacement_px_p99"].to_pylist(), dtype=float) > 0.5
+    beyond = displaced | (np.array(rows["surface_fraction"].to_pylist(), dtype=float) > 0.01)
     assert (said["hogels"], said["judged"], said["beyond"]) == (20, 20, int(beyond.sum()))
     assert 0 < said["beyond"] < 20
     assert (said["share_beyond_at_most"], said["confidence"]) == (said["beyond"] / 20, 1.0)
@@ -76,6 +82,19 @@ def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: 
     assert said["worst"]["aperture"] == [rows["column"][worst].as_py(), rows["row"][worst].as_py()]
     assert said["sentence"].startswith(f"{said['beyond']} of the 20 hogels (")
     assert [one["settings"]["near"] for one in said["settings"]] == [NEAR]
+
+
+@given(st.floats(0, 10), st.floats(0, 1), st.floats(0.01, 10))
+def test_a_hogel_is_beyond_by_its_displacement_or_by_its_wrong_surfaces(
+    p99_px: float, fraction: float, tolerance_px: float
+) -> None:
+    """Depth fighting and a lost object leave everything else where it belongs."""
+    moved = Spread(rms=p99_px, p50=p99_px, p95=p99_px, p99=p99_px, max=p99_px)
+    surface = SimpleNamespace(fraction=fraction)
+    for displacement in (moved, None):
+        comparison: Any = SimpleNamespace(displacement_px=displacement, surface=surface)
+        is_displaced = displacement is not None and p99_px > tolerance_px
+        assert beyond_tolerance(comparison, tolerance_px) == (is_displaced or fraction > 0.01)
 
 
 def test_a_row_has_the_numbers_and_the_causes_of_its_hogel(whole: Path, scene: Scene) -> None:
@@ -156,7 +175,7 @@ def test_a_sample_gives_a_bound_that_holds_for_the_whole_plate(
     # The best setting is told.
     assert fine["beyond"] == 0 == said["beyond"]
     assert said["share_beyond_at_most"] == fine["share_beyond_at_most"] < coarse["share_beyond_at_most"]
-    # Sidak: with two settings each bound is wider than with one.
+    # Bonferroni: with two settings each bound is wider than with one.
     assert fine["share_beyond_at_most"] > 1.0 - 0.05 ** (1 / 9)
 
 

@@ -240,4 +240,6 @@ def chosen_engine(
     from xfrustum.reports.cluster.run import Engine, Part
 
     parts = Part() if part is None else Part(number=part[0], count=part[1])
+    if part is not None and scheduler is None and workers is None:
+        workers = 1  # also for part 1/1: a job array may have one job
     return Engine(scheduler=scheduler, workers=workers, devices=devices or (), part=parts)
