@@ -1,7 +1,7 @@
 """The choice between Dr.Jit on LLVM and NumPy, and of the number of threads that run Dr.Jit's kernels.
 
-Dr.Jit's threads wait busily for up to 20 ms after each kernel. With images of up to half a million pixels this
-takes more of the processors than the kernels themselves, and takes it from whatever else runs beside them.
+Dr.Jit's threads wait busily for up to 20 ms after each kernel. With images of up to half a million pixels
+this takes more of the processors than the kernels themselves, and takes it from what runs beside them.
 """
 
 from __future__ import annotations
