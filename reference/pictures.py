@@ -42,7 +42,7 @@ class Pictures:
 
     @cached_property
     def _compiled(self) -> JitPictures | None:
-        """What makes images compiled; None where nothing can be compiled or seen."""
+        """The compiled maker of images; None where nothing can be compiled or seen."""
         if not compiled() or not len(self._scene.faces):
             return None
         # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.

@@ -1,7 +1,7 @@
 """Hogels judged: many of the project's own rasterizer, and one of a foreign renderer.
 
-charging         What charging the wrong pixels of one hogel's drawings to causes needs, found once for
-                 all of them
+charging         The predictor and the chains by which wrong pixels of one hogel's drawings are charged
+                 to causes
 engine           The one engine that draws and judges many hogels: drawing, tracing and judging overlap
 foreign_cameras  The cameras of a foreign renderer, with bounds of rounding for a precision that nobody
                  has stated

@@ -1,4 +1,4 @@
-"""What charging the wrong pixels of one hogel's drawings to causes needs, found once for all of them."""
+"""The predictor and the chains by which wrong pixels of one hogel's drawings are charged to causes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-PREPARED = ({"exact": "exact", "steps": "causes", "surface_charge": "causes"}, {"rounding": "causes"})
+PREPARED_STAGES = ({"exact": "exact", "steps": "causes", "surface_charge": "causes"}, {"rounding": "causes"})
 """Stages of the properties of a `ChainStart` that are found side by side before the first frame is charged.
 Comparing the frame with exact depth has one of its own: beside that frame, those of all depth buffers are
 compared in little time."""
@@ -77,8 +77,8 @@ class Charging:
             )
 
     def prepare(self, pool: Executor, start: Future[ChainStart]) -> tuple[Future[None], ...]:
-        """Have the properties in `PREPARED` found side by side."""
-        return tuple(pool.submit(self._find, start, parts) for parts in PREPARED)
+        """Have the properties in `PREPARED_STAGES` found side by side."""
+        return tuple(pool.submit(self._find, start, parts) for parts in PREPARED_STAGES)
 
     def _find(self, start: Future[ChainStart], parts: Mapping[str, str]) -> None:
         ready = start.result()

@@ -192,7 +192,7 @@ class _Hogel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Charged:
-    """What charging a hogel's frames of the same cameras waits for."""
+    """The tasks that must end before a hogel's frames of the same cameras are charged to causes."""
 
     predictor: Future[Predictor]
     start: Future[ChainStart]
@@ -210,7 +210,7 @@ class _Task:
     beside
         Frame of the same cameras that is judged first; None where there is no other, or causes are wanted.
     charged
-        What charging it to causes waits for; None where causes are not wanted.
+        Tasks that must end before it is charged to causes; None where causes are not wanted.
     """
 
     hogel: _Hogel

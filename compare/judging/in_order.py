@@ -18,13 +18,14 @@ MAX_CONCURRENT_PIXELS = 1 << 23
 """Largest number of pixels of all images that are judged or wait for it, unless two images have more. An
 image takes about 200 bytes a pixel with its truth and its error maps, so that this is 1.6 GB."""
 
-FEWEST_PIXELS = 1 << 19
-"""Pixels of images that are under way where each is small: two groups of those that are traced together."""
+MIN_PIXELS_UNDER_WAY = 1 << 19
+"""Smallest number of pixels of all images that are judged or wait for it, where each image is small: judging
+one takes so little time that several have to be there for a thread, lest the thread waits."""
 
 
 def images_under_way(pixels: int) -> int:
     """Return how many images of so many pixels are judged or wait for it at a time."""
-    wanted = max(worker_count() + 1, FEWEST_PIXELS // pixels)
+    wanted = max(worker_count() + 1, MIN_PIXELS_UNDER_WAY // pixels)
     return max(2, min(wanted, MAX_CONCURRENT_PIXELS // pixels))
 
 

@@ -44,25 +44,25 @@ def _table(rows: NDArray[Any]) -> Table:
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 
-LEAST_LOGARITHM = -1000.0
+MIN_LOG2 = -1000.0
 """Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
 for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
 
 
-MOST_DIGITS = 10
-"""Most binary digits of whole exponents for which squarings are faster than a logarithm. Their roundings add
-up to 2^10 2^-53 at most, far below those of a float32."""
+MAX_SQUARING_DIGITS = 10
+"""Largest number of binary digits of whole exponents for which squarings are faster than a logarithm. Their
+roundings add up to 2^10 2^-53 at most, far below those of a float32."""
 
 
 def _power(base: Any, exponent: Any, where: Any, digits: int | None) -> Any:
-    if digits is not None and digits <= MOST_DIGITS:
+    if digits is not None and digits <= MAX_SQUARING_DIGITS:
         whole, power = UInt32(exponent), Float64(1.0)
         for digit in range(digits):
             power = dr.select((whole >> digit) & 1 == 1, power * base, power)
             base = base * base
         return dr.select(where, power, 0.0)
     logarithm = exponent * dr.log2(dr.select(where, base, 1.0))
-    return dr.select(where, dr.exp2(dr.maximum(logarithm, LEAST_LOGARITHM)), 0.0)
+    return dr.select(where, dr.exp2(dr.maximum(logarithm, MIN_LOG2)), 0.0)
 
 
 def _constants(values: Sequence[float]) -> list[Any]:

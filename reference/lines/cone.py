@@ -43,6 +43,7 @@ def cross_magnitude(a: Coordinates, b: Coordinates) -> list[Any]:
 
 
 def _dot(a: Coordinates, b: Coordinates) -> Any:
+    # The sums have another order than in `arithmetic.dot`, which would change the last bits of places.
     return a[0] * b[0] + a[2] * b[2] + a[1] * b[1]
 
 

@@ -1,4 +1,4 @@
-"""What a line may meet before its end, by the bounds of double precision: one text for all arithmetics."""
+"""Surfaces that a line may meet before its end, by the bounds of double precision, on NumPy and Dr.Jit."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from xfrustum.reference.certify.narrow import UNDERFLOW
-from xfrustum.reference.devices.arithmetic import Arithmetic
-from xfrustum.reference.lines.cone import EDGES, ROUNDING
+from xfrustum.reference.devices.arithmetic import Arithmetic, Coordinates, cross, difference
+from xfrustum.reference.lines.cone import EDGES, ROUNDING, Planes, cross_magnitude
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Indices, Mask
-
-Triple = tuple[Any, Any, Any]
-"""Three arrays: the coordinates of vectors."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,47 +96,21 @@ def film_numbers(pencil: Pencil) -> list[float]:
 class Surfaces:
     """Triangles with the bounds of their rounding, as arrays of any library; see `Cones`."""
 
-    edge: list[Triple]
-    edge_magnitude: list[Triple]
-    normal: Triple
-    normal_magnitude: Triple
-    plane: Any
-    plane_bound: Any
+    edge: list[Coordinates]
+    edge_magnitude: list[Coordinates]
+    planes: Planes
     holds: Any
 
     @classmethod
-    def of(cls, corners: Sequence[Triple], center: Sequence[Any], holds: Any, by: Arithmetic) -> Surfaces:
+    def of(cls, corners: Sequence[Coordinates], center: Coordinates, holds: Any, by: Arithmetic) -> Surfaces:
         """Return triangles, given their three corners in scene units, about the center of a pencil."""
-        seen = [_minus(corner, center) for corner in corners]
-        first, second = _minus(corners[1], corners[0]), _minus(corners[2], corners[0])
-        normal, magnitude = _cross(first, second), _cross_magnitude(first, second)
-        x, y, z = seen[0]
-        plane = x * normal[0] + y * normal[1] + z * normal[2]
-        bound = ROUNDING * (abs(x) * magnitude[0] + abs(y) * magnitude[1] + abs(z) * magnitude[2])
+        seen = [difference(corner, center) for corner in corners]
         return cls(
-            edge=[_cross(seen[i], seen[j]) for i, j in EDGES],
-            edge_magnitude=[_cross_magnitude(seen[i], seen[j]) for i, j in EDGES],
-            normal=normal,
-            normal_magnitude=magnitude,
-            # Where the center lies in the triangle both are exactly zero.
-            plane=by.select(holds, 0.0, plane),
-            plane_bound=by.select(holds, 0.0, bound),
+            edge=[cross(seen[i], seen[j]) for i, j in EDGES],
+            edge_magnitude=[cross_magnitude(seen[i], seen[j]) for i, j in EDGES],
+            planes=Planes.of(by, corners, center, holds),
             holds=holds,
         )
-
-
-def _minus(a: Sequence[Any], b: Sequence[Any]) -> Triple:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _cross(a: Triple, b: Triple) -> Triple:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _cross_magnitude(a: Triple, b: Triple) -> Triple:
-    """Return the sums of absolute products in a x b, to which its rounding errors are relative."""
-    (ax, ay, az), (bx, by, bz) = (tuple(abs(value) for value in vector) for vector in (a, b))
-    return ay * bz + az * by, az * bx + ax * bz, ax * by + ay * bx
 
 
 def meeting(on: Surfaces, dx: Any, dy: Any, ends: tuple[Any, Any], by: Arithmetic) -> tuple[Any, Any]:
@@ -172,18 +143,22 @@ def meeting(on: Surfaces, dx: Any, dy: Any, ends: tuple[Any, Any], by: Arithmeti
     outside = (positive[0] | positive[1] | positive[2]) & (negative[0] | negative[1] | negative[2])
     # With a certain sign of the slope d . n, the line meets the plane before s = e where the plane's distance
     # less e times the slope has the other sign: no quotient is needed.
-    slope = on.normal[0] * dx + on.normal[1] * dy - on.normal[2]
-    magnitude = on.normal_magnitude
+    planes = on.planes
+    slope = planes.normal[0] * dx + planes.normal[1] * dy - planes.normal[2]
+    magnitude = planes.normal_magnitude
     slope_bound = ROUNDING * (across * magnitude[0] + down * magnitude[1] + magnitude[2])
     certain = abs(slope) > slope_bound
     side = by.select(slope > 0, 1.0, -1.0)
     beyond, doubt = [], []
     for end in ends:
         share = end * slope
-        beyond.append(side * (on.plane - share))
+        beyond.append(side * (planes.plane - share))
         # The bounds of both terms, and the roundings of this sum and of its bound.
         doubt.append(
-            on.plane_bound + abs(end) * slope_bound + ROUNDING * (abs(on.plane) + abs(share)) + UNDERFLOW
+            planes.plane_bound
+            + abs(end) * slope_bound
+            + ROUNDING * (abs(planes.plane) + abs(share))
+            + UNDERFLOW
         )
     possible = ~certain | ((beyond[0] >= -doubt[0]) & (beyond[1] <= doubt[1]))
     sure = certain & (beyond[0] >= doubt[0]) & (beyond[1] < -doubt[1])

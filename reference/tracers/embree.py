@@ -56,13 +56,12 @@ class EmbreeTracer:
         """Name and version of the tracer, for reports."""
         return {"embreex": version("embreex")}
 
-    def first_hits(self, origins: Floats, directions: Floats, until: Floats | None = None) -> Numbers:
+    def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
 
         def trace(part: slice) -> Numbers:
-            ends = {} if until is None else {"dists": self._scaled(until[part])}
             found: Numbers = self._embree.run(
-                self._scaled(origins[part]), directions[part].astype(np.float32), **ends
+                self._scaled(origins[part]), directions[part].astype(np.float32)
             )
             return found
 

@@ -53,7 +53,7 @@ class MitsubaTracer:
         """Name and version of the tracer, its variant and its LLVM, for reports."""
         return self._backend.versions
 
-    def first_hits(self, origins: Floats, directions: Floats, until: Floats | None = None) -> Numbers:
+    def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         if self._scene is None:
@@ -61,9 +61,8 @@ class MitsubaTracer:
         trace = self._one_by_one if self._backend.scalar else self._together
         for start in range(0, len(origins), RAYS_PER_CALL):
             part = slice(start, start + RAYS_PER_CALL)
-            ends = None if until is None else (until[part] * self.scale).astype(np.float32)
             hits[part] = trace(
-                (origins[part] * self.scale).astype(np.float32), directions[part].astype(np.float32), ends
+                (origins[part] * self.scale).astype(np.float32), directions[part].astype(np.float32)
             )
         return hits
 
@@ -85,26 +84,22 @@ class MitsubaTracer:
         met = self._scene.ray_intersect_preliminary(ray, coherent=True)
         return self._backend.drjit.select(met.is_valid(), self._int(met.prim_index), NOTHING)
 
-    def _together(self, origins: Singles, directions: Singles, ends: Singles | None) -> Numbers:
+    def _together(self, origins: Singles, directions: Singles) -> Numbers:
         dr = self._backend.drjit
         assert self._scene is not None
         # Dr.Jit's arrays of vectors hold each coordinate in one piece.
         ray = self._ray(self._point(_coordinates(origins)), self._vector(_coordinates(directions)))
-        if ends is not None:
-            ray.maxt = self._float(ends)
         met = self._scene.ray_intersect_preliminary(ray, coherent=True)
         hits: Numbers = dr.select(met.is_valid(), self._int(met.prim_index), NOTHING).numpy()
         return hits
 
-    def _one_by_one(self, origins: Singles, directions: Singles, ends: Singles | None) -> Numbers:
+    def _one_by_one(self, origins: Singles, directions: Singles) -> Numbers:
         assert self._scene is not None
         trace = self._scene.ray_intersect_preliminary
         hits = np.full(len(origins), NOTHING, dtype=np.int32)
         # One ray at a time: as Python objects, all rays together would take a hundred times the memory.
         for i in range(len(origins)):
             ray = self._ray(origins[i].tolist(), directions[i].tolist())
-            if ends is not None:
-                ray.maxt = float(ends[i])
             met = trace(ray)
             if met.is_valid():
                 hits[i] = met.prim_index

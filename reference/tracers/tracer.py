@@ -21,15 +21,13 @@ class Tracer(Protocol):
     def versions(self) -> dict[str, str]:
         """Names and versions for reports."""
 
-    def first_hits(self, origins: Floats, directions: Floats, until: Floats | None = None) -> Numbers:
+    def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,), `NOTHING` where there is none.
 
         Parameters
         ----------
         origins, directions
             (N, 3) scene units; directions need no unit length.
-        until
-            (N,) end of each ray, in lengths of its direction; None for rays without end.
         """
 
 
