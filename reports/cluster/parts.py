@@ -1,8 +1,8 @@
 """A folder of Parquet parts, one for each block, each there whole or not at all.
 
 A part is written aside and renamed when it is on the disk: a part that is there is a block that is finished,
-whatever happened to the process that wrote it. What is not whole was damaged from outside, and counts as
-missing. The folder says what its rows were made from, and refuses to be continued with anything else.
+whatever happened to the process that wrote it. A part that is not whole was damaged from outside, and counts
+as missing. The folder says what its rows were made from, and refuses to be continued with anything else.
 """
 
 from __future__ import annotations

@@ -278,6 +278,6 @@ def percent_up(share: float) -> str:
     if share <= 0 or share >= 1:
         return f"{100 * share:.0f} %"
     step = 10.0 ** (math.floor(math.log10(100 * share)) - 1)
-    # What is a number of two digits but for rounding stays that number.
+    # A share that is a number of two digits but for rounding stays that number.
     rounded = math.ceil(100 * share / step - 1e-9) * step
     return f"{min(rounded, 100.0):.3g} %"

@@ -1,6 +1,6 @@
 """All rows of a survey in bounded memory: counts, maps, distributions and the worst hogels.
 
-Rows are read part by part. What is kept of them does not grow with their number: a map has at most
+Rows are read part by part. The numbers that are kept do not grow with the rows: a map has at most
 `MAX_MAP_CELLS` cells along a side, in which the worst hogel counts.
 """
 
@@ -68,7 +68,7 @@ class WorstHogel:
 
 
 class Tally:
-    """What is kept of the rows of one setting.
+    """Counts, maps and the worst hogels of the rows of one setting.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ def test_the_bound_for_draws_with_replacement_is_conservative_for_draws_without(
         assert risk <= 0.05
 
 
-def test_bounds_hold_at_every_look_of_somebody_who_stops_as_soon_as_one_pleases() -> None:
+def test_bounds_hold_wherever_a_survey_stops() -> None:
     wrong = np.zeros(1000, dtype=bool)
     wrong[np.random.default_rng(2).permutation(1000)[:55]] = True
     lies, first = 0, clean_sample(0.05, 1000, risk_of_look(0))

@@ -192,9 +192,12 @@ def test_until_stops_at_the_bound_or_where_it_cannot_be_reached(
 def test_a_stated_tolerance_that_is_exceeded_is_a_no(
     scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ("--near", str(NEAR), "--sample", "3")
-    assert surveyed(scene_path, tmp_path / "a", capsys, *words, "--tolerance-px", "0.01")["status"] == 1
+    words = ("--near", "0.001", "--sample", "3")
+    assert surveyed(scene_path, tmp_path / "a", capsys, *words, "--tolerance-px", "0.00001")["status"] == 1
     assert surveyed(scene_path, tmp_path / "b", capsys, *words, "--tolerance-px", "50")["status"] == 0
+    # No displacement that is allowed allows wrong surfaces.
+    coarse = ("--near", str(NEAR), "--sample", "3", "--tolerance-px", "50")
+    assert surveyed(scene_path, tmp_path / "c", capsys, *coarse)["status"] == 1
 
 
 @pytest.mark.parametrize(
