@@ -87,7 +87,7 @@ def assert_all_is_explained(found: list[tuple[DoubleFrustum, Chain, Budget]]) ->
         assert sum(budget.explanation.counts().values()) == charged[-2] + charged[-1]
 
 
-@pytest.mark.parametrize("name", thinned(SCENES, 2))
+@pytest.mark.parametrize("name", thinned(SCENES, 4))
 def test_nothing_is_left_unexplained(name: str) -> None:
     """Five settings on each scene; on all scenes together every option with every near and depth buffer."""
     assert_all_is_explained(budgets(name, some_kinds(name), SMALL_FILM))

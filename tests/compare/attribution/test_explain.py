@@ -61,7 +61,7 @@ def assert_explained(name: str, nears: tuple[float, ...]) -> None:
     assert [row for row in report if row[3]["unexplained"]] == []
 
 
-@pytest.mark.parametrize("name", thinned(SCENES, 2))
+@pytest.mark.parametrize("name", thinned(SCENES, 4))
 def test_the_rasterizer_draws_its_model_and_nothing_is_unexplained(name: str) -> None:
     assert_explained(name, QUICK_NEARS)
 

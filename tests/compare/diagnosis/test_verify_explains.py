@@ -148,6 +148,7 @@ def _flattened(scene: Scene, height: float) -> Any:
     return vertices
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("front", [Front.NEAREST, pytest.param(Front.MISSING, marks=pytest.mark.slow)])
 def test_colors_tell_which_surface_of_the_viewers_half_wins(front: Front) -> None:
     scene = small(CENTERED, SIZE)

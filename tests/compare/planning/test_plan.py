@@ -118,6 +118,7 @@ def test_what_the_scene_has_beside_the_film_is_kept_out_of_the_picture(name: str
     assert made.near is not None and made.near < near
 
 
+@pytest.mark.slow
 def test_a_surface_through_the_aperture_itself_leaves_no_plan_and_nothing_else_would_do() -> None:
     """The cameras draw only the part of such a surface that is closer than n: no n is small enough."""
     scene, requirement = view("crossing", SMALL), Requirement()

@@ -131,6 +131,7 @@ class TestTracer:
         mine[np.flatnonzero(beyond)[along > sum(scene.frustum.reach)]] = NOTHING
         assert len(unexplained(scene, mine, truth, o, d)) == 0
 
+    @pytest.mark.slow
     def test_an_answer_of_the_next_pixel_is_not_explained(self) -> None:
         scene = scene_at("asymmetric", 320, 240)
         aperture = scene.plate.middle

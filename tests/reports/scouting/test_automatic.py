@@ -33,6 +33,7 @@ def chosen(told: list[dict[str, Any]]) -> list[tuple[int, int]]:
     return [tuple(one["aperture"]) for one in told]
 
 
+@pytest.mark.slow
 def test_commands_take_the_same_apertures_and_say_why(
     scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.limited_disk import Outcome, run
+from tests.support.long_tail import kept
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 
@@ -76,7 +77,7 @@ def test_an_image_is_whole_or_absent_wherever_the_disk_is_full(command: str, fol
     assert [outcome.status for outcome in outcomes] == [2] * (len(limits) - 1) + [0]
 
 
-@pytest.mark.parametrize("command", ["compare", pytest.param("verify", marks=pytest.mark.slow), "plate"])
+@pytest.mark.parametrize("command", kept(["compare", "verify", "plate"], ["plate"]))
 def test_everything_else_is_whole_or_absent_wherever_the_disk_is_full(command: str, folder: Path) -> None:
     outcomes, whole = swept(command, [1, 100, 400, 1000, 4000, 40_000], folder)
     for outcome in outcomes:

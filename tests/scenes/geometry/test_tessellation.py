@@ -68,7 +68,8 @@ def assert_same_verdict(levels: int, asked: Asked) -> None:
     assert {settings: change for settings, change in found.items() if change >= SURFACE_CHANGE} == {}
 
 
-@pytest.mark.parametrize("levels", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("levels", [1, 2])
 def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: int) -> None:
     assert_same_verdict(levels, QUICK)
 
@@ -78,12 +79,14 @@ def test_surface_and_the_best_setting_do_not_depend_on_the_tessellation(levels: 
     reason="not met where standard depth has a handful of steps left (2 % at D24 standard, 1e-8 of the "
     "reach); with reversed float depth at the same near it is",
 )
-@pytest.mark.parametrize("levels", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("levels", [1, 2])
 def test_nor_where_depth_is_starved(levels: int) -> None:
     found = changes(levels, QUICK)
     assert {settings: change for settings, change in found.items() if change >= SURFACE_CHANGE} == {}
 
 
+@pytest.mark.slow
 def test_the_triangle_measure_does_depend_on_it() -> None:
     """The triangle measure depends on the mesh: a finer one has more pixels with another number."""
     coarse, fine = rows(0, *QUICK), rows(1, *QUICK)
