@@ -301,6 +301,7 @@ def traces_stopped_at_random_moments(count: int, seed: int, folder: Path) -> Non
         assert list((folder / "temporary").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_trace_stopped_at_any_moment_says_so_and_leaves_nothing(tmp_path: Path) -> None:
     traces_stopped_at_random_moments(3, 13, tmp_path)
 

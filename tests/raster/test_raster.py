@@ -219,6 +219,7 @@ def test_two_hundred_images_of_changing_formats_do_not_grow_the_process() -> Non
         assert resident_mib() - before < 100
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux's /proc for its memory")
 def test_rasterizers_that_are_left_free_what_they_had() -> None:
     scene = view("car", (512, 512))

@@ -179,6 +179,7 @@ class TestSmoothPicture:
         assert -1.4 < slope < -0.85
         assert errors[-1] < 2e-3 * np.abs(exact).max()
 
+    @pytest.mark.slow
     def test_convergence_reaches_what_it_says(self) -> None:
         """The error of scrambled points falls as N^-1.5 for a picture as smooth as this."""
         exact, reference = self.integral(), Reference(self.scene())

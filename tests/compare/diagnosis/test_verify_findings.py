@@ -80,6 +80,7 @@ def verified(scene: Scene, model: DrawnModel) -> Verification:
     return xfrustum.verify(scene, draw)
 
 
+@pytest.mark.slow
 def test_of_closed_bodies_faces_turned_away_may_be_left_out_and_others_not() -> None:
     scene = small("asymmetric", SIZE)
     assert verified(scene, DrawnModel(culled=Culled.CLOCKWISE)).passed

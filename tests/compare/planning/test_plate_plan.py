@@ -189,6 +189,7 @@ def test_apertures_that_a_surface_passes_through_are_hopeless_and_their_share_is
     assert plate["share_within_at_least"] == 0.5 == plate["share_beyond_at_most"]
 
 
+@pytest.mark.slow
 def test_the_text_begins_with_what_no_settings_draw_and_ends_in_a_command_for_the_plate(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

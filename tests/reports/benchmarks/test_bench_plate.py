@@ -56,6 +56,7 @@ def test_the_plates_json_carries_every_contestant_stage_and_ratio(
     assert set(found["machine"]) >= {"processor", "cores"} and "moderngl" in found["versions"]
 
 
+@pytest.mark.slow
 def test_the_plates_table_names_every_contestant_and_stage() -> None:
     lines = table(benchmark_plate(view("crossing"), 8, 1)).splitlines()
     assert {line.split()[0] for line in lines if line} >= {*MEANINGS, "upload", "C", "C*", "read-back"}

@@ -223,6 +223,7 @@ def test_strange_wishes_are_refused_in_one_line_and_leave_nothing(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_no_survey_of_one_process_loads_dask() -> None:
     words = "import sys, xfrustum.cli.main, xfrustum.reports.survey.survey; print('dask' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)

@@ -107,6 +107,7 @@ def test_an_archive_that_is_none_is_one_line(tmp_path: Path) -> None:
     assert "cannot be unpacked" in refusal(tmp_path / "a.zip")
 
 
+@pytest.mark.slow
 def test_a_texture_is_refused_by_the_pixels_that_it_declares(tmp_path: Path) -> None:
     Image.new("1", (30_000, 30_000)).save(tmp_path / "skin.png")
     assert (tmp_path / "skin.png").stat().st_size < 1 << 20

@@ -79,6 +79,7 @@ def test_horizontal_parallax_keeps_the_stated_row(name: str, tmp_path: Path) -> 
     assert np.array_equal(after.pixels, before.pixels[:, :, 2:3])
 
 
+@pytest.mark.slow
 def test_video_rows_are_read_again_bit_by_bit(tmp_path: Path) -> None:
     pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
     before = plate(PlateShape(hogels=(4, 3), resolution=(16, 8)))

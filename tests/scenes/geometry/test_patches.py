@@ -230,6 +230,7 @@ def test_the_teapot_cut_ten_by_ten_is_the_mesh_of_the_teapot(shared_data: Path) 
     assert cKDTree(mesh.vertices).query(turned)[0].max() <= PRINTED
 
 
+@pytest.mark.slow
 def test_the_teapot_from_patches_matches_its_mesh_within_the_chord_error_of_that(shared_data: Path) -> None:
     """The mesh's chord error by the same bound at 10 x 10, patch by patch; the patches' own is known."""
     nets, tolerance = teapot(shared_data), 2e-3
