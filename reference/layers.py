@@ -4,29 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
+from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Layer:
-    """What one camera shows in some rows of an image, or several cameras overlaid.
+class NumberedLayer:
+    """The triangles that one camera shows in some rows of an image, or several cameras overlaid.
 
     Attributes
     ----------
     triangle
         (rows, W) int32, `NOTHING` where it shows none.
-    position
-        (rows, W, 3) surface points in scene units, NaN where it shows none.
     certainty
         (rows, W) uint8 `Certainty`.
-    directions
-        (rows, W, 3) directions of the lines along which it sees.
     companions
         (N, 3) row of the image, column and triangle number of all that share a tie.
     first_row
@@ -34,11 +31,54 @@ class Layer:
     """
 
     triangle: Numbers
-    position: Floats
     certainty: Bytes
-    directions: Floats
     companions: Indices
     first_row: int
+
+    @classmethod
+    def of_decided(cls, decided: FirstSurfaces, rows: range) -> NumberedLayer:
+        """Return the triangles that are decided in some rows of the image."""
+        return cls(
+            triangle=decided.triangle,
+            certainty=decided.certainty,
+            companions=decided.companions,
+            first_row=rows.start,
+        )
+
+    @property
+    def covers(self) -> Mask:
+        """(rows, W) pixels that show a triangle."""
+        return np.not_equal(self.triangle, NOTHING)
+
+    def under(self, upper: NumberedLayer) -> NumberedLayer:
+        """Return this layer with another one on top of it."""
+        covers = upper.covers
+        # Ties of what is now covered are nobody's companions any more.
+        row, column, _ = self.companions.T
+        visible = self.companions[~covers[row - self.first_row, column]]
+        return NumberedLayer(
+            triangle=np.where(covers, upper.triangle, self.triangle),
+            # Where a layer shows nothing, what is seen rests on both decisions.
+            certainty=np.where(covers, upper.certainty, np.maximum(self.certainty, upper.certainty)),
+            companions=np.concatenate((visible, upper.companions)),
+            first_row=self.first_row,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layer(NumberedLayer):
+    """What one camera shows in some rows of an image, or several cameras overlaid.
+
+    Attributes
+    ----------
+    position
+        (rows, W, 3) surface points in scene units, NaN where it shows none.
+    directions
+        (rows, W, 3) directions of the lines along which it sees.
+    """
+
+    position: Floats
+    directions: Floats
 
     @classmethod
     def of(
@@ -56,12 +96,9 @@ class Layer:
         if directions is None:
             directions = pencil.directions(slice(rows.start, rows.stop))
         return cls(
-            triangle=decided.triangle,
+            **vars(NumberedLayer.of_decided(decided, rows)),
             position=np.asarray(pencil.center) + decided.s[..., None] * directions,
-            certainty=decided.certainty,
             directions=directions,
-            companions=decided.companions,
-            first_row=rows.start,
         )
 
 
@@ -69,20 +106,18 @@ def overlaid(layers: Sequence[Layer]) -> Layer:
     """Return layers of the same rows as one, the last of them on top."""
     below, *others = layers
     for upper in others:
-        covers = upper.triangle != NOTHING
+        covers = upper.covers[..., None]
         directions = below.directions
         if upper.directions is not directions:
-            directions = np.where(covers[..., None], upper.directions, directions)
-        # Ties of what is now covered are nobody's companions any more.
-        row, column, _ = below.companions.T
-        visible = below.companions[~covers[row - below.first_row, column]]
+            directions = np.where(covers, upper.directions, directions)
         below = Layer(
-            triangle=np.where(covers, upper.triangle, below.triangle),
-            position=np.where(covers[..., None], upper.position, below.position),
-            # Where a layer shows nothing, what is seen rests on both decisions.
-            certainty=np.where(covers, upper.certainty, np.maximum(below.certainty, upper.certainty)),
+            **vars(below.under(upper)),
+            position=np.where(covers, upper.position, below.position),
             directions=directions,
-            companions=np.concatenate((visible, upper.companions)),
-            first_row=below.first_row,
         )
     return below
+
+
+def overlaid_numbers(decided: Sequence[FirstSurfaces], rows: range) -> NumberedLayer:
+    """Return the triangles of decided layers of the same rows, the last of them on top, without points."""
+    return reduce(NumberedLayer.under, (NumberedLayer.of_decided(one, rows) for one in decided))

@@ -11,7 +11,7 @@ import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.processors import compiled
-from xfrustum.reference.layers import Layer, overlaid
+from xfrustum.reference.layers import Layer, overlaid, overlaid_numbers
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.arrays import Floats, Singles
@@ -109,6 +109,8 @@ class Pictures:
         shaded
             Whether the image has normals and color.
         """
+        if not shaded and self._compiled is not None:
+            return self._unshaded(self._compiled, self.camera(aperture, settings), rows, decided)
         pencil = crossed_frustum(self._scene.frustum, aperture)
         directions = pencil.directions(slice(rows.start, rows.stop))
         layers = []
@@ -127,6 +129,25 @@ class Pictures:
             color=color,
             certainty=shown.certainty,
             companions=shown.companions,
+        )
+
+    def _unshaded(
+        self,
+        made_by: JitPictures,
+        camera: HogelCamera,
+        rows: range,
+        decided: list[tuple[Pencil, FirstSurfaces]],
+    ) -> HogelImage:
+        """Return what `image` returns without normals and color, with points made by a kernel."""
+        objects, position = made_by.points(decided, rows)
+        top = overlaid_numbers([found for _, found in decided], rows)
+        return HogelImage(
+            camera=camera,
+            triangle=top.triangle,
+            object=objects,
+            position=position,
+            certainty=top.certainty,
+            companions=top.companions,
         )
 
     def _shaded(self, shown: Layer) -> tuple[Floats, Singles]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -55,6 +56,39 @@ class JitPictures:
             self._normals = JIT.table(scene.normals)
             self._objects = JIT.table(scene.object_of_triangle)
             self._light = shader.on(JIT)
+
+    def points(self, layers: Sequence[tuple[Pencil, FirstSurfaces]], rows: range) -> tuple[Numbers, Floats]:
+        """Return objects (rows, W) and points (rows, W, 3) that overlaid layers show, the last on top.
+
+        Parameters
+        ----------
+        layers
+            Lines of each camera, and what is first along them.
+        rows
+            Rows of the image.
+        """
+        shape = layers[0][1].triangle.shape
+        size = layers[0][1].triangle.size
+        with strict_arithmetic():
+            lane = dr.arange(UInt32, size)
+            number, position = Int32(NOTHING), [Float64(np.nan)] * 3
+            for pencil, decided in layers:
+                # Gathered, because kernels do not depend on the alignment of arrays that are gathered from.
+                triangle = dr.gather(Int32, on_device(decided.triangle), lane)
+                s = dr.gather(Float64, on_device(decided.s), lane)
+                covers = triangle != NOTHING
+                number = dr.select(covers, triangle, number)
+                position = [
+                    dr.select(covers, at + s * along, below)
+                    for at, along, below in zip(
+                        JIT.constants(pencil.center), pixel_directions(pencil, rows), position, strict=True
+                    )
+                ]
+            (of_triangle,) = self._objects(dr.maximum(number, 0))
+            objects = interleaved([dr.select(number != NOTHING, of_triangle, NOTHING)], size)
+            points = interleaved(position, size)
+            dr.eval(objects, points)
+            return objects.numpy().reshape(shape), points.numpy().reshape(*shape, 3)
 
     def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces, *, colored: bool = True) -> Shown:
         """Return what decided rows show.

@@ -16,7 +16,7 @@ from xfrustum.reference.certify.sides import Sides, sorted_by_side
 from xfrustum.reference.convergence import TOLERANCE, Converged, converged
 from xfrustum.reference.devices.bands import BUSY_PIXELS, UNDIVIDED_PIXELS, in_parallel, in_turn
 from xfrustum.reference.lines.facing import drawn_triangles
-from xfrustum.reference.lines.lines import crossed_frustum, model_cameras
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.sight.sight import Sight, SurfacePoints
@@ -33,7 +33,7 @@ from xfrustum.scenes.model.effects import Effect, checked
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, stacked
 from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 KEPT_TRIANGLES = 1 << 20
@@ -252,19 +252,23 @@ class Reference:
         settings.check_against(self.scene.frustum)
         pencil = crossed_frustum(self.scene.frustum, aperture)
         cameras = model_cameras(self.scene.frustum, aperture, settings)
-        drawn = [drawn_triangles(self.scene.triangles, camera.pencil, settings.cull) for camera in cameras]
-        certifiers = [
-            (Certifier(self.scene.triangles[some], camera.pencil), some)
-            for camera, some in zip(cameras, drawn, strict=True)
-        ]
+        deciders = [self._decider(camera.pencil, settings.cull) for camera in cameras]
 
         def band(rows: range) -> HogelImage:
-            layers = [
-                (certifier.pencil, certifier.decide(rows).renumbered(some)) for certifier, some in certifiers
-            ]
+            layers = [(camera.pencil, decide(rows)) for camera, decide in zip(cameras, deciders, strict=True)]
             return self._pictures.image(aperture, rows, layers, settings, shaded=shaded)
 
-        return stacked(list(in_parallel(band, pencil.resolution)))
+        if compiled() and not shaded:
+            return stacked(list(in_turn(band, pencil.resolution)))
+        return stacked(list(in_parallel(band, pencil.resolution, least_pixels=BUSY_PIXELS)))
+
+    def _decider(self, pencil: Pencil, cull: Cull) -> Callable[[range], FirstSurfaces]:
+        """Return what decides rows of a camera that may leave out faces."""
+        if cull is Cull.NONE:
+            return Certifier(self.scene.triangles, pencil).decide
+        some = drawn_triangles(self.scene.triangles, pencil, cull)
+        certifier = Certifier(self.scene.triangles[some], pencil)
+        return lambda rows: certifier.decide(rows).renumbered(some)
 
     def gaps(self, aperture: Aperture) -> Floats:
         """Return the gaps between each pixel's first surface and the next one on the same side, (H, W).

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
-from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
-from xfrustum.compare.metrics.error_maps import ErrorMaps, JudgedImage, judged_pixels
+from xfrustum.compare.attribution.steps import Shifts, Steps, StepSize
+from xfrustum.compare.metrics.displacement import displacement, lengths
+from xfrustum.compare.metrics.error_maps import JudgedImage, PixelErrors, judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
@@ -135,14 +136,14 @@ class ChainStart:
         T0 to R0 of one aperture (`Chain.images`).
     subpixel_bits
         Subpixel bits of the device that drew R0.
-    truth_moved
-        (H, W, 2) displacement of the truth itself, which is rounding, where it is known already.
+    truth_shifts
+        Displacement of the truth itself, which is rounding, where it is known already.
     """
 
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
-    truth_moved: Floats | None = None
+    truth_shifts: Shifts | None = None
 
     @property
     def truth(self) -> HogelImage:
@@ -184,7 +185,7 @@ class ChainStart:
 
         Traced images are judged at these pixels alone; images that are one, once.
         """
-        wrong = self.exact.maps.surface
+        wrong = self.exact.errors.surface
         assert wrong is not None, "the reference has the scene at hand"
         pixels = np.flatnonzero(wrong)
         truth = self.truth.at(pixels)
@@ -202,37 +203,22 @@ class ChainStart:
     @cached_property
     def moved(self) -> tuple[Floats, ...]:
         """Displacement of each image in pixels, (H, W, 2), NaN where it shows no surface off the plate."""
-        found = {} if self.truth_moved is None else {id(self.truth): self.truth_moved}
-        for image in self.images[:-1]:
+        found = {id(image): displacement(image, self.truth.camera) for image in dict.fromkeys(self.images)}
+        return tuple(found[id(image)] for image in self.images)
+
+    @cached_property
+    def steps(self) -> Steps:
+        """What each link but the last adds to displacement, where all images show a surface off the plate."""
+        found = {} if self.truth_shifts is None else {id(self.truth): self.truth_shifts}
+        for image in self.images:
             if id(image) not in found:
-                found[id(image)] = displacement(image, self.truth.camera)
-        return (*(found[id(image)] for image in self.images[:-1]), self.exact.maps.displacement)
+                found[id(image)] = Shifts.of(image, self.truth.camera)
+        return Steps.of([found[id(image)] for image in self.images], self.truth.triangle.size)
 
     @cached_property
-    def steps(self) -> tuple[Floats | None, ...]:
-        """Lengths (H, W) of what each link but the last adds to displacement, pixels.
-
-        None stands for the zeros of a link that changes no image.
-        """
-        return tuple(
-            None if after is before else lengths(after - before) for before, after in pairwise(self.moved)
-        )
-
-    @cached_property
-    def everywhere(self) -> Mask:
-        """(H, W) pixels at which all of these images show a surface off the plate."""
-        known = [np.isfinite(step) for step in self.steps if step is not None]
-        return np.asarray(np.logical_and.reduce(known))
-
-    def spreads(self, pixels: Mask) -> tuple[Spread | None, ...]:
-        """Return how far each link but the last displaces some pixels of `everywhere`."""
-        nothing = Spread.of(np.zeros(int(pixels.any())))
-        return tuple(nothing if step is None else Spread.of(step[pixels]) for step in self.steps)
-
-    @cached_property
-    def spreads_everywhere(self) -> tuple[Spread | None, ...]:
-        """How far each link but the last displaces the pixels of `everywhere`."""
-        return self.spreads(self.everywhere)
+    def step_sizes(self) -> tuple[StepSize | None, ...]:
+        """How far each link but the last displaces the pixels of `steps`."""
+        return self.steps.sizes()
 
     @cached_property
     def rounding(self) -> Causes:
@@ -261,8 +247,6 @@ class Budget:
         (H, W) number of the link that each wrong pixel is charged to, else `RIGHT`.
     surface_charge
         (H, W) the same by surfaces: number of the link from which on the pixel shows a wrong surface.
-    moved
-        (H, W, 2) displacement of the last image, as in `ChainStart.moved`.
     explanation
         Causes of the pixels charged to rasterization and depth.
     predicted
@@ -273,7 +257,6 @@ class Budget:
     drawn: HogelImage
     charge: NDArray[np.int8]
     surface_charge: NDArray[np.int8]
-    moved: Floats
     explanation: Causes
     predicted: tuple[LinkPrediction, ...]
 
@@ -291,6 +274,11 @@ class Budget:
     def cancelled(self) -> int:
         """Number of judged pixels that are right in the end although some link changed them."""
         return int((self.start.judged & (self.charge == RIGHT) & (self.start.charge != RIGHT)).sum())
+
+    @cached_property
+    def moved(self) -> Floats:
+        """Displacement (H, W, 2) of the last image, as in `ChainStart.moved`."""
+        return displacement(self.drawn, self.start.truth.camera)
 
     @cached_property
     def displacement(self) -> VectorBudget:
@@ -314,27 +302,29 @@ class Budget:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
+        return tuple(self._cause(link, size) for link, size in enumerate(self._step_sizes()))
+
+    def _step_sizes(self) -> tuple[StepSize | None, ...]:
+        """Return how far each link displaces what is shown."""
         start = self.start
         changed = start.exact.differing(self.drawn)
-        after, before = (one.reshape(-1, 2)[changed] for one in (self.moved, start.exact.maps.displacement))
         # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
-        step = lengths(after - before)
-        last, everywhere = np.zeros(start.everywhere.shape), start.everywhere.copy()
-        last.reshape(-1)[changed] = step
-        everywhere.reshape(-1)[changed] &= np.isfinite(step)
-        same = np.array_equal(everywhere, start.everywhere)
-        spreads = start.spreads_everywhere if same else start.spreads(everywhere)
-        return tuple(
-            self._cause(link, spread) for link, spread in enumerate((*spreads, Spread.of(last[everywhere])))
+        before, after = (
+            Shifts.of(image, start.truth.camera, changed).among(changed)
+            for image in (start.images[-1], self.drawn)
         )
+        steps = start.steps.with_last(changed, lengths(after - before))
+        if len(steps.pixels) == len(start.steps.pixels):
+            return (*start.step_sizes, StepSize.of(steps.lengths[-1]))
+        return steps.sizes()
 
-    def _cause(self, link: int, spread: Spread | None) -> Cause:
+    def _cause(self, link: int, size: StepSize | None) -> Cause:
         return Cause(
             name=self.links[link],
             surface=int((self.surface_charge == link).sum()),
             triangle=int((self.charge == link).sum()),
-            displacement_rms_px=spread.rms if spread else None,
-            displacement_p99_px=spread.p99 if spread else None,
+            displacement_rms_px=size.rms if size else None,
+            displacement_p99_px=size.p99 if size else None,
             predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,
             predicted_surface=self.predicted[link].surface_pixels,
         )
@@ -376,7 +366,7 @@ def charged(
     start: ChainStart,
     drawn: HogelImage,
     predicted: tuple[LinkPrediction, ...],
-    maps: ErrorMaps | None = None,
+    errors: PixelErrors | None = None,
 ) -> Budget:
     """Charge every wrong pixel of a drawn image to one link of its chain.
 
@@ -391,16 +381,16 @@ def charged(
         The last image: R1.
     predicted
         Prediction of each link.
-    maps
-        Error maps of the last image with its wrong surfaces, where it was compared with the truth already.
+    errors
+        Errors of the last image with its wrong surfaces, where it was compared with the truth already.
     """
     charge = start.charge.copy()
     charge[drawn.triangle != start.images[-1].triangle] = start.depth
     charge[~start.judged | (drawn.triangle == start.truth.triangle)] = RIGHT
-    if maps is None or maps.surface is None:
+    if errors is None or errors.surface is None:
         wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
     else:
-        wrong = maps.surface
+        wrong = errors.surface
     # What R0 shows rightly goes wrong by depth, whatever the images before show.
     surface_charge = np.where(start.surface_charge == RIGHT, np.int8(start.depth), start.surface_charge)
     surface_charge[~wrong] = RIGHT
@@ -411,7 +401,6 @@ def charged(
         drawn=drawn,
         charge=charge,
         surface_charge=surface_charge,
-        moved=displacement(drawn, start.truth.camera) if maps is None else maps.displacement,
         explanation=by_rasterizing.joined(by_depth),
         predicted=predicted,
     )

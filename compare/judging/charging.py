@@ -7,16 +7,19 @@ from concurrent.futures import Executor, Future
 from threading import Lock
 
 from xfrustum.compare.attribution.budget import ChainStart
+from xfrustum.compare.attribution.steps import Shifts
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
-from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Predictor
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats
+from xfrustum.reference.certify.processors import kernels_on_one_thread
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
-PREPARED_STAGES = ({"exact": "exact", "steps": "causes", "surface_charge": "causes"}, {"rounding": "causes"})
+PREPARED_STAGES = (
+    {"exact": "exact", "step_sizes": "causes", "surface_charge": "causes"},
+    {"rounding": "causes"},
+)
 """Stages of the properties of a `ChainStart` that are found side by side before the first frame is charged.
 Comparing the frame with exact depth has one of its own: beside that frame, those of all depth buffers are
 compared in little time."""
@@ -51,7 +54,7 @@ class Charging:
         self._machine, self._watch = machine, watch
         self._tracing, self._moving = Lock(), Lock()
         self._models: dict[DoubleFrustum, HogelImage] = {}
-        self._moved: Floats | None = None
+        self._shifts: Shifts | None = None
 
     def predictor(self, settings: DoubleFrustum) -> Predictor:
         """Return the predictor of the hogel, with what all of its predictions share computed."""
@@ -67,13 +70,14 @@ class Charging:
         truth = self._truth.result()
         settings = exact.camera.settings
         assert settings is not None, "the rasterizer says with which settings it drew"
-        with self._machine.stage(self._watch, "causes"):
+        one_thread = kernels_on_one_thread(truth.triangle.size)
+        with self._machine.stage(self._watch, "causes"), one_thread:
             models = self._traced(truth, settings)
             return ChainStart(
                 reference=self._reference,
                 images=(truth, *models, exact),
                 subpixel_bits=self._bits,
-                truth_moved=self._truth_moved(truth),
+                truth_shifts=self._truth_shifts(truth),
             )
 
     def prepare(self, pool: Executor, start: Future[ChainStart]) -> tuple[Future[None], ...]:
@@ -94,9 +98,9 @@ class Charging:
                 self._models.clear()
             return traced_models(self._reference, truth.camera.aperture, exact, self._models, shaded=False)
 
-    def _truth_moved(self, truth: HogelImage) -> Floats:
-        """Return the displacement (H, W, 2) of the truth itself, which is rounding."""
+    def _truth_shifts(self, truth: HogelImage) -> Shifts:
+        """Return the displacement of the truth itself, which is rounding."""
         with self._moving:
-            if self._moved is None:
-                self._moved = displacement(truth, truth.camera)
-            return self._moved
+            if self._shifts is None:
+                self._shifts = Shifts.of(truth, truth.camera)
+            return self._shifts

@@ -27,7 +27,7 @@ from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
-from xfrustum.raster import Rasterizer
+from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.processors import kernels_on_one_thread
 from xfrustum.reference.devices.threads import worker_count
@@ -148,9 +148,18 @@ class Judged(Generic[Found]):
 class _Frame:
     """A frame that is drawn."""
 
-    image: HogelImage
+    drawn: Drawn
     lap: Stopwatch
-    gpu_s: float
+
+    @property
+    def image(self) -> HogelImage:
+        """The image."""
+        return self.drawn.image
+
+    @property
+    def gpu_s(self) -> float:
+        """Seconds in which the device drew, by its own clock."""
+        return self.drawn.times["draw"].gpu_s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -354,14 +363,14 @@ class Engine(Generic[Found]):
         found = [frame.image for frame, one in zip(frames, part.settings, strict=True) if one == exact]
         if part.first and self._wanted.causes and not found:
             with self.machine.timed(self.watch, "causes"):
-                found = [rasterizer.render(aperture, exact, normals=False, color=False)]
+                found = [rasterizer.draw_beside(aperture, exact, frames[0].drawn)]
         return _Batch(frames=tuple(frames), exact=found[0] if found else None)
 
     def _frame(self, aperture: Aperture, settings: DoubleFrustum, rasterizer: Rasterizer) -> _Frame:
         lap = Stopwatch()
         with self.machine.timed(lap, "raster"):
             drawn = rasterizer.draw(aperture, settings, normals=False, color=self._wanted.color)
-        return _Frame(image=drawn.image, lap=lap, gpu_s=drawn.times["draw"].gpu_s)
+        return _Frame(drawn=drawn, lap=lap)
 
     def _first(self, hogel: _Hogel, batch: _Batched) -> JudgedImage:
         """Judge the first of several frames of the same cameras, beside which the others are judged."""
@@ -398,7 +407,7 @@ class Engine(Generic[Found]):
         if task.charged:
             task.charged.prepared[1].result()
             with stage("causes"):
-                budget = charged(start, frame.image, links, comparison.maps)
+                budget = charged(start, frame.image, links, comparison.errors)
                 budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage
         judged = JudgedFrame(
             hogel=hogel,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ class Contours:
     kind: NDArray[np.int8]
     resolution: tuple[int, int]
 
-    @property
+    @cached_property
     def places(self) -> Floats:
         """(N, 2) column and row midway between the two pixels."""
         rows, columns = np.divmod(np.stack((self.front, self.back)), self.resolution[0])

@@ -185,12 +185,13 @@ class Predictor:
         """Return the root mean square of the displacement that each link of a chain adds."""
         # Links that change no setting are one entry here.
         fields = {link: displacements(self._points, self._frustum, link) for link in dict.fromkeys(chain)}
-        steps = [fields[chain[0]], *(fields[after] - fields[before] for before, after in pairwise(chain))]
-        found: list[float | None] = []
-        for step in steps:
-            known = lengths(step)
-            known = known[np.isfinite(known)]
-            found.append(root_mean_square(known) if known.size else None)
+        found = [_rms_of_known(fields[chain[0]])]
+        for before, after in pairwise(chain):
+            if before != after:
+                found.append(_rms_of_known(fields[after] - fields[before]))
+            else:
+                # Nothing moves, where anything is known.
+                found.append(0.0 if np.isfinite(fields[after]).all(axis=-1).any() else None)
         return found
 
     def separations(self, settings: DoubleFrustum) -> Separations:
@@ -213,6 +214,15 @@ class Predictor:
 def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
     return _spread(displacement_lengths(TruePoints.of(truth).shown(), frustum, settings))
+
+
+def _rms_of_known(step: Floats) -> float | None:
+    """Return the root mean square length of those vectors (N, 2) that are known; None where none is."""
+    moved = lengths(step)
+    known = np.isfinite(moved)
+    if not known.all():
+        moved = moved[known]
+    return root_mean_square(moved) if moved.size else None
 
 
 def _spread(moved: Floats) -> Spread | None:

@@ -32,13 +32,17 @@ from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, Contours, Kin
 from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
-from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Offset
+from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Fit, Offset
 from xfrustum.scenes.plate.frustum import Frustum
 
 SNAP_PER_HALF_SUBPIXEL = 0.39
 """Mean distance by which a point of an edge moves along the edge's normal when both ends of the edge snap to
 the nearest subpixel in each axis, as a part of half a subpixel. Both errors of each end are uniform; the mean
 over points and directions is 0.390, by two million random edges."""
+
+
+SIGMAS = 4.0
+"""Standard deviations after which SciPy's filter ends, as it does unless told otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,6 +73,21 @@ class _Spans:
         return _Spans(low=np.maximum(self.low, other.low), high=np.minimum(self.high, other.high))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sided:
+    """Contours, and the surface points in front of and behind each of their steps, shown at the contour."""
+
+    steps: Contours
+    front: TruePoints
+    back: TruePoints
+
+    @classmethod
+    def of(cls, steps: Contours, points: TruePoints) -> _Sided:
+        from_middle = steps.places - (np.asarray(steps.resolution) - 1) / 2
+        front, back = (replace(points.at(one), from_middle=from_middle) for one in (steps.front, steps.back))
+        return cls(steps=steps, front=front, back=back)
+
+
 class Silhouettes:
     """The contours of a true image, and the wrong pixels that displacement makes along them.
 
@@ -85,11 +104,17 @@ class Silhouettes:
         self._judged = judged_pixels(truth)
         self._points = TruePoints.of(truth)
         self._in_aperture = _in_aperture(truth)
-        self._contours: dict[tuple[float, ...], Contours] = {}
+        self._contours: dict[tuple[float, ...], _Sided] = {}
+        self._wrong: dict[DoubleFrustum, float] = {}
 
     def wrong_pixels(self, settings: DoubleFrustum) -> float:
         """Return the expected number of judged pixels with a wrong surface, errors of depth left out."""
-        return self.charged_pixels((settings,))[0]
+        # A fit by default is the same as the one that it stands for, as in `traced_settings`.
+        settings = replace(settings, fit=settings.fitted_height(self._frustum) or Fit.ANGLE)
+        if settings not in self._wrong:
+            swept = _swept(self._contours_for(settings).steps, self._spans(settings, settings))
+            self._wrong[settings] = expected_wrong(swept, self._not_shown(settings), self._judged)
+        return self._wrong[settings]
 
     def charged_pixels(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
         """Return the expected number of wrong pixels charged to each link of a chain.
@@ -100,30 +125,27 @@ class Silhouettes:
             Settings of each link. A pixel is charged to the first link from which on it is wrong to the
             end of the chain. The last settings say where slabs are cut.
         """
-        steps = self._contours_for(chain[-1])
-        missing = self._not_shown(chain[-1])
-        # Step 1: both sides of a step are displaced at the contour, half a pixel from either center.
-        middle = (np.asarray(steps.resolution) - 1) / 2
-        sides = [
-            replace(self._points.at(pixels), from_middle=steps.places - middle)
-            for pixels in (steps.front, steps.back)
-        ]
-        # Step 2: the wrong span of every step, for each link.
-        spans = {
-            settings: _Spans.of(steps, *(displacements(side, self._frustum, settings) for side in sides))
-            for settings in dict.fromkeys(chain)
-        }
-        # Step 3: from the last link backward, the part of each span that stays wrong to the end.
-        common = spans[chain[-1]]
-        wrong_to_the_end = [expected_wrong(_swept(steps, common), missing, self._judged)]
+        last = chain[-1]
+        steps, missing = self._contours_for(last).steps, self._not_shown(last)
+        # Step 1: from the last link backward, the part of each step's wrong span that stays wrong to the end.
+        wrong_to_the_end = [self.wrong_pixels(last)]
+        common: _Spans | None = None
         for after, before in pairwise(reversed(chain)):
             if before != after:
-                common = common.within(spans[before])
+                common = common or self._spans(last, last)
+                common = common.within(self._spans(before, last))
                 wrong_to_the_end.append(expected_wrong(_swept(steps, common), missing, self._judged))
             else:
                 wrong_to_the_end.append(wrong_to_the_end[-1])
-        # Step 4: a link is charged with what is wrong to the end from it on, and was not from the one before.
+        # Step 2: a link is charged with what is wrong to the end from it on, and was not from the one before.
         return tuple(np.diff(wrong_to_the_end[::-1], prepend=0.0).tolist())
+
+    def _spans(self, settings: DoubleFrustum, last: DoubleFrustum) -> _Spans:
+        """Return the wrong spans of some settings, across the contours of the last settings of a chain."""
+        found = self._contours_for(last)
+        # Both sides of a step are displaced at the contour, half a pixel from either center.
+        moved = (displacements(side, self._frustum, settings) for side in (found.front, found.back))
+        return _Spans.of(found.steps, *moved)
 
     def snapped_pixels(self, settings: DoubleFrustum, subpixel_bits: int) -> float:
         """Return the expected number of judged pixels that show a wrong surface because edges snap.
@@ -132,18 +154,18 @@ class Silhouettes:
         of the contour that recedes does. The number is an upper estimate: where displacement has moved a
         contour farther than snapping does, half of the pixels that change were wrong before.
         """
-        steps = self._contours_for(settings)
+        steps = self._contours_for(settings).steps
         length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
         judged = self._judged.ravel()
         counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
         return float(np.sum(length * counted)) * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
 
-    def _contours_for(self, settings: DoubleFrustum) -> Contours:
+    def _contours_for(self, settings: DoubleFrustum) -> _Sided:
         """Return the contours, found once for each height at which the first slab ends."""
         first = settings.slabs[:1]
         if first not in self._contours:
             slab = in_first_slab(self._points.height, self._frustum, settings) if first else None
-            self._contours[first] = contours(self._truth, slab)
+            self._contours[first] = _Sided.of(contours(self._truth, slab), self._points)
         return self._contours[first]
 
     def _not_shown(self, settings: DoubleFrustum) -> Mask:
@@ -170,9 +192,23 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
     if swept.max(initial=0.0) <= 1 and not missing.any() and judged.all():
         # No area is swept twice, and smoothing preserves the sum.
         return float(swept.sum())
-    wrong = np.minimum(gaussian_filter(swept, CONTOUR_SIGMA_PX), 1)
+    wrong = np.zeros_like(swept)
+    some = _reached_by(swept)
+    wrong[some] = np.minimum(gaussian_filter(swept[some], CONTOUR_SIGMA_PX, truncate=SIGMAS), 1)
     wrong[missing] = 1.0
     return float(wrong.sum(where=judged))
+
+
+def _reached_by(swept: Floats) -> tuple[slice, slice]:
+    """Return the rows and columns that a filter takes anything but zero to."""
+    radius = int(SIGMAS * CONTOUR_SIGMA_PX + 0.5)
+    found = []
+    for axis, size in enumerate(swept.shape):
+        here = np.flatnonzero(swept.any(axis=1 - axis))
+        ends = (max(0, int(here[0]) - radius), min(size, int(here[-1]) + 1 + radius)) if here.size else (0, 0)
+        found.append(slice(*ends))
+    rows, columns = found
+    return rows, columns
 
 
 def _in_aperture(truth: HogelImage) -> Mask:

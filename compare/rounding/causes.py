@@ -88,10 +88,14 @@ def find_causes(
     edge = before.near_edge | after.near_edge | _near_border(cameras, pixels)
     # A depth test chooses only among triangles that cover the pixel. Centers that only rounding brings inside
     # a triangle are near its edge, and have their cause already.
-    at_choice = before.possible & after.possible & ~edge
-    both = list(zip(before.stored, after.stored, strict=True))
-    order = at_choice & _any(one.indistinguishable_from(other) for one, other in both)
-    lost = at_choice & _any(one.lost() for one, _ in both) & ~order
+    chosen = np.flatnonzero(before.possible & after.possible & ~edge)
+    places = (columns[chosen], rows[chosen])
+    stored = (_stored(triangles, cameras, image, places) for image in (expected, shown))
+    both = list(zip(*stored, strict=True))
+    order, lost = np.zeros_like(edge), np.zeros_like(edge)
+    order[chosen] = _any(one.indistinguishable_from(other) for one, other in both)
+    lost[chosen] = _any(one.lost() for one, _ in both)
+    lost &= ~order
     # Seams take long to find, and are looked for where nothing else explains the pixel.
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, (expected, shown), (columns[rest], rows[rest]))
@@ -148,13 +152,10 @@ class _Marks:
         (N,) rounding may have put the pixel's center on the wrong side of an edge.
     possible
         (N,) the pixel shows nothing, or a triangle within whose rounded edges its center lies.
-    stored
-        Depths (N,) in the buffer of each camera.
     """
 
     near_edge: Mask
     possible: Mask
-    stored: tuple[Depths, ...]
 
 
 def _marks(
@@ -163,14 +164,21 @@ def _marks(
     columns, rows = pixels
     near_edge = np.zeros(len(rows), dtype=np.bool_)
     possible = image.triangle[rows, columns] == NOTHING
-    stored = []
     for part in _drawn_by(triangles, cameras, image, pixels):
-        drawing = (part.shown, part.camera.pencil, part.camera.precision)
-        placed = placement(*drawing)
+        placed = placement(part.shown, part.camera.pencil, part.camera.precision)
         near_edge[part.places] |= placed.near_edge
         possible[part.places] |= placed.possible
-        stored.append(depths(*drawing).at(part.places, len(rows)))
-    return _Marks(near_edge=near_edge, possible=possible, stored=tuple(stored))
+    return _Marks(near_edge=near_edge, possible=possible)
+
+
+def _stored(
+    triangles: Floats, cameras: Sequence[RoundingCamera], image: HogelImage, pixels: PixelIndex
+) -> list[Depths]:
+    """Return the depths (N,) that an image's triangles have at pixels in the buffer of each camera."""
+    return [
+        depths(part.shown, part.camera.pencil, part.camera.precision).at(part.places, len(pixels[0]))
+        for part in _drawn_by(triangles, cameras, image, pixels)
+    ]
 
 
 def _near_border(cameras: Sequence[RoundingCamera], pixels: PixelIndex) -> Mask:

@@ -59,8 +59,8 @@ class Positions:
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._points: dict[tuple[int, int], moderngl.Buffer] = {}
 
-    def read(self, target: Identified, drawn: Sequence[DrawnBy]) -> Singles:
-        """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
+    def read(self, target: Identified, drawn: Sequence[DrawnBy], some: range | None = None) -> Singles:
+        """Return surface points in scene units, (rows, W, 3), NaN where nothing was drawn.
 
         Parameters
         ----------
@@ -68,6 +68,8 @@ class Positions:
             Picture with the triangle and camera numbers that were drawn.
         drawn
             The cameras, in the order of their numbers.
+        some
+            Rows that are read, counted from the top; all where None.
         """
         width, height = target.size
         rows = max(1, min(height, self._largest_block // (BYTES_PER_POINT * width)))
@@ -81,10 +83,12 @@ class Positions:
         buffers = (self._vertices, self._faces, points, cameras, cuts)
         for binding, buffer in enumerate(buffers, start=1):
             buffer.bind_to_storage_buffer(binding)
-        found = np.empty((height, width, 3), dtype=np.float32)
-        for start in range(0, height, rows):
+        wanted = range(height) if some is None else some
+        found = np.empty((len(wanted), width, 3), dtype=np.float32)
+        for start in range(0, len(wanted), rows):
             band = found[start : start + rows]
-            self._program["first_row"], self._program["last_row"] = start, start + len(band) - 1
+            first = wanted.start + start
+            self._program["first_row"], self._program["last_row"] = first, first + len(band) - 1
             self._program.run(-(-width // GROUP), -(-len(band) // GROUP), 1)
             GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
             read = points.read(size=BYTES_PER_POINT * width * len(band))

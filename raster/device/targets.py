@@ -15,7 +15,7 @@ from OpenGL import GL
 from OpenGL.error import GLError
 
 from xfrustum.raster.cameras.depth_formats import INTERNAL_FORMAT
-from xfrustum.scenes.arrays import Numbers, Singles
+from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import DepthFormat
 
@@ -125,12 +125,9 @@ class Target:
         GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
         GL.glBindTexture(self._kind, self._textures[IDENTITY])
 
-    def read_triangle(self) -> Numbers:
-        """Return triangle numbers, (H, W), row 0 at the top, -1 where nothing was drawn."""
-        identity = self._read(
-            IDENTITY, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(1), np.uint32)
-        )
-        return identity.view(np.int32) - 1
+    def read_identity(self) -> NDArray[np.uint32]:
+        """Return triangle number + 1 and camera number, (H, W, 2), row 0 at the top; 0 where nothing is."""
+        return self._read(IDENTITY, GL.GL_RG_INTEGER, GL.GL_UNSIGNED_INT, np.empty(self._shape(2), np.uint32))
 
     def read_color(self) -> Singles:
         """Return linear RGB, (H, W, 3), row 0 at the top."""

@@ -90,11 +90,11 @@ def test_pixels_that_differ_are_found_in_images_stored_by_columns(drawn: Drawn) 
 
 def test_what_depth_buffers_share_is_charged_as_without_them(drawn: Drawn) -> None:
     alone = make_budget(drawn.reference, drawn.chain)
-    maps = compare_images(drawn.truth, drawn.starved, drawn.reference, judged=drawn.judged()).maps
+    errors = compare_images(drawn.truth, drawn.starved, drawn.reference, judged=drawn.judged()).errors
     start = ChainStart(
         reference=drawn.reference, images=drawn.chain.images[:-1], subpixel_bits=drawn.chain.subpixel_bits
     )
-    shared = charged(start, drawn.starved, alone.predicted, maps)
+    shared = charged(start, drawn.starved, alone.predicted, errors)
     np.testing.assert_array_equal(shared.charge, alone.charge)
     np.testing.assert_array_equal(shared.surface_charge, alone.surface_charge)
     assert shared.numbers == alone.numbers
