@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
 from xfrustum.compare.attribution.steps import Shifts, Steps, StepSize
-from xfrustum.compare.metrics.displacement import displacement, lengths
+from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import JudgedImage, PixelErrors, judged_pixels
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
@@ -313,7 +313,7 @@ class Budget:
             Shifts.of(image, start.truth.camera, changed).among(changed)
             for image in (start.images[-1], self.drawn)
         )
-        steps = start.steps.with_last(changed, lengths(after - before))
+        steps = start.steps.with_last(changed, np.abs(after - before))
         if len(steps.pixels) == len(start.steps.pixels):
             return (*start.step_sizes, StepSize.of(steps.lengths[-1]))
         return steps.sizes()

@@ -123,12 +123,18 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
     bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
     per_fit = 0.0 if fitted is None else 1 / fitted
-    field = points.from_middle * (bent * (1 - np.abs(points.height) * per_fit))[..., None]
+    factor = bent * (1 - np.abs(points.height) * per_fit)
+    # Axis by axis: NumPy is several times slower along rows of two numbers.
+    field = np.empty(points.from_middle.shape)
+    for axis in (0, 1):
+        np.multiply(points.from_middle[..., axis], factor, out=field[..., axis])
     if settings.pivot is Pivot.CAMERA:
         camera = points.camera
         sides = [camera.resolution[0] / 2, -camera.resolution[1] / 2]
         film_units = np.asarray(camera.shear) / camera.half_extent * sides
-        field += (bent * (1 + settings.near * per_fit))[..., None] * film_units
+        factor = bent * (1 + settings.near * per_fit)
+        for axis in (0, 1):
+            field[..., axis] += factor * film_units[axis]
     return field
 
 

@@ -191,7 +191,7 @@ class Predictor:
                 found.append(_rms_of_known(fields[after] - fields[before]))
             else:
                 # Nothing moves, where anything is known.
-                found.append(0.0 if np.isfinite(fields[after]).all(axis=-1).any() else None)
+                found.append(0.0 if _any_known(fields[after]) else None)
         return found
 
     def separations(self, settings: DoubleFrustum) -> Separations:
@@ -214,6 +214,11 @@ class Predictor:
 def displacement(truth: HogelImage, frustum: Frustum, settings: DoubleFrustum) -> Spread | None:
     """Return the spread of displacement over the surfaces that the truth shows; None where it shows none."""
     return _spread(displacement_lengths(TruePoints.of(truth).shown(), frustum, settings))
+
+
+def _any_known(field: Floats) -> bool:
+    """Return whether any of some vectors (N, 2) is known; mostly the first one is."""
+    return bool(np.isfinite(field[:1]).all(axis=-1).any() or np.isfinite(lengths(field)).any())
 
 
 def _rms_of_known(step: Floats) -> float | None:

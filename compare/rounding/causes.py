@@ -83,6 +83,8 @@ def find_causes(
         (H, W) pixels at which the two name different triangles.
     """
     rows, columns = np.nonzero(wrong)
+    if not len(rows):
+        return Causes(**{name: np.zeros_like(wrong) for name in ("edge", "order", "lost", "unexplained")})
     pixels = (columns, rows)
     before, after = (_marks(triangles, cameras, image, pixels) for image in (expected, shown))
     edge = before.near_edge | after.near_edge | _near_border(cameras, pixels)

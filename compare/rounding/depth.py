@@ -11,6 +11,7 @@ from xfrustum.compare.rounding.cameras import Precision
 from xfrustum.compare.rounding.edges import PixelTriangles, film_points, film_vertices
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.planes import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
 
@@ -72,8 +73,8 @@ def depths(shown: PixelTriangles, pencil: Pencil, precision: Precision) -> Depth
     orthoscopic = pencil.s_range[0] > 0
     vertices, _ = film_vertices(shown.corners, pencil)
     w = vertices[:, :, 2] if orthoscopic else -vertices[:, :, 2]
-    plane = sum(np.cross(vertices[:, i], vertices[:, (i + 1) % 3]) for i in range(3))
-    volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
+    plane = sum(cross_products(vertices[:, i], vertices[:, (i + 1) % 3]) for i in range(3))
+    volume = np.einsum("ij,ij->i", vertices[:, 0], cross_products(vertices[:, 1], vertices[:, 2]))
     resolution = np.asarray(pencil.resolution, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         over_w = (1.0 if orthoscopic else -1.0) * plane / volume[:, None]

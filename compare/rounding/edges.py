@@ -10,6 +10,7 @@ import numpy as np
 from xfrustum.compare.rounding.cameras import Precision
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.lines.planes import cross_products
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
 from xfrustum.scenes.plate.double_frustum import DepthMapping
@@ -162,7 +163,7 @@ def placement(shown: PixelTriangles, pencil: Pencil, precision: Precision) -> Pl
     sides, margins = np.empty((3, len(points))), np.empty((3, len(points)))
     plane, plane_bound = np.zeros((len(vertices), 3)), np.zeros(len(points))
     for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
-        line = np.cross(vertices[:, i], vertices[:, j])
+        line = cross_products(vertices[:, i], vertices[:, j])
         moved = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j])
         shift = shown.linear_at(moved, farthest)
         sides[k] = shown.linear_at(line, points)
@@ -191,7 +192,7 @@ def _per_pixel(line: Floats, resolution: tuple[int, int]) -> Floats:
 
 def _volume(vertices: Floats, bound: Floats) -> tuple[Floats, Floats]:
     """Return the determinants of the corners (N, 3, 3), and their bounds when corners move."""
-    volume = np.einsum("ij,ij->i", vertices[:, 0], np.cross(vertices[:, 1], vertices[:, 2]))
+    volume = np.einsum("ij,ij->i", vertices[:, 0], cross_products(vertices[:, 1], vertices[:, 2]))
     moved = _magnitude(vertices[:, 1], bound[:, 2]) + _magnitude(bound[:, 1], vertices[:, 2])
     moved += _magnitude(bound[:, 1], bound[:, 2])
     volume_bound = np.einsum("ij,ij->i", np.abs(vertices[:, 0]) + bound[:, 0], moved)
