@@ -5,6 +5,7 @@ See docs/method.md, "The error budget".
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from itertools import pairwise
@@ -17,13 +18,18 @@ from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
 from xfrustum.compare.attribution.steps import Shifts, Steps, StepSize
 from xfrustum.compare.metrics.displacement import displacement
-from xfrustum.compare.metrics.error_maps import JudgedImage, PixelErrors, judged_pixels
+from xfrustum.compare.metrics.error_maps import (
+    JudgedImage,
+    PixelErrors,
+    differing_pixels,
+    judged_pixels,
+)
 from xfrustum.compare.metrics.surface import wrong_surface
 from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 RIGHT = -1
@@ -138,12 +144,16 @@ class ChainStart:
         Subpixel bits of the device that drew R0.
     truth_shifts
         Displacement of the truth itself, which is rounding, where it is known already.
+    beside
+        Function that returns an image of the same cameras that was compared with the truth, beside which R0
+        is; None where there is none.
     """
 
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
     truth_shifts: Shifts | None = None
+    beside: Callable[[], JudgedImage] | None = None
 
     @property
     def truth(self) -> HogelImage:
@@ -180,13 +190,28 @@ class ChainStart:
         return JudgedImage.of(self.truth, self.images[-1], self.reference)
 
     @cached_property
+    def exact_wrong(self) -> Mask:
+        """(H, W) judged pixels at which R0 shows the wrong surface."""
+        beside = self.beside and self.beside().surfaces_beside(self.truth, self.images[-1], self.reference)
+        wrong = beside[0] if beside else self.exact.errors.surface
+        assert wrong is not None, "the reference has the scene at hand"
+        return wrong
+
+    def changed_by(self, drawn: HogelImage) -> Indices:
+        """Return the flat numbers of the pixels at which an image of these cameras shows other than R0."""
+        if self.beside is None:
+            return self.exact.differing(drawn)
+        judged = self.beside()
+        known = judged.image is drawn
+        return judged.differing(self.images[-1]) if known else differing_pixels(self.images[-1], drawn)
+
+    @cached_property
     def surface_charge(self) -> NDArray[np.int8]:
         """(H, W) the link from which on each pixel of R0 shows a wrong surface, `RIGHT` where it does not.
 
         Traced images are judged at these pixels alone; images that are one, once.
         """
-        wrong = self.exact.errors.surface
-        assert wrong is not None, "the reference has the scene at hand"
+        wrong = self.exact_wrong
         pixels = np.flatnonzero(wrong)
         truth = self.truth.at(pixels)
         right = np.ones(pixels.size, dtype=np.bool_)
@@ -307,7 +332,7 @@ class Budget:
     def _step_sizes(self) -> tuple[StepSize | None, ...]:
         """Return how far each link displaces what is shown."""
         start = self.start
-        changed = start.exact.differing(self.drawn)
+        changed = start.changed_by(self.drawn)
         # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
         before, after = (
             Shifts.of(image, start.truth.camera, changed).among(changed)

@@ -5,6 +5,7 @@ charging         The predictor and the chains by which wrong pixels of one hogel
 engine           The one engine that draws and judges many hogels: drawing, tracing and judging overlap
 foreign_cameras  The cameras of a foreign renderer, with bounds of rounding for a precision that nobody
                  has stated
+frames           Frames that are drawn to be judged, in turns of the thread that draws
 in_order         Tasks that run side by side, a bounded number at a time, and whose results come in
                  order
 judge            Many hogels drawn with several settings each, and judged by their certified truth

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from threading import Lock
 
 from xfrustum.compare.attribution.budget import ChainStart
 from xfrustum.compare.attribution.steps import Shifts
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Predictor
 from xfrustum.reference import Reference
@@ -21,8 +22,8 @@ PREPARED_STAGES = (
     {"rounding": "causes"},
 )
 """Stages of the properties of a `ChainStart` that are found side by side before the first frame is charged.
-Comparing the frame with exact depth has one of its own: beside that frame, those of all depth buffers are
-compared in little time."""
+Comparing the frame with exact depth has one of its own: where there are several depth buffers, it is compared
+first, and their frames beside it in little time."""
 
 
 class Charging:
@@ -65,8 +66,12 @@ class Charging:
             predictor.predict(settings)
         return predictor
 
-    def start(self, exact: HogelImage) -> ChainStart:
-        """Return the chain of a frame's cameras up to that frame, whose depth is exact."""
+    def start(self, exact: HogelImage, beside: Callable[[], JudgedImage] | None) -> ChainStart:
+        """Return the chain of a frame's cameras up to that frame, whose depth is exact.
+
+        `beside` returns a frame of these cameras that is compared, beside which the exact one is; where there
+        are several of the same cameras these are compared beside the exact one, and it is None.
+        """
         truth = self._truth.result()
         settings = exact.camera.settings
         assert settings is not None, "the rasterizer says with which settings it drew"
@@ -78,6 +83,7 @@ class Charging:
                 images=(truth, *models, exact),
                 subpixel_bits=self._bits,
                 truth_shifts=self._truth_shifts(truth),
+                beside=beside,
             )
 
     def prepare(self, pool: Executor, start: Future[ChainStart]) -> tuple[Future[None], ...]:

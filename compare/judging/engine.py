@@ -15,19 +15,18 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging
+from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frames
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
 from xfrustum.compare.judging.threads import DrawingThread, TracingThread
 from xfrustum.compare.metrics.comparison import Comparison, compare_images
 from xfrustum.compare.metrics.error_maps import JudgedImage
-from xfrustum.compare.prediction.chain import with_exact_depth
 from xfrustum.compare.prediction.predict import Prediction, Predictor
-from xfrustum.raster import Drawn, Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.processors import kernels_on_one_thread
 from xfrustum.reference.devices.threads import worker_count
@@ -145,44 +144,6 @@ class Judged(Generic[Found]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Frame:
-    """A frame that is drawn."""
-
-    drawn: Drawn
-    lap: Stopwatch
-
-    @property
-    def image(self) -> HogelImage:
-        """The image."""
-        return self.drawn.image
-
-    @property
-    def gpu_s(self) -> float:
-        """Seconds in which the device drew, by its own clock."""
-        return self.drawn.times["draw"].gpu_s
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Batch:
-    """Frames of the same cameras, and a frame of theirs with exact depth where causes are wanted."""
-
-    frames: tuple[_Frame, ...]
-    exact: HogelImage | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Batched:
-    """Frames of a part that is drawn in one turn with others."""
-
-    turn: Future[list[_Batch]]
-    place: int
-
-    def result(self) -> _Batch:
-        """Return the frames as soon as they are drawn."""
-        return self.turn.result()[self.place]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Hogel:
     """A hogel that is being traced."""
 
@@ -218,14 +179,18 @@ class _Task:
         Hogel that the frame shows, the frames that are drawn together, and its place among these.
     beside
         Frame of the same cameras that is judged first; None where there is no other, or causes are wanted.
+    compared
+        Its comparison, where this has begun: that of the only frame of its cameras, beside which the one with
+        exact depth is judged.
     charged
         Tasks that must end before it is charged to causes; None where causes are not wanted.
     """
 
     hogel: _Hogel
-    batch: _Batched
+    batch: Batched[Frames]
     place: int
     beside: Future[JudgedImage] | None
+    compared: Future[Comparison] | None
     charged: _Charged | None
 
 
@@ -291,7 +256,7 @@ class Engine(Generic[Found]):
             # The time of a whole truth is measured with its color.
             colored = self._wanted.color or self._wanted.apart
             tracing = TracingThread(self._reference, thread, self.machine, colored=colored)
-            drawn: deque[Future[list[_Batch]]] = deque()
+            drawn: deque[Future[Any]] = deque()
             tasks = (
                 task
                 for hogel in _traced(tracing, apertures, truths)
@@ -321,68 +286,81 @@ class Engine(Generic[Found]):
         hogel: _Hogel,
         turns: Sequence[Sequence[Part]],
         pool: Executor,
-        drawn: deque[Future[list[_Batch]]],
+        drawn: deque[Future[Any]],
     ) -> Iterator[_Task]:
         """Have the frames of a hogel drawn, turn by turn, and yield the task of each."""
         charging = self._charging(hogel) if self._wanted.causes else None
         predictor: Future[Predictor] | None = None
         beside: Future[JudgedImage] | None = None
+        compared: Future[Comparison] | None = None
         charged: _Charged | None = None
         for parts in turns:
-            turn = self._drawing.submit(partial(self._drawn, hogel.aperture, parts))
+            turn, exact = self._turn(hogel.aperture, parts)
             while drawn and drawn[0].done():
                 drawn.popleft()
-            drawn.append(turn)
+            drawn.extend((turn, exact) if exact else (turn,))
             for number, part in enumerate(parts):
-                batch = _Batched(turn=turn, place=number)
+                batch = Batched(turn=turn, place=number)
                 if part.first:
-                    beside = charged = None
-                if part.first and charging:
+                    beside = compared = charged = None
+                if part.first and charging and exact:
                     predictor = predictor or pool.submit(charging.predictor, part.settings[0])
-                    start = pool.submit(_start, charging, batch)
+                    compared = pool.submit(self._compared, hogel, batch, 0, None) if part.only else None
+                    start = pool.submit(_start, charging, Batched(turn=exact, place=number), batch, compared)
                     prepared = charging.prepare(pool, start)
                     charged = _Charged(predictor=predictor, start=start, prepared=prepared)
                 elif part.first and not part.only:
                     beside = pool.submit(self._first, hogel, batch)
                 for place in range(len(part.settings)):
-                    yield _Task(hogel=hogel, batch=batch, place=place, beside=beside, charged=charged)
+                    yield _Task(
+                        hogel=hogel,
+                        batch=batch,
+                        place=place,
+                        beside=beside,
+                        compared=compared,
+                        charged=charged,
+                    )
 
     def _charging(self, hogel: _Hogel) -> Charging:
         bits = int(self._drawing.device["subpixel_bits"])
         return Charging(self._reference, hogel.truth, bits, self.machine, self.watch)
 
-    def _drawn(self, aperture: Aperture, parts: Sequence[Part], rasterizer: Rasterizer) -> list[_Batch]:
-        """Draw the frames of one turn."""
-        with self.machine.undisturbed():
-            return [self._batch(aperture, part, rasterizer) for part in parts]
+    def _turn(
+        self, aperture: Aperture, parts: Sequence[Part]
+    ) -> tuple[Future[list[Frames]], Future[list[HogelImage | None]] | None]:
+        """Have the frames of a turn drawn, and where causes are wanted those with exact depth."""
+        draw = partial(drawn_frames, self.machine, aperture, parts, color=self._wanted.color)
+        turn = self._drawing.submit(draw)
+        if not self._wanted.causes:
+            return turn, None
+        exact = partial(exact_frames, (self.machine, self.watch), aperture, parts, turn)
+        return turn, self._drawing.submit(exact)
 
-    def _batch(self, aperture: Aperture, part: Part, rasterizer: Rasterizer) -> _Batch:
-        """Draw frames of the same cameras, and where causes are wanted one of theirs with exact depth."""
-        frames = [self._frame(aperture, one, rasterizer) for one in part.settings]
-        exact = with_exact_depth(part.settings[0])
-        found = [frame.image for frame, one in zip(frames, part.settings, strict=True) if one == exact]
-        if part.first and self._wanted.causes and not found:
-            with self.machine.timed(self.watch, "causes"):
-                found = [rasterizer.draw_beside(aperture, exact, frames[0].drawn)]
-        return _Batch(frames=tuple(frames), exact=found[0] if found else None)
-
-    def _frame(self, aperture: Aperture, settings: DoubleFrustum, rasterizer: Rasterizer) -> _Frame:
-        lap = Stopwatch()
-        with self.machine.timed(lap, "raster"):
-            drawn = rasterizer.draw(aperture, settings, normals=False, color=self._wanted.color)
-        return _Frame(drawn=drawn, lap=lap)
-
-    def _first(self, hogel: _Hogel, batch: _Batched) -> JudgedImage:
+    def _first(self, hogel: _Hogel, batch: Batched[Frames]) -> JudgedImage:
         """Judge the first of several frames of the same cameras, beside which the others are judged."""
-        truth, frame = hogel.truth.result(), batch.result().frames[0]
+        truth, frame = hogel.truth.result(), batch.result()[0]
         with self.machine.stage(frame.lap, "compare"):
             return JudgedImage.of(truth, frame.image, self._reference)
 
+    def _compared(
+        self, hogel: _Hogel, batch: Batched[Frames], place: int, beside: JudgedImage | None
+    ) -> Comparison:
+        """Compare a frame with the truth."""
+        truth, frame = hogel.truth.result(), batch.result()[place]
+        with self.machine.stage(frame.lap, "compare"):
+            return compare_images(
+                truth,
+                frame.image,
+                self._reference,
+                radiance=self._wanted.radiance,
+                perceptual=self._wanted.perceptual,
+                judged=beside,
+            )
+
     def _judged(self, task: _Task) -> Judged[Found]:
         """Predict the errors of a frame, compare it with the truth, and charge what is wrong to causes."""
-        hogel, frame = task.hogel.traced, task.batch.result().frames[task.place]
-        settings = frame.image.camera.settings
-        assert settings is not None, "the rasterizer says with which settings it drew"
+        hogel, frame = task.hogel.traced, task.batch.result()[task.place]
+        settings = frame.settings
         stage = partial(self.machine.stage, frame.lap)
         beside = task.beside.result() if task.beside else None
         prediction = budget = None
@@ -394,16 +372,11 @@ class Engine(Generic[Found]):
                 links = predictor.links(settings)
             task.charged.prepared[0].result()
             start = task.charged.start.result()
-            beside = start.exact
-        with stage("compare"):
-            comparison = compare_images(
-                hogel.truth,
-                frame.image,
-                self._reference,
-                radiance=self._wanted.radiance,
-                perceptual=self._wanted.perceptual,
-                judged=beside,
-            )
+            beside = None if task.compared else start.exact
+        if task.compared:
+            comparison = task.compared.result()
+        else:
+            comparison = self._compared(task.hogel, task.batch, task.place, beside)
         if task.charged:
             task.charged.prepared[1].result()
             with stage("causes"):
@@ -437,7 +410,15 @@ def _traced(
         yield _Hogel(number=number, aperture=aperture, truth=truth, lap=lap)
 
 
-def _start(charging: Charging, batch: _Batched) -> ChainStart:
-    exact = batch.result().exact
-    assert exact is not None, "the first batch of each pair of cameras has it"
-    return charging.start(exact)
+def _start(
+    charging: Charging,
+    exact: Batched[HogelImage | None],
+    batch: Batched[Frames],
+    compared: Future[Comparison] | None,
+) -> ChainStart:
+    image = exact.result()
+    assert image is not None, "the first part of each pair of cameras has it"
+    if compared is None:
+        return charging.start(image, None)
+    frame = batch.result()[0]
+    return charging.start(image, lambda: JudgedImage(image=frame.image, errors=compared.result().errors))

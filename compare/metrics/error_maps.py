@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -189,18 +190,46 @@ class JudgedImage:
 
     def differing(self, other: HogelImage) -> Indices:
         """Return the flat numbers of the pixels at which another image shows anything else."""
-        # Flat numbers count along rows, in whatever order the images' arrays lie in memory.
-        differs = np.ascontiguousarray(
-            (self.image.triangle != other.triangle) | (self.image.object != other.object)
-        )
-        # Bits are compared, because a position that is not a number equals no other.
-        positions = self.image.position, other.position
-        exactly = np.result_type(*positions)
-        bits = np.dtype(f"u{exactly.itemsize}")
-        mine, its = (np.ascontiguousarray(one, dtype=exactly).view(bits).ravel() for one in positions)
-        moved = np.flatnonzero(mine != its)
-        differs.reshape(-1)[moved // 3] = True
-        return np.flatnonzero(differs)
+        known = self._known.get(other)
+        if known is None:
+            known = self._known[other] = differing_pixels(self.image, other)
+        return known
+
+    @cached_property
+    def _known(self) -> WeakKeyDictionary[HogelImage, Indices]:
+        """What `differing` has found of images that are still there."""
+        return WeakKeyDictionary()
+
+    def surfaces_beside(
+        self, truth: HogelImage, other: HogelImage, reference: Reference
+    ) -> tuple[Mask, Mask] | None:
+        """Return the `surface` and `outside` (H, W) of an image that shows the same at most pixels.
+
+        None where this image has none. Parameters are those of `pixel_errors_beside`.
+        """
+        if self.errors.surface is None or self.errors.outside is None:
+            return None
+        pixels = self.differing(other)
+        errors = surface_errors(truth.at(pixels), other.at(pixels), reference)
+        surface, outside = self.errors.surface.copy(), self.errors.outside.copy()
+        surface.reshape(-1)[pixels], outside.reshape(-1)[pixels] = errors.wrong[0], errors.outside[0]
+        return surface & self.errors.judged, outside & self.errors.judged
+
+
+def differing_pixels(one: HogelImage, other: HogelImage) -> Indices:
+    """Return the flat numbers of the pixels at which two images show different things."""
+    if all(getattr(one, name) is getattr(other, name) for name in ("triangle", "object", "position")):
+        return np.zeros(0, dtype=np.int64)
+    # Flat numbers count along rows, in whatever order the images' arrays lie in memory.
+    differs = np.ascontiguousarray((one.triangle != other.triangle) | (one.object != other.object))
+    # Bits are compared, because a position that is not a number equals no other.
+    positions = one.position, other.position
+    exactly = np.result_type(*positions)
+    bits = np.dtype(f"u{exactly.itemsize}")
+    mine, its = (np.ascontiguousarray(values, dtype=exactly).view(bits).ravel() for values in positions)
+    moved = np.flatnonzero(mine != its)
+    differs.reshape(-1)[moved // 3] = True
+    return np.flatnonzero(differs)
 
 
 def pixel_errors_beside(
@@ -219,16 +248,8 @@ def pixel_errors_beside(
     if not pixels.size:
         return judged.errors
     found = pixel_errors(truth, raster, None, numbered=True)
-    surface, outside = judged.errors.surface, judged.errors.outside
-    if reference is None or surface is None or outside is None:
-        return found
-    errors = surface_errors(truth.at(pixels), raster.at(pixels), reference)
-    changed = []
-    for known, wrong in ((surface, errors.wrong), (outside, errors.outside)):
-        mask = known.copy()
-        mask.reshape(-1)[pixels] = wrong[0]
-        changed.append(mask & found.judged)
-    return replace(found, surface=changed[0], outside=changed[1])
+    surfaces = judged.surfaces_beside(truth, raster, reference) if reference else None
+    return found if surfaces is None else replace(found, surface=surfaces[0], outside=surfaces[1])
 
 
 def judged_pixels(truth: HogelImage) -> Mask:

@@ -1,0 +1,118 @@
+"""Frames that are drawn to be judged, in turns of the thread that draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from xfrustum.compare.judging.parts import Part
+from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.compare.prediction.chain import with_exact_depth
+from xfrustum.raster import Drawn, Rasterizer
+from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.plate import Aperture
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frame:
+    """A frame that is drawn, and the time that this took."""
+
+    drawn: Drawn
+    lap: Stopwatch
+
+    @property
+    def image(self) -> HogelImage:
+        """The image."""
+        return self.drawn.image
+
+    @property
+    def settings(self) -> DoubleFrustum:
+        """The settings that it was drawn with."""
+        settings = self.image.camera.settings
+        assert settings is not None, "the rasterizer says with which settings it drew"
+        return settings
+
+    @property
+    def gpu_s(self) -> float:
+        """Seconds in which the device drew, by its own clock."""
+        return self.drawn.times["draw"].gpu_s
+
+
+Frames = tuple[Frame, ...]
+"""Frames of the same cameras that are drawn together."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Batched(Generic[Made]):
+    """What is drawn of a part, in one turn with that of other parts."""
+
+    turn: Future[list[Made]]
+    place: int
+
+    def result(self) -> Made:
+        """Return it as soon as it is drawn."""
+        return self.turn.result()[self.place]
+
+
+def drawn_frames(
+    machine: Machine, aperture: Aperture, parts: Sequence[Part], rasterizer: Rasterizer, *, color: bool
+) -> list[Frames]:
+    """Draw the frames of one turn, undisturbed."""
+    with machine.undisturbed():
+        return [
+            tuple(_frame(machine, aperture, one, rasterizer, color=color) for one in part.settings)
+            for part in parts
+        ]
+
+
+def exact_frames(
+    stage: tuple[Machine, Stopwatch],
+    aperture: Aperture,
+    parts: Sequence[Part],
+    turn: Future[list[Frames]],
+    rasterizer: Rasterizer,
+) -> list[HogelImage | None]:
+    """Draw frames with exact depth for the parts of a turn that are the first of their cameras.
+
+    They belong to the time of no frame, and are drawn beside what judges frames.
+
+    Parameters
+    ----------
+    stage
+        Machine whose time is shared, and stopwatch of what the hogel's drawings have in common.
+    aperture, parts, turn
+        Aperture, parts of a turn, and their frames, which are drawn.
+    rasterizer
+        Rasterizer that has drawn them.
+    """
+    return [
+        _exact_beside(stage, aperture, frames, rasterizer) if part.first else None
+        for part, frames in zip(parts, turn.result(), strict=True)
+    ]
+
+
+def _frame(
+    machine: Machine, aperture: Aperture, settings: DoubleFrustum, rasterizer: Rasterizer, *, color: bool
+) -> Frame:
+    lap = Stopwatch()
+    with machine.timed(lap, "raster"):
+        drawn = rasterizer.draw(aperture, settings, normals=False, color=color)
+    return Frame(drawn=drawn, lap=lap)
+
+
+def _exact_beside(
+    stage: tuple[Machine, Stopwatch], aperture: Aperture, frames: Frames, rasterizer: Rasterizer
+) -> HogelImage:
+    """Return the frame with exact depth among some of the same cameras, or draw it."""
+    machine, watch = stage
+    exact = with_exact_depth(frames[0].settings)
+    found = [frame.image for frame in frames if frame.settings == exact]
+    if found:
+        return found[0]
+    with machine.stage(watch, "causes"):
+        return rasterizer.draw_beside(aperture, exact, frames[0].drawn)
