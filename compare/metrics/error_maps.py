@@ -210,6 +210,8 @@ class JudgedImage:
         if self.errors.surface is None or self.errors.outside is None:
             return None
         pixels = self.differing(other)
+        if not pixels.size:
+            return self.errors.surface, self.errors.outside
         errors = surface_errors(truth.at(pixels), other.at(pixels), reference)
         surface, outside = self.errors.surface.copy(), self.errors.outside.copy()
         surface.reshape(-1)[pixels], outside.reshape(-1)[pixels] = errors.wrong[0], errors.outside[0]
