@@ -175,7 +175,7 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     if broken == "draw":
         monkeypatch.setattr(Rasterizer, "draw", fails)
     if broken == "trace":
-        monkeypatch.setattr(Reference, "trace", fails)
+        monkeypatch.setattr(Reference, "_whole", fails)
     if broken == "compare":
         monkeypatch.setattr(engine, "compare_images", fails)
     with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:
