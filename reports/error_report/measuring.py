@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare import ErrorMaps
+from xfrustum.compare import Comparison
 from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.judging.engine import JudgedFrame, Wanted
 from xfrustum.compare.judging.judge import Judge
@@ -208,7 +208,7 @@ def _row(frame: JudgedFrame) -> Measurement:
         predicted=frame.prediction,
         times_s=frame.times,
         parts_s=StageParts(raster=RasterParts(gpu=frame.gpu_s)),
-        wrong=_wrong_pixels(frame.comparison.maps),
+        wrong=_wrong_pixels(frame.comparison),
     )
 
 
@@ -222,13 +222,14 @@ def _charges(budget: Budget) -> NDArray[np.int8]:
     return charge
 
 
-def _wrong_pixels(maps: ErrorMaps) -> dict[str, PixelSet]:
+def _wrong_pixels(comparison: Comparison) -> dict[str, PixelSet]:
+    # Not by its maps: those of displacement and height are made for pictures alone.
     found = {}
-    if maps.surface is not None:
-        found["surface"] = PixelSet.of(maps.surface)
-    if maps.radiance is not None:
+    if comparison.errors.surface is not None:
+        found["surface"] = PixelSet.of(comparison.errors.surface)
+    if comparison.colors is not None:
         with np.errstate(invalid="ignore"):
-            found["radiance"] = PixelSet.of(np.abs(maps.radiance).max(axis=-1) > STEP)
+            found["radiance"] = PixelSet.of(np.abs(comparison.colors.error).max(axis=-1) > STEP)
     return found
 
 
