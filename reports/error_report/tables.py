@@ -85,7 +85,8 @@ def measurement_table(sweep: Sweep) -> pa.Table:
             aperture=row.aperture,
             numbers=_row_numbers(row, reach),
             # Columns are there, and null, also where causes were left out.
-            causes={cause.name: cause.numbers for cause in row.causes} or dict.fromkeys(links_of(row.settings)),
+            causes={cause.name: cause.numbers for cause in row.causes}
+            or dict.fromkeys(links_of(row.settings)),
             scene_name=scene.name,
             scene_source=scene.source,
             scene_hash=scene.content_hash,

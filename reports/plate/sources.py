@@ -62,9 +62,7 @@ def check_drawable(content: PlateContent) -> None:
         raise InputError("certainty is the truth's alone: leave it out of the channels, or add --truth")
 
 
-def visible_effects(
-    effects: frozenset[Effect], scene: Scene, settings: DoubleFrustum
-) -> frozenset[Effect]:
+def visible_effects(effects: frozenset[Effect], scene: Scene, settings: DoubleFrustum) -> frozenset[Effect]:
     """Return those of some effects that change pixels of a scene's drawings with these settings."""
     # More than the scene calls for changes no pixel.
     return effects & needed(scene, question=Question(camera=settings.camera, settings=(settings,)))

@@ -16,7 +16,7 @@ from xfrustum.compare.prediction.chain import EXACT_DEPTH
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.error_report.report import ReportFiles, make_report
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, InputError, Pivot
 
 NEARS = (10.0, 0.1)
 DEPTHS = ((DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMapping.REVERSED))
@@ -24,8 +24,15 @@ DEPTHS = ((DepthFormat.D16, DepthMapping.STANDARD), (DepthFormat.D24, DepthMappi
 
 def made(folder: Path, *, causes: bool) -> ReportFiles:
     scene = small("asymmetric-recentered", (48, 36))
-    corner = [scene.plate.aperture(3, 4)]
-    return make_report(scene, folder, nears=NEARS, depths=DEPTHS, apertures=corner, causes=causes)
+    return make_report(
+        scene,
+        folder,
+        nears=NEARS,
+        depths=DEPTHS,
+        apertures=[scene.plate.aperture(3, 4)],
+        pivots=[Pivot.APERTURE],
+        causes=causes,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +73,7 @@ def test_what_is_measured_is_the_same_bit_for_bit(charged: ReportFiles, plain: R
         assert rows == others
     best, other = charged.content["best"], plain.content["best"]
     assert {**best, "sentence": ""} == {**other, "sentence": ""}
-    shown, without = (
-        [row["pictures"] for row in page_data(one.html)["rows"]] for one in (charged, plain)
-    )
+    shown, without = ([row["pictures"] for row in page_data(one.html)["rows"]] for one in (charged, plain))
     assert without == [{name: key for name, key in one.items() if name != "causes"} for one in shown]
 
 
@@ -136,7 +141,16 @@ def test_cpu_seconds_of_measuring_hold_those_of_frames_and_truths(
     assert f"{cpu['ratio']:.2f} times as much CPU time" in files.cost
 
 
-def test_the_command_leaves_causes_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    line = ["report", "hard/only-behind", "--near", "0.1", "--depth", "d24", "--no-causes", "--quiet"]
-    assert main([*line, "--out", str(tmp_path / "out")]) == 0
-    assert "Left out, as asked for" in capsys.readouterr().out
+@pytest.mark.parametrize(("options", "asked"), [([], True), (["--no-causes"], False)])
+def test_the_command_says_whether_there_are_causes(
+    options: list[str], asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[object] = []
+
+    def note(*_: object, **how: object) -> None:
+        told.append(how["causes"])
+        raise InputError("seen")
+
+    monkeypatch.setattr("xfrustum.reports.error_report.report.make_report", note)
+    assert main(["report", "car", *options]) == 2
+    assert told == [asked]
