@@ -20,8 +20,8 @@ from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_camera
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.sight.sight import Sight, SurfacePoints
-from xfrustum.reference.tracers.embree import EmbreeTracer
-from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
+from xfrustum.reference.tracers.embree import EmbreeTracer, embree_versions
+from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer, mitsuba_versions
 from xfrustum.reference.tracers.names import TRACERS
 from xfrustum.reference.tracers.proposals import SecondOpinion, uncertified
 from xfrustum.reference.tracers.tracer import Tracer
@@ -88,7 +88,8 @@ class Reference:
     @property
     def versions(self) -> dict[str, str]:
         """Names and versions of the libraries that the truth rests on, for reports."""
-        return self.tracer.versions
+        # The tracer itself need not be built to be named.
+        return mitsuba_versions() if self.tracer_name == "mitsuba" else embree_versions()
 
     def trace(
         self, aperture: Aperture, sampling: Sampling | None = None, *, colored: bool = True

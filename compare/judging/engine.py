@@ -55,6 +55,8 @@ class Wanted:
     ----------
     color
         Whether frames are drawn in color; where not, no colors are compared.
+    colored_truths
+        Whether truths have color where frames have; where not, no colors are compared either.
     radiance, perceptual
         Whether colors are compared, and how different the pictures look; see `compare_images`.
     causes
@@ -65,6 +67,7 @@ class Wanted:
     """
 
     color: bool = False
+    colored_truths: bool = True
     radiance: bool = False
     perceptual: bool = False
     causes: bool = False
@@ -254,7 +257,7 @@ class Engine(Generic[Found]):
         threads = nullcontext() if self._wanted.apart else kernels_on_one_thread(self._pixels)
         with threads, workers("judging") as pool, workers("tracing", 1) as thread:
             # The time of a whole truth is measured with its color.
-            colored = self._wanted.color or self._wanted.apart
+            colored = (self._wanted.color and self._wanted.colored_truths) or self._wanted.apart
             tracing = TracingThread(self._reference, thread, self.machine, colored=colored)
             drawn: deque[Future[Any]] = deque()
             tasks = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 
@@ -118,14 +118,22 @@ class Machine:
     ----------
     apart
         Whether tasks that are to run undisturbed do so.
+
+    Attributes
+    ----------
+    cpu
+        CPU seconds by stage: those of all threads of the process where a task runs undisturbed, and those of
+        the task's own thread where it runs beside others, whose helpers' time cannot be told apart.
     """
 
     def __init__(self, *, apart: bool) -> None:
+        self.cpu = Stopwatch()
         self._apart = apart
         self._changed = threading.Condition()
         self._beside = 0
         self._asking = 0
         self._clock = SharedStopwatch()
+        self._counting = threading.Lock()
 
     @contextmanager
     def stage(self, watch: Stopwatch, name: str) -> Iterator[None]:
@@ -133,7 +141,7 @@ class Machine:
 
         Within the block nothing may be waited for that runs in such a block itself, or undisturbed.
         """
-        with self._entered(), self._clock.stage(watch, name):
+        with self._entered(), self._clock.stage(watch, name), self._counted(name, time.thread_time):
             yield
 
     @contextmanager
@@ -153,9 +161,23 @@ class Machine:
                 self._asking -= 1
                 self._changed.notify_all()
 
-    def timed(self, watch: Stopwatch, name: str) -> AbstractContextManager[None]:
+    @contextmanager
+    def timed(self, watch: Stopwatch, name: str) -> Iterator[None]:
         """Give the time of the block, which is its share where others run, to a stage of a stopwatch."""
-        return self._clock.stage(watch, name)
+        clock = time.process_time if self._apart else time.thread_time
+        with self._clock.stage(watch, name), self._counted(name, clock):
+            yield
+
+    @contextmanager
+    def _counted(self, name: str, clock: Callable[[], float]) -> Iterator[None]:
+        """Give the block's CPU seconds by a clock to a stage of `cpu`, also when the block raises."""
+        begun = clock()
+        try:
+            yield
+        finally:
+            spent = clock() - begun
+            with self._counting:
+                self.cpu.record(name, spent)
 
     @contextmanager
     def _entered(self) -> Iterator[None]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
@@ -64,6 +65,9 @@ class DrawingThread:
 class TracingThread:
     """A reference that traces apertures one after the other, in the order in which they are submitted.
 
+    They are one stream of the reference, so that triangles are sorted once for all of them. After an error
+    nothing more is traced.
+
     Parameters
     ----------
     reference
@@ -79,8 +83,9 @@ class TracingThread:
     def __init__(
         self, reference: Reference, thread: ThreadPoolExecutor, machine: Machine, *, colored: bool
     ) -> None:
-        self._reference, self._thread, self._machine = reference, thread, machine
-        self._colored = colored
+        self._thread, self._machine = thread, machine
+        self._asked: deque[Aperture] = deque()
+        self._images = reference.stream(self._taken(), colored=colored)
 
     def submit(self, aperture: Aperture, watch: Stopwatch) -> Future[HogelImage]:
         """Have an aperture traced; the stopwatch is given the time."""
@@ -88,4 +93,10 @@ class TracingThread:
 
     def _traced(self, aperture: Aperture, watch: Stopwatch) -> HogelImage:
         with self._machine.undisturbed(), self._machine.timed(watch, "trace"):
-            return self._reference.trace(aperture, colored=self._colored)
+            self._asked.append(aperture)
+            return next(self._images)
+
+    def _taken(self) -> Iterator[Aperture]:
+        """Yield each aperture when it is traced; the stream takes one at a time."""
+        while True:
+            yield self._asked.popleft()

@@ -105,7 +105,10 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
 
 def centers_in_rows(shown: PointsOnFilm, rows: slice = slice(None)) -> tuple[Floats, Floats]:
     """Return columns and rows (N,) of the pixels that show points, in an image that has some of the rows."""
-    row, column = np.divmod(shown.points.pixels, shown.pencil.resolution[0])
+    # A quotient alone, by one number, is several times faster than `divmod`.
+    width = shown.pencil.resolution[0]
+    row = shown.points.pixels // width
+    column = shown.points.pixels - row * width
     return column.astype(np.float64), (row + (rows.start or 0)).astype(np.float64)
 
 

@@ -75,20 +75,23 @@ class RadianceSpread:
         squares = np.einsum("ij->j", scratch) / count
         # Channel by channel, in the same memory: numpy is many times slower along rows of three numbers.
         size = np.abs(error.T, out=scratch.reshape(3, count))
-        worst: Floats = np.maximum(size[0], size[1])
-        np.maximum(worst, size[2], out=worst)
+        if np.array_equal(size[0], size[1]) and np.array_equal(size[0], size[2]):
+            # Most scenes are gray: all channels are off alike, and one is ranked for all.
+            size = size[:1]
+        worst: Floats = size[0] if len(size) == 1 else np.maximum(np.maximum(size[0], size[1]), size[2])
+        p99s = [percentiles(channel, (99,))[0] for channel in size]
         return RadianceSpread(
             pixels=count,
             rms=float(np.sqrt(squares.mean())),
             mean=float(error.mean()),
-            p99=percentiles(worst, (99,))[0],
+            p99=p99s[0] if len(size) == 1 else percentiles(worst, (99,))[0],
             max=float(worst.max()),
             above_step=float(np.count_nonzero(worst > STEP) / count),
             channels=ChannelSpread(
                 rms=_rgb(np.sqrt(squares)),
                 mean=_rgb(np.einsum("ij->j", error) / count),
-                p99=_rgb(np.array([percentiles(channel, (99,))[0] for channel in size])),
-                max=_rgb(size.max(axis=1)),
+                p99=_rgb(np.resize(p99s, 3)),
+                max=_rgb(np.resize(size.max(axis=1), 3)),
             ),
         )
 

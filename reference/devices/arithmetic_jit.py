@@ -12,12 +12,24 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Array4f64, Bool, Float32, Float64, Int32, UInt32
+from drjit.llvm import Array3f, Array3f64, Array4f64, Bool, Float32, Float64, Int32, UInt32
 from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic import Arithmetic, Table
 
-__all__ = ["JIT", "Array4f64", "Bool", "Float32", "Float64", "Int32", "UInt32", "on_device", "on_lanes"]
+__all__ = [
+    "JIT",
+    "Array3f",
+    "Array3f64",
+    "Array4f64",
+    "Bool",
+    "Float32",
+    "Float64",
+    "Int32",
+    "UInt32",
+    "on_device",
+    "on_lanes",
+]
 
 _KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt32, "bool": Bool}
 

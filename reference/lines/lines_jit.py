@@ -7,7 +7,14 @@ from typing import Any
 
 import drjit as dr
 
-from xfrustum.reference.devices.arithmetic_jit import Float64, UInt32, on_device
+from xfrustum.reference.devices.arithmetic_jit import (
+    Array3f,
+    Array3f64,
+    Float32,
+    Float64,
+    UInt32,
+    on_device,
+)
 from xfrustum.reference.lines.lines import Pencil
 
 
@@ -21,10 +28,18 @@ def pixel_directions(pencil: Pencil, rows: range) -> list[Any]:
     return [dr.gather(Float64, dx, lane - row * width), dr.gather(Float64, dy, row + start), Float64(-1.0)]
 
 
+_VECTORS = {Float32: Array3f, Float64: Array3f64}
+"""Type of three coordinates, by the type of one."""
+
+
 def interleaved(coordinates: Sequence[Any], size: int) -> Any:
-    """Return coordinates of all lanes side by side for each lane, as NumPy's arrays of vectors have them."""
-    lane, count = dr.arange(UInt32, size), len(coordinates)
-    found = dr.empty(type(coordinates[0]), size * count)
-    for k, values in enumerate(coordinates):
-        dr.scatter(found, values, lane * count + k)
+    """Return coordinates of all lanes side by side for each lane, as NumPy's arrays of vectors have them.
+
+    There are three coordinates, or one. They are scattered together: of several scatters into one array Dr.Jit
+    makes a kernel each, and every one of these computes all that the coordinates have in common again.
+    """
+    kind = type(coordinates[0])
+    found = dr.empty(kind, size * len(coordinates))
+    together = coordinates[0] if len(coordinates) == 1 else _VECTORS[kind](*coordinates)
+    dr.scatter(found, together, dr.arange(UInt32, size))
     return found

@@ -26,6 +26,9 @@ more pairs, the walk is repeated with room for all of them."""
 MIN_PAIR_ROOM = 1 << 12
 """Number of pairs that there is always room for."""
 
+KEPT_ROWS = 1 << 22
+"""Largest number of rows of boxes that are kept from one picture of an aperture to the next, 12 bytes each."""
+
 PAIRS_PER_CHUNK = 1 << 20
 """Largest number of pairs that are yielded at once: looking at one takes some 500 bytes."""
 
@@ -49,6 +52,30 @@ class _Sorted:
     start: Any
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rows:
+    """The rows of the boxes of triangles, whatever points are asked about.
+
+    Attributes
+    ----------
+    boxes
+        The boxes.
+    box
+        Box of each row.
+    begin, end
+        First cell of each row, and the one behind its last.
+    number, holds
+        As in the boxes, for each box.
+    """
+
+    boxes: CellBoxes
+    box: Any
+    begin: Any
+    end: Any
+    number: Any
+    holds: Any
+
+
 class JitSearch:
     """The triangles of a scene, searched on Dr.Jit.
 
@@ -61,6 +88,7 @@ class JitSearch:
     def __init__(self, triangles: Floats) -> None:
         with strict_arithmetic():
             self._corners = Float64(np.ascontiguousarray(triangles).ravel())
+        self._rows: _Rows | None = None
 
     def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them.
@@ -78,7 +106,7 @@ class JitSearch:
         """
         with strict_arithmetic():
             lines = _sorted(boxes, position, own, tolerance)
-            lanes = _lanes(boxes, lines.start)
+            lanes = _lanes(self._rows_of(boxes), lines.start)
             if not dr.width(lanes[0]):
                 return
             nearest = dr.opaque(Float64, boxes.pencil.s_range[0])
@@ -95,6 +123,14 @@ class JitSearch:
                 triangle=triangle[some].astype(np.int64),
                 sure=sure[some],
             )
+
+    def _rows_of(self, boxes: CellBoxes) -> _Rows:
+        """Return the rows of boxes, which the settings of one aperture share."""
+        if self._rows is not None and self._rows.boxes is boxes:
+            return self._rows
+        made = _rows(boxes)
+        self._rows = made if dr.width(made.box) <= KEPT_ROWS else None
+        return made
 
     def _walked(
         self, lines: _Sorted, lanes: tuple[Any, ...], center: list[Any], nearest: Any, room: int
@@ -130,13 +166,8 @@ class JitSearch:
         return int(written[0]), (points, triangles, certain)
 
 
-def _lanes(boxes: CellBoxes, start: Any) -> tuple[Any, ...]:
-    """Return the rows of boxes that have lines.
-
-    Returns
-    -------
-    The first line of each row, the one behind its last, the triangle, and whether this holds the center.
-    """
+def _rows(boxes: CellBoxes) -> _Rows:
+    """Return the rows of all boxes."""
     heights = boxes.box[3] - boxes.box[2] + 1
     before = np.cumsum(heights, dtype=np.int64) - heights
     rows = int(heights.sum())
@@ -150,16 +181,35 @@ def _lanes(boxes: CellBoxes, start: Any) -> tuple[Any, ...]:
     )
     stride: Any = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
     cell: Any = (dr.arange(UInt32, rows) - base + top) * stride
-    first, last = dr.gather(UInt32, start, cell + left), dr.gather(UInt32, start, cell + right + 1)
-    dr.eval(first, last, box)
+    made = _Rows(
+        boxes=boxes,
+        box=box,
+        begin=cell + left,
+        end=cell + right + 1,
+        number=UInt32(boxes.number.astype(np.uint32)),
+        holds=Bool(boxes.holds),
+    )
+    dr.eval(made.box, made.begin, made.end)
+    return made
+
+
+def _lanes(rows: _Rows, start: Any) -> tuple[Any, ...]:
+    """Return the rows of boxes that have lines.
+
+    Returns
+    -------
+    The first line of each row, the one behind its last, the triangle, and whether this holds the center.
+    """
+    first, last = dr.gather(UInt32, start, rows.begin), dr.gather(UInt32, start, rows.end)
+    dr.eval(first, last)
     # Rows without lines would idle beside those that walk.
     lane: Any = dr.compress(first < last)
-    at = dr.gather(UInt32, box, lane)
+    at = dr.gather(UInt32, rows.box, lane)
     return (
         dr.gather(UInt32, first, lane),
         dr.gather(UInt32, last, lane),
-        dr.gather(UInt32, UInt32(boxes.number.astype(np.uint32)), at),
-        dr.gather(Bool, Bool(boxes.holds), at),
+        dr.gather(UInt32, rows.number, at),
+        dr.gather(Bool, rows.holds, at),
     )
 
 

@@ -25,6 +25,11 @@ RAYS_PER_CALL = 1 << 16
 several calls run on several threads."""
 
 
+def embree_versions() -> dict[str, str]:
+    """Return name and version of the tracer, for reports."""
+    return {"embreex": version("embreex")}
+
+
 class EmbreeTracer:
     """A scene's acceleration structure, built once, in Embree's robust mode.
 
@@ -54,7 +59,7 @@ class EmbreeTracer:
     @property
     def versions(self) -> dict[str, str]:
         """Name and version of the tracer, for reports."""
-        return {"embreex": version("embreex")}
+        return embree_versions()
 
     def first_hits(self, origins: Floats, directions: Floats) -> Numbers:
         """Return the first triangle of each ray, (N,); see `Tracer.first_hits`."""

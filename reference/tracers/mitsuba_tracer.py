@@ -21,6 +21,11 @@ RAYS_PER_CALL = 1 << 20
 """Rays of one call. This bounds the memory, some 100 bytes per ray."""
 
 
+def mitsuba_versions() -> dict[str, str]:
+    """Return name and version of the tracer, its variant and its LLVM, for reports."""
+    return backend().versions
+
+
 class MitsubaTracer:
     """A scene's acceleration structure in Mitsuba, built once; robust where Embree builds it.
 

@@ -91,7 +91,7 @@ def _columns(kind: type, rows: Sequence[Any], pattern: str) -> Iterator[Column]:
             assert isinstance(hint, type), "hints name classes, not instances"
             yield from _columns(hint, values, group)
         elif get_origin(hint) in (dict, Mapping):
-            _, hint = get_args(hint)
+            hint = _without_none(get_args(hint)[1])
             for key in dict.fromkeys(key for value in values if value for key in value):
                 parts = [value.get(key) if value else None for value in values]
                 if is_dataclass(hint):

@@ -150,11 +150,14 @@ def _surface_figure(rows: Sequence[tuple[int, Measurement]], reach: float) -> go
     figure = _fraction_figure(
         rows, reach, lambda row: row.comparison.surface, "pixels with the wrong surface"
     )
+    if not any(row.predicted for _, row in rows):
+        return figure
     for place, (label, group) in enumerate(_by_depth(rows).items()):
+        predicted = [(row, row.predicted.surface_fraction) for _, row in group if row.predicted]
         figure.add_scatter(
-            x=[row.settings.near / reach for _, row in group],
+            x=[row.settings.near / reach for row, _ in predicted],
             # Shares of less than half a pixel are drawn there too, where zeros are.
-            y=[max(row.predicted.surface_fraction, _half_pixel(row)) for _, row in group],
+            y=[max(share, _half_pixel(row)) for row, share in predicted],
             name=f"{label}, closed form",
             mode="lines",
             showlegend=False,
@@ -180,7 +183,10 @@ def _displacement_figure(
 
     _add_depth_lines(figure, rows, reach, measured)
     figure.update_traces(hovertemplate="near %{x:.3g} of the reach<br>%{y:.3g} px")
-    forms = {row.settings.near / reach: row.predicted.displacement_px for _, row in rows}
+    forms = {row.settings.near / reach: row.predicted.displacement_px for _, row in rows if row.predicted}
+    if not forms:
+        _log_axes(figure, title)
+        return figure
     predicted = {near: spread for near, spread in forms.items() if spread is not None}
     nears = sorted(predicted)
     figure.add_scatter(

@@ -80,7 +80,7 @@ def _rounded_up(value: float) -> float:
 def setting_pictures(
     drawn: HogelImage,
     maps: ErrorMaps,
-    charge: NDArray[np.int8],
+    charge: NDArray[np.int8] | None,
     scale: tuple[float, tuple[float, float]],
     reduction: int = 1,
 ) -> SettingPictures:
@@ -91,7 +91,8 @@ def setting_pictures(
     drawn, maps
         The raster image and what the comparison found, (H, W).
     charge
-        (H, W) number of the link that each wrong surface is charged to, negative where there is none.
+        (H, W) number of the link that each wrong surface is charged to, negative where there is none; None
+        where causes were left out.
     scale
         Longest reach in scene units, and both ends of the height scale in multiples of it (`height_range`).
     reduction
@@ -105,7 +106,7 @@ def setting_pictures(
         surface=mask(surface, SURFACE_COLOR, reduction),
         triangle=mask(maps.triangle, TRIANGLE_COLOR, reduction),
         height=height_map(maps.height, reach, heights, reduction),
-        causes=cause_map(charge, reduction),
+        causes=None if charge is None else cause_map(charge, reduction),
         radiance=None if maps.radiance is None else radiance_map(maps.radiance, reduction),
     )
 

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.compare import ErrorMaps
+from xfrustum.compare import Comparison
 from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.judging.engine import JudgedFrame, Wanted
 from xfrustum.compare.judging.judge import Judge
@@ -74,16 +74,18 @@ class SettingMeasurer:
         Judge of the scene that is shown.
     reduction
         Image pixels per picture pixel, along each side.
+    causes
+        Whether wrong pixels are charged to causes, and errors predicted.
     """
 
-    def __init__(self, judge: Judge, reduction: int) -> None:
+    def __init__(self, judge: Judge, reduction: int, *, causes: bool = True) -> None:
         self._judge = judge
         scene = judge.scene
         self._scale = scene.frustum.longest_reach, images.height_range(scene, scene.frustum.longest_reach)
         self._reduction = reduction
         shaded = is_shaded(scene)
         # Where a scene says nothing of light, colors say nothing of the rasterizer, and take time.
-        wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=True, apart=True)
+        wanted = Wanted(color=True, radiance=shaded, perceptual=shaded, causes=causes, apart=True)
         self._engine = judge.engine(wanted, self._measured)
         self._watch = Stopwatch()
 
@@ -94,6 +96,11 @@ class SettingMeasurer:
         total.add(self._watch.seconds)
         total.add(self._engine.watch.seconds)
         return total.seconds
+
+    @property
+    def cpu_seconds(self) -> dict[str, float]:
+        """CPU seconds by stage; see `Machine`."""
+        return dict(self._engine.machine.cpu.seconds)
 
     def warm_up(self, aperture: Aperture, settings: Sequence[DoubleFrustum]) -> None:
         """Draw once what compiles a program or allocates a target, which belongs to the time of no row."""
@@ -118,10 +125,11 @@ class SettingMeasurer:
                 yield one.hogel.aperture, one.found.measured
 
     def _traced(self, truth: HogelImage) -> TracedAperture:
-        stage = self._engine.machine.stage
-        with stage(self._watch, "pictures"):
+        machine = self._engine.machine
+        with machine.stage(self._watch, "pictures"):
             picture = images.picture(truth, self._reduction)
-        with stage(self._watch, "alone"):
+        # Tracers have threads of their own, whose time is told apart from others' only while nothing else runs.
+        with machine.undisturbed(), machine.timed(self._watch, "alone"):
             alone = self._alone(truth)
         return TracedAperture(picture=picture, alone=alone)
 
@@ -141,9 +149,9 @@ class SettingMeasurer:
         """Return the row of a frame and its pictures, encoded in the thread that has judged it."""
         row, taken = _row(frame), Stopwatch()
         with self._engine.machine.stage(taken, "pictures"):
-            assert frame.budget is not None
+            charges = None if frame.budget is None else _charges(frame.budget)
             pictures = images.setting_pictures(
-                frame.image, frame.comparison.maps, _charges(frame.budget), self._scale, self._reduction
+                frame.image, frame.comparison.maps, charges, self._scale, self._reduction
             )
         taken.add(frame.lap.seconds)
         return _Measured(measured=MeasuredSetting(row=row, pictures=pictures), lap=taken)
@@ -189,19 +197,18 @@ class _Measured:
 
 
 def _row(frame: JudgedFrame) -> Measurement:
-    budget, prediction = frame.budget, frame.prediction
-    assert budget is not None and prediction is not None, "a report asks for causes"
+    budget = frame.budget
     return Measurement(
         aperture=frame.hogel.aperture,
         settings=frame.settings,
         comparison=frame.comparison.numbers,
-        causes=budget.causes,
-        unexplained=int(budget.explanation.unexplained.sum()),
-        shear=budget.start.shear,
-        predicted=prediction,
+        causes=() if budget is None else budget.causes,
+        unexplained=None if budget is None else int(budget.explanation.unexplained.sum()),
+        shear=None if budget is None else budget.start.shear,
+        predicted=frame.prediction,
         times_s=frame.times,
         parts_s=StageParts(raster=RasterParts(gpu=frame.gpu_s)),
-        wrong=_wrong_pixels(frame.comparison.maps),
+        wrong=_wrong_pixels(frame.comparison),
     )
 
 
@@ -215,13 +222,14 @@ def _charges(budget: Budget) -> NDArray[np.int8]:
     return charge
 
 
-def _wrong_pixels(maps: ErrorMaps) -> dict[str, PixelSet]:
+def _wrong_pixels(comparison: Comparison) -> dict[str, PixelSet]:
+    # Not by its maps: those of displacement and height are made for pictures alone.
     found = {}
-    if maps.surface is not None:
-        found["surface"] = PixelSet.of(maps.surface)
-    if maps.radiance is not None:
+    if comparison.errors.surface is not None:
+        found["surface"] = PixelSet.of(comparison.errors.surface)
+    if comparison.colors is not None:
         with np.errstate(invalid="ignore"):
-            found["radiance"] = PixelSet.of(np.abs(maps.radiance).max(axis=-1) > STEP)
+            found["radiance"] = PixelSet.of(np.abs(comparison.colors.error).max(axis=-1) > STEP)
     return found
 
 

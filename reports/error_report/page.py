@@ -53,7 +53,8 @@ _CERTAINTY_WORDS = {
 class PageRow:
     """One row as the page's script reads it; pictures by the keys of `PageData.pictures`.
 
-    `causes` are the numbers of pixels with the wrong surface that are charged to each link.
+    `causes` are the numbers of pixels with the wrong surface that are charged to each link. Where causes were
+    left out there are none, and no predictions.
     """
 
     aperture: tuple[int, int]
@@ -61,8 +62,8 @@ class PageRow:
     depth: str
     near: float
     comparison: ComparisonNumbers
-    predicted: Prediction
-    predicted_surface: float
+    predicted: Prediction | None
+    predicted_surface: float | None
     ratio: Ratios
     times_s: StageTimes
     parts_s: StageParts
@@ -176,9 +177,12 @@ def render_page(sweep: Sweep, shading: ShadingReport | None = None) -> str:
         "shading": shading_page.context(shading),
         "trade_off": trade_off.answers(options, recommended=recommended),
         "total_s": sweep.wall_s,
+        "cost": sweep.cost_sentence,
         "geometries": geometries.context(sweep),
         "dominant": _dominant(sweep),
-        "unexplained": sum(row.unexplained for row in sweep.rows),
+        "unexplained": sum(row.unexplained or 0 for row in sweep.rows),
+        "charged": sweep.charged,
+        "left_out": sweep.left_out_sentence,
         "page_data": _page_data(sweep, shading),
     }
     filters = {
@@ -230,6 +234,8 @@ def _dominant(sweep: Sweep) -> list[tuple[str, list[str]]]:
 
     Those of the best setting, at the aperture at which it is worst, come first.
     """
+    if not sweep.charged:
+        return []
     names = geometry_names(sweep.geometries)
     chosen = best.best_setting(sweep.rows)
     first = CameraGeometry.of(chosen.settings)
@@ -251,7 +257,7 @@ def _curves(
     drawn = figures.curves(rows, reach) | shading_page.curves(shading, rows, reach)
     drawn |= geometries.comparison_figures(sweep, aperture)
     curves = {name: None if figures.is_blank(figure) else figure for name, figure in drawn.items()}
-    return curves | {"causes": causes.cause_figure(rows, reach)}
+    return curves | ({"causes": causes.cause_figure(rows, reach)} if sweep.charged else {})
 
 
 def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str], geometry: int) -> PageRow:
@@ -262,7 +268,7 @@ def _row_data(row: Measurement, own: SettingPictures, pictures: dict[str, str], 
         near=row.settings.near,
         comparison=row.comparison,
         predicted=row.predicted,
-        predicted_surface=row.predicted.surface_fraction,
+        predicted_surface=row.predicted.surface_fraction if row.predicted else None,
         ratio=row.measured_over_predicted,
         times_s=row.times_s,
         parts_s=row.parts_s,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -94,6 +95,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     effects: str = "auto",
     cull: Cull = Cull.NONE,
     decided_by: str = CERTIFIED,
+    causes: bool = True,
     progress: bool = False,
 ) -> ReportFiles:
     """Measure the error of a scene over settings and write index.html, report.json, measurements.parquet.
@@ -117,6 +119,9 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         Faces that all settings leave out.
     decided_by
         What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
+    causes
+        Whether wrong pixels are charged to causes, and errors predicted by closed forms. Without both, the
+        report takes little more than its frames and truths.
     progress
         Show a progress bar on standard error.
 
@@ -133,7 +138,9 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     settings = tuple(replace(one, cull=cull) for one in settings)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
         decision = Decision(by=decided_by, tracer=tracer)
-        measured = sweep(scene, chosen, settings, decision=decision, effects=effects, progress=progress)
+        measured = sweep(
+            scene, chosen, settings, decision=decision, effects=effects, causes=causes, progress=progress
+        )
         measured, shading = _with_light(measured, settings, effects, progress)
         measured = replace(measured, auto=_auto(apertures))
         record = _write(staging.folder, measured, shading)
@@ -151,7 +158,10 @@ def _report_files(
         best=best_setting(measured.rows),
         sentence=headline(measured),
         content=json_object(record),
-        notes=(*filter(None, [measured.coverage_sentence]), *(shading.sentences() if shading else ())),
+        notes=(
+            *filter(None, [measured.coverage_sentence, measured.left_out_sentence]),
+            *(shading.sentences() if shading else ()),
+        ),
         cost=measured.cost_sentence,
         command=recommended_command(measured),
     )
@@ -161,12 +171,14 @@ def _with_light(
     measured: Sweep, settings: Sequence[DoubleFrustum], effects: str, progress: bool
 ) -> tuple[Sweep, ShadingReport | None]:
     """Measure the light of a shaded scene besides; return the sweep with the time that this took."""
-    watch = Stopwatch()
+    watch, begun = Stopwatch(), time.process_time()
     with watch.stage("light"):
         shading = measure_shading(
             measured.scene, measured.apertures, settings, effects=effects, progress=progress
         )
-    return (measured.with_stage("light", watch.seconds["light"]) if shading else measured), shading
+    if shading is None:
+        return measured, None
+    return measured.with_stage("light", watch.seconds["light"], time.process_time() - begun), shading
 
 
 def _apertures(scene: Scene, given: Sequence[Aperture] | AutoApertures | None) -> tuple[Aperture, ...]:
@@ -205,8 +217,9 @@ def _settings(
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
     """Write the three files; return what report.json holds."""
-    record = report_record(measured, shading)
+    begun = time.process_time()
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
+    record = report_record(measured.with_cpu("page", time.process_time() - begun), shading)
     write_json(folder / "report.json", record)
     write_parquet(measured, folder / "measurements.parquet")
     return record

@@ -86,11 +86,11 @@ class RowNumbers:
     settings: DoubleFrustum = field(metadata=named_columns("{}"))
     near_per_reach: float
     comparison: ComparisonNumbers = field(metadata=named_columns("{}"))
-    unexplained: int
+    unexplained: int | None
     shear: ShearNumbers | None
     predicted_displacement_px: Spread | None
-    predicted_surface: PredictedSurface
-    smallest_separation: Separations
+    predicted_surface: PredictedSurface | None
+    smallest_separation: Separations | None
     measured_over_predicted: Ratios
     times_s: StageTimes = field(metadata=named_columns("time_{}_s"))
     parts_s: StageParts = field(metadata=named_columns("time_{}_s"))
@@ -111,7 +111,7 @@ class TableRow:
 
     aperture: Aperture
     numbers: RowNumbers = field(metadata=INLINED)
-    causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
+    causes: Mapping[str, CauseNumbers | None] = field(metadata=named_columns("cause_{}"))
     scene_name: str
     scene_source: str
     scene_hash: str
@@ -131,7 +131,13 @@ class AloneRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportRecord:
-    """The object in report.json; see `Sweep`."""
+    """The object in report.json; see `Sweep`.
+
+    Attributes
+    ----------
+    left_out
+        Names of what the report was asked to leave out.
+    """
 
     scene: SceneRecord
     apertures: tuple[Aperture, ...]
@@ -149,3 +155,4 @@ class ReportRecord:
     trade_off: TradeOffRecord
     shading: ShadingRecord | None
     scout: ScoutRecord | None
+    left_out: tuple[str, ...]

@@ -87,6 +87,7 @@ def sweep(
     *,
     decision: Decision = CERTIFIED_DECISION,
     effects: str = "auto",
+    causes: bool = True,
     progress: bool = False,
 ) -> Sweep:
     """Measure every setting at every aperture.
@@ -101,6 +102,9 @@ def sweep(
         What decides the truths.
     effects
         Effects that are simulated, as `--effects` takes them.
+    causes
+        Whether wrong pixels are charged to causes, and errors predicted by closed forms. Without, neither
+        frames with exact depth nor models are made, and what both numbers need is not computed.
     progress
         Show a progress bar on standard error.
 
@@ -109,17 +113,18 @@ def sweep(
     InputError
         No usable OpenGL context, or an unknown tracer.
     """
-    watch, begun = Stopwatch(), time.perf_counter()
+    watch, begun, cpu_begun = Stopwatch(), time.perf_counter(), time.process_time()
     with watch.stage("prepare"):
         simulated = _simulated(scene, effects)
         reference = open_reference(scene, decision, simulated)
         judge = Judge(scene, reference=reference, effects=simulated)
     with judge:
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
-        measurer = SettingMeasurer(judge, reduction)
+        measurer = SettingMeasurer(judge, reduction, causes=causes)
         measured = _run(measurer, apertures, settings, watch, progress)
+        measured_s, measured_cpu_s = time.perf_counter() - begun, time.process_time() - cpu_begun
         with watch.stage("repeat"):
-            frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
+            frames = _repeated(measurer, measured.rows, measured_s)
         opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
     wall_s = time.perf_counter() - begun
     return Sweep(
@@ -137,7 +142,16 @@ def sweep(
         parts_s=StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in measured.rows))),
         wall_s=wall_s,
         frames_s=frames,
+        cpu_s=_cpu_seconds(measurer, measured_cpu_s, time.process_time() - cpu_begun),
+        charged=causes,
     )
+
+
+def _cpu_seconds(measurer: SettingMeasurer, measured_s: float, all_s: float) -> dict[str, float]:
+    """Return the CPU seconds of a sweep, given those up to its last row and those of everything."""
+    known = measurer.cpu_seconds
+    stages = {name: known[name] for name in ("raster", "trace", "pictures", "alone") if name in known}
+    return {**stages, "repeat": all_s - measured_s, "all": all_s}
 
 
 def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:

@@ -8,6 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xfrustum.compare.metrics.paired import CONFIDENCE
+from xfrustum.compare.prediction.chain import links_of
+from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.formatting import unexamined_truth
 from xfrustum.reports.common.raster_command import raster_command
@@ -71,6 +73,7 @@ def report_record(sweep: Sweep, shading: ShadingReport | None = None) -> ReportR
         trade_off=trade_off_record(options, recommended=trade_off.recommended_of(sweep, options)),
         shading=shading.record if shading else None,
         scout=ScoutRecord.of(sweep.auto) if sweep.auto else None,
+        left_out=sweep.left_out,
     )
 
 
@@ -81,7 +84,9 @@ def measurement_table(sweep: Sweep) -> pa.Table:
         TableRow(
             aperture=row.aperture,
             numbers=_row_numbers(row, reach),
-            causes={cause.name: cause.numbers for cause in row.causes},
+            # Columns are there, and null, also where causes were left out.
+            causes={cause.name: cause.numbers for cause in row.causes}
+            or dict.fromkeys(links_of(row.settings)),
             scene_name=scene.name,
             scene_source=scene.source,
             scene_hash=scene.content_hash,
@@ -123,19 +128,23 @@ def _row_numbers(row: Measurement, reach: float) -> RowNumbers:
         comparison=row.comparison,
         unexplained=row.unexplained,
         shear=row.shear,
-        predicted_displacement_px=predicted.displacement_px,
-        predicted_surface=PredictedSurface(
-            fraction=predicted.surface_fraction,
-            silhouettes=predicted.silhouettes,
-            snapped=predicted.snapped,
-            depth=predicted.depth,
-            outside=predicted.outside,
-            culled=predicted.culled,
-        ),
-        smallest_separation=predicted.separation,
+        predicted_displacement_px=predicted.displacement_px if predicted else None,
+        predicted_surface=_predicted_surface(predicted) if predicted else None,
+        smallest_separation=predicted.separation if predicted else None,
         measured_over_predicted=row.measured_over_predicted,
         times_s=row.times_s,
         parts_s=row.parts_s,
+    )
+
+
+def _predicted_surface(predicted: Prediction) -> PredictedSurface:
+    return PredictedSurface(
+        fraction=predicted.surface_fraction,
+        silhouettes=predicted.silhouettes,
+        snapped=predicted.snapped,
+        depth=predicted.depth,
+        outside=predicted.outside,
+        culled=predicted.culled,
     )
 
 

@@ -28,7 +28,12 @@ def words_of(row: Measurement) -> Mapping[str, str]:
 
 
 def main_cause(row: Measurement) -> str | None:
-    """Return in words the cause of more than half of the wrong surfaces; None where none makes so many."""
+    """Return in words the cause of more than half of the wrong surfaces; None where none makes so many.
+
+    It is None too where wrong surfaces were not charged to causes.
+    """
+    if not row.causes:
+        return None
     most = max(row.causes, key=lambda cause: cause.surface)
     wrong = sum(cause.surface for cause in row.causes)
     return words_of(row)[most.name] if 2 * most.surface > wrong else None

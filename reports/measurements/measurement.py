@@ -59,11 +59,12 @@ class Measurement:
     comparison
         How the image differs from the truth (CONVENTIONS.md, "Errors and their signs").
     causes
-        The links of the error budget, which every wrong pixel is charged to one of.
+        The links of the error budget, which every wrong pixel is charged to one of; empty where causes were
+        left out.
     unexplained
-        Number of wrong pixels charged to rounding whose cause is not known.
+        Number of wrong pixels charged to rounding whose cause is not known; None likewise.
     predicted
-        The error by closed forms, from the scene's geometry alone.
+        The error by closed forms, from the scene's geometry alone; None likewise.
     times_s
         Wall seconds per stage.
     parts_s
@@ -79,8 +80,8 @@ class Measurement:
     settings: DoubleFrustum
     comparison: ComparisonNumbers
     causes: tuple[Cause, ...]
-    unexplained: int
-    predicted: Prediction
+    unexplained: int | None
+    predicted: Prediction | None
     times_s: StageTimes
     parts_s: StageParts
     shear: ShearNumbers | None = None
@@ -117,6 +118,8 @@ class Measurement:
     @property
     def measured_over_predicted(self) -> Ratios:
         """Ratios of what was measured to what was predicted."""
+        if self.predicted is None:
+            return Ratios(displacement_rms=None, displacement_p99=None, surface=None)
         displacement, predicted = self.comparison.displacement_px, self.predicted.displacement_px
         return Ratios(
             displacement_rms=_ratio(
@@ -142,7 +145,7 @@ class SettingPictures:
     surface: bytes
     triangle: bytes
     height: bytes
-    causes: bytes
+    causes: bytes | None = None
     radiance: bytes | None = None
 
 
@@ -163,12 +166,48 @@ class TracersAlonePictured:
     pictures: Mapping[str, bytes]
 
 
+BESIDES = ("pictures", "alone", "repeat", "light")
+"""Stages that are not measuring: the pictures of the page, the pixels that a tracer alone would have got wrong,
+which says nothing of a row, frames drawn again to rank them by time, and the section on light."""
+
+WITHIN_SWEEP = ("pictures", "alone", "repeat")
+"""Those of `BESIDES` that a sweep itself does."""
+
+LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
+"""What a report without causes leaves out: the causes of wrong pixels, and predictions by closed forms; and what
+causes alone need, frames with exact depth and the traced images of the cameras' models."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CpuCost:
+    """CPU seconds of all threads of the process.
+
+    Attributes
+    ----------
+    measuring_s
+        From the loaded scene to the measured rows: renderers made ready, kernels and programs compiled, truths,
+        frames, comparisons and, where they were wanted, causes and predictions.
+    frames_s, truths_s
+        Part of it in which frames were drawn and read back, and in which truths were traced. Both run while
+        nothing else does.
+    ratio
+        `measuring_s` over `frames_s` and `truths_s` together; None where these took no time.
+    besides_s
+        Stages that are not measuring, see `BESIDES`, and `page`, in which the page was put together.
+    """
+
+    measuring_s: float
+    frames_s: float
+    truths_s: float
+    ratio: float | None
+    besides_s: Mapping[str, float]
+
+
 @dataclass(frozen=True, kw_only=True)
 class SweepCost:
     """What measuring took beside what it cannot do without: its frames with read-back and its truths.
 
-    Pictures, which belong to the page, repeated frames, which belong to the ranking by time, and light, which
-    has a section of its own, are timed separately: they are not measuring.
+    The stages in `BESIDES` are timed separately: they are not measuring.
 
     Attributes
     ----------
@@ -181,9 +220,11 @@ class SweepCost:
     ratio
         `wall_s` over `frames_s` and `truths_s` together.
     ratio_without_causes
-        The same without the stage `causes`, which charges wrong pixels and draws and traces what that needs.
+        `ratio` of a report without causes; None in a report that has them.
     total_s
         Seconds of everything.
+    cpu
+        The same in CPU seconds, which depend less on what else the machine does.
     """
 
     wall_s: float
@@ -191,8 +232,9 @@ class SweepCost:
     truths_s: float
     pictures_s: float
     ratio: float
-    ratio_without_causes: float
+    ratio_without_causes: float | None
     total_s: float
+    cpu: CpuCost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +268,11 @@ class Sweep:
         Wall seconds of everything.
     frames_s
         By setting: times of repeated frames with read-back at the first aperture, where they were timed.
+    cpu_s
+        CPU seconds: of `raster` and `trace`, of the stages in `BESIDES` and of `page`, and as `all` those of
+        everything but `light` and `page`.
+    charged
+        Whether wrong pixels were charged to causes, and errors predicted.
     auto
         The scout from which the apertures were chosen; None where they were given.
     """
@@ -244,11 +291,23 @@ class Sweep:
     parts_s: StageParts
     wall_s: float
     frames_s: Mapping[DoubleFrustum, Timing]
+    cpu_s: Mapping[str, float]
+    charged: bool = True
     auto: AutoApertures | None = None
 
-    def with_stage(self, name: str, seconds: float) -> Sweep:
-        """Return the sweep with one more stage, which was done after all others."""
-        return replace(self, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
+    def with_stage(self, name: str, seconds: float, cpu_s: float) -> Sweep:
+        """Return the sweep with one more stage, which was done after all others, and its CPU seconds."""
+        longer = self.with_cpu(name, cpu_s)
+        return replace(longer, times_s={**self.times_s, name: seconds}, wall_s=self.wall_s + seconds)
+
+    def with_cpu(self, name: str, seconds: float) -> Sweep:
+        """Return the sweep with the CPU seconds of one more stage."""
+        return replace(self, cpu_s={**self.cpu_s, name: seconds})
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of what the sweep was asked to leave out."""
+        return () if self.charged else LEFT_OUT
 
     @cached_property
     def geometries(self) -> tuple[CameraGeometry, ...]:
@@ -276,19 +335,45 @@ class Sweep:
         )
 
     @property
+    def left_out_sentence(self) -> str:
+        """What the sweep was asked to leave out, in words; empty where that is nothing."""
+        if self.charged:
+            return ""
+        return (
+            f"Left out, as asked for: {', '.join(LEFT_OUT[:-1])} and {LEFT_OUT[-1]}. Wrong pixels are counted "
+            "and shown, and not explained."
+        )
+
+    @property
     def cost(self) -> SweepCost:
         """The price of measuring, beside that of its frames and truths."""
         needed = self.times_s["raster"] + self.times_s["trace"]
-        apart = sum(self.times_s.get(stage, 0.0) for stage in ("pictures", "repeat", "light", "alone"))
+        apart = sum(self.times_s.get(stage, 0.0) for stage in BESIDES)
         measuring = self.wall_s - apart
+        ratio = measuring / needed
         return SweepCost(
             wall_s=measuring,
             frames_s=self.times_s["raster"],
             truths_s=self.times_s["trace"],
             pictures_s=self.times_s["pictures"],
-            ratio=measuring / needed,
-            ratio_without_causes=(measuring - self.times_s.get("causes", 0.0)) / needed,
+            ratio=ratio,
+            ratio_without_causes=None if self.charged else ratio,
             total_s=self.wall_s,
+            cpu=self._cpu_cost(),
+        )
+
+    def _cpu_cost(self) -> CpuCost:
+        """The price of measuring in CPU seconds."""
+        besides = {stage: self.cpu_s[stage] for stage in (*BESIDES, "page") if stage in self.cpu_s}
+        within = sum(self.cpu_s.get(stage, 0.0) for stage in WITHIN_SWEEP)
+        frames, truths = self.cpu_s.get("raster", 0.0), self.cpu_s.get("trace", 0.0)
+        measuring, needed = self.cpu_s["all"] - within, frames + truths
+        return CpuCost(
+            measuring_s=measuring,
+            frames_s=frames,
+            truths_s=truths,
+            ratio=measuring / needed if needed else None,
+            besides_s=besides,
         )
 
     @property
@@ -308,6 +393,11 @@ class Sweep:
                 besides.append(f"{words} {self.times_s[stage]:.2f} s")
         return (
             f"Measured in {cost.wall_s:.2f} s of wall time: {cost.ratio:.2f} times what {frames} "
-            f"with read-back ({cost.frames_s:.2f} s) and {truths} ({cost.truths_s:.2f} s) take. "
+            f"with read-back ({cost.frames_s:.2f} s) and {truths} ({cost.truths_s:.2f} s) take{_in_cpu(cost.cpu)}. "
             f"Besides: {', '.join(besides)}; {cost.total_s:.2f} s in all."
         )
+
+
+def _in_cpu(cost: CpuCost) -> str:
+    """Say what that is in CPU time; nothing where frames and truths took none."""
+    return "" if cost.ratio is None else f", and {cost.ratio:.2f} times as much CPU time as they take"

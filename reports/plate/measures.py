@@ -7,10 +7,9 @@ same plate has the same bytes.
 from __future__ import annotations
 
 import io
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
-from itertools import tee
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,15 +18,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from xfrustum.compare.judging.engine import JudgedFrame, Wanted
 from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.raster.plate.one_by_one import plate_hogel
+from xfrustum.raster.rasterizer import normals_of
 from xfrustum.reports.common.records import columns_of, named_columns, table_of
 from xfrustum.reports.plate.layout import Block
-from xfrustum.reports.plate.sources import Drawn
+from xfrustum.reports.plate.sources import check_drawable, visible_effects
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.model.look import is_shaded
-from xfrustum.scenes.model.plate_content import PlateHogel
+from xfrustum.scenes.model.plate_content import Channel, PlateContent, PlateHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -63,40 +65,52 @@ class JudgedPlateHogel(PlateHogel):
 
 
 class JudgedSource:
-    """A source whose hogels are judged while they are drawn; a context manager.
+    """Hogels that are judged and stored as they are drawn, each by one drawing; a context manager.
 
     Parameters
     ----------
-    drawn
-        Source of the images, which are not changed.
+    scene, settings, content
+        As for `Drawn`, whose images these are, bit for bit.
+
+    Raises
+    ------
+    InputError
+        As from `Drawn`; or see `Judge`.
     """
 
+    transported = False
     judged = True
 
-    def __init__(self, drawn: Drawn) -> None:
-        assert drawn.settings is not None, "truths are not judged"
-        self._drawn, self._settings = drawn, drawn.settings
-        self.scene, self.content = drawn.scene, drawn.content
-        self.settings: DoubleFrustum | None = drawn.settings
-        self.simulated, self.renderer, self.transported = drawn.simulated, drawn.renderer, drawn.transported
-        self._judge = Judge(drawn.scene)
+    def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
+        check_drawable(content)
+        settings.check_against(scene.frustum)
+        self.scene, self.content = scene, content
+        self.settings: DoubleFrustum | None = settings
+        self._settings = settings
+        self._judge = Judge(scene, effects=content.effects)
+        drawing = self._judge.drawing
+        effects = drawing.submit(lambda rasterizer: rasterizer.effects_for(settings)).result()
+        self.simulated = visible_effects(effects, scene, settings)
+        self.renderer = drawing.device["renderer"]
 
     def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:
         """Draw and judge hogels, and yield them in the order of their apertures."""
-        to_draw, to_judge = tee(apertures)
-        judged = self._judge.stream(to_judge, [self._settings])
-        assert isinstance(judged, Generator)
-        with closing(judged):
-            for hogel, found in zip(self._drawn.hogels(to_draw), judged, strict=True):
-                here = hogel.aperture
-                measured = MeasuredHogel(
-                    column=here.column,
-                    row=here.row,
-                    x=here.x,
-                    y=here.y,
-                    comparison=found.drawings[0].comparison,
-                )
-                yield JudgedPlateHogel(**{**vars(hogel), "measured": measured})
+        colors = is_shaded(self.scene)
+        # Pixels are stored with color; whether it is compared is another question.
+        wanted = Wanted(color=True, colored_truths=colors, radiance=colors)
+        with closing(self._judge.engine(wanted, self._judged).frames(apertures, [self._settings])) as frames:
+            for one in frames:
+                yield one.found
+
+    def _judged(self, frame: JudgedFrame) -> JudgedPlateHogel:
+        """Return what is stored of a frame, in the thread that has judged it."""
+        here, image = frame.hogel.aperture, frame.image
+        if Channel.NORMAL in self.content.channels:
+            image = replace(image, normal=normals_of(self.scene, image.triangle))
+        measured = MeasuredHogel(
+            column=here.column, row=here.row, x=here.x, y=here.y, comparison=frame.comparison.numbers
+        )
+        return JudgedPlateHogel(**{**vars(plate_hogel(image, self.content)), "measured": measured})
 
     def __enter__(self) -> Self:
         return self
@@ -105,7 +119,6 @@ class JudgedSource:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._judge.release()
-        self._drawn.__exit__(kind, error, trace)
 
 
 def measures_of(scene: Scene) -> dict[str, str]:

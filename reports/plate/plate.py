@@ -133,8 +133,7 @@ def source_of(
         if judge:
             raise InputError("--judge compares what is drawn with the truth: leave out --truth, or --judge")
         return Truths(scene, content)
-    drawn = Drawn(scene, settings, content)
-    return JudgedSource(drawn) if judge else drawn
+    return (JudgedSource if judge else Drawn)(scene, settings, content)
 
 
 def layout_of(

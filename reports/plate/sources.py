@@ -56,6 +56,18 @@ class HogelSource(Protocol):
     ) -> None: ...
 
 
+def check_drawable(content: PlateContent) -> None:
+    """Raise InputError where images are asked for that no drawing has."""
+    if Channel.CERTAINTY in content.channels:
+        raise InputError("certainty is the truth's alone: leave it out of the channels, or add --truth")
+
+
+def visible_effects(effects: frozenset[Effect], scene: Scene, settings: DoubleFrustum) -> frozenset[Effect]:
+    """Return those of some effects that change pixels of a scene's drawings with these settings."""
+    # More than the scene calls for changes no pixel.
+    return effects & needed(scene, question=Question(camera=settings.camera, settings=(settings,)))
+
+
 class Drawn:
     """Hogels that OpenGL draws: many at once, or one after the other where a pixel has several samples.
 
@@ -74,15 +86,12 @@ class Drawn:
     judged = False
 
     def __init__(self, scene: Scene, settings: DoubleFrustum, content: PlateContent) -> None:
-        if Channel.CERTAINTY in content.channels:
-            raise InputError("certainty is the truth's alone: leave it out of the channels, or add --truth")
+        check_drawable(content)
         fine = scene.sampling != Sampling(aperture=scene.sampling.aperture)
         self.scene, self.content = scene, content
         self.settings: DoubleFrustum | None = settings
         self._renderer = (OneByOne if fine else PlateRenderer)(scene, settings, content)
-        # More than the scene calls for changes no pixel.
-        question = Question(camera=settings.camera, settings=(settings,))
-        self.simulated = self._renderer.effects & needed(scene, question=question)
+        self.simulated = visible_effects(self._renderer.effects, scene, settings)
         self.renderer = str(self._renderer.device["renderer"])
 
     def hogels(self, apertures: Iterable[Aperture]) -> Iterator[PlateHogel]:

@@ -76,7 +76,7 @@ function fill(table, titles, lines) {
 const figure = (text) => cell(text, { number: true });
 
 function numbers(row) {
-  const c = row.comparison, d = c.displacement_px, p = row.predicted.displacement_px;
+  const c = row.comparison, d = c.displacement_px, p = row.predicted && row.predicted.displacement_px;
   const share = (part) => (part === null ? "–" : `${part.wrong.toLocaleString()} (${short(100 * part.fraction)} %)`);
   const spread = (label, s) => line([cell(label), ...["rms", "p50", "p95", "p99", "max"].map((key) => figure(short(s && s[key])))]);
   const wide = (label, text) => line([cell(label), cell(text, { span: 5 })]);
@@ -84,7 +84,7 @@ function numbers(row) {
   const time = Object.entries(row.times_s).map(([stage, s]) => `${stage} ${short(1000 * s)} ms${parts(stage)}`).join(", ");
   fill(get("numbers"), ["rms", "median", "95 %", "99 %", "max"], [
     spread("displacement measured, px", d),
-    spread("displacement predicted, px", p),
+    ...(row.predicted ? [spread("displacement predicted, px", p)] : []),
     line([cell(`height error, ${data.units}`), figure(short(c.height && c.height.rms)), cell("", { span: 3 }), figure(short(c.height && c.height.max))]),
     wide("wrong surface", `${share(c.surface)} of ${c.judged.toLocaleString()} judged pixels`),
     wide("another triangle", share(c.triangle)),
@@ -95,6 +95,7 @@ function numbers(row) {
 }
 
 function predictions(row) {
+  if (row.predicted === null) return;
   const c = row.comparison, p = row.predicted, d = c.displacement_px, q = p.displacement_px;
   const beside = (label, predicted, measured, ratio, name) => line([cell(label), figure(predicted), figure(measured), figure(ratio)], name);
   const ratio = (value) => (value === null ? "–" : value.toPrecision(3));
@@ -120,6 +121,7 @@ function predictions(row) {
 }
 
 function legend(row) {
+  if (get("causes") === null) return;
   const shown = Object.entries(row.causes).filter(([, count]) => count > 0);
   const parts = shown.map(([name, count]) => {
     const swatch = document.createElement("i"), text = document.createElement("em");

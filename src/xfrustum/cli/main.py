@@ -144,6 +144,11 @@ _decided_by_option = click.option(
 @options.tracer_option
 @_decided_by_option
 @cli_light.light_options(*cli_light.ALL)
+@click.option(
+    "--causes/--no-causes",
+    default=True,
+    help="Whether wrong pixels are charged to causes, and errors predicted.  [default: causes]",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
 @options.quiet_option
 @options.json_option
@@ -161,6 +166,7 @@ def report(
     tracer: str,
     decided_by: str,
     light: Light,
+    causes: bool,
     out: Path | None,
     quiet: bool,
     as_json: bool,
@@ -169,7 +175,8 @@ def report(
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
     measured at two corners of the plate too. With --apertures auto, a look through hundreds of apertures
-    chooses the worst ones, and the page has a map of the plate.
+    chooses the worst ones, and the page has a map of the plate. Without causes it takes a third of the time:
+    wrong pixels are counted and shown, and not explained.
     """
     _check_no_other_tracer(tracer if options.is_given("tracer") else None, decided_by)
     opened = light.applied(options.open_scene(scene))
@@ -190,6 +197,7 @@ def report(
         effects=light.effects,
         cull=cull,
         decided_by=decided_by,
+        causes=causes,
         progress=not quiet,
     )
     options.tell(

@@ -20,9 +20,13 @@ from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.judging import engine, in_order
 from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference
+from xfrustum.reference import Reference, truth
+from xfrustum.reference.certify import certify
+from xfrustum.reference.certify.sides import Sides, sorted_by_side
+from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelImage
 
 FILM = (32, 24)
@@ -157,6 +161,25 @@ def test_closing_a_stream_ends_its_threads() -> None:
     assert not threads()
 
 
+def test_triangles_that_are_too_many_to_be_kept_are_sorted_once_for_a_stream(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = view("car", (16, 16))
+    times = 0
+
+    def noted(triangles: Floats, pencil: Pencil) -> Iterator[Sides]:
+        nonlocal times
+        times += 1
+        return sorted_by_side(triangles, pencil)
+
+    monkeypatch.setattr(truth, "KEPT_TRIANGLES", 0)
+    for module in (truth, certify):
+        monkeypatch.setattr(module, "sorted_by_side", noted)
+    with Judge(scene) as judge:
+        found = list(judge.stream(apertures_of(scene)[:3], SETTINGS[:1]))
+    assert len(found) == 3 and times == 1
+
+
 @pytest.mark.parametrize("broken", ["draw", "trace", "aperture", "compare"])
 def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     broken: str, monkeypatch: pytest.MonkeyPatch
@@ -175,7 +198,7 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     if broken == "draw":
         monkeypatch.setattr(Rasterizer, "draw", fails)
     if broken == "trace":
-        monkeypatch.setattr(Reference, "trace", fails)
+        monkeypatch.setattr(Reference, "_whole", fails)
     if broken == "compare":
         monkeypatch.setattr(engine, "compare_images", fails)
     with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:

@@ -231,9 +231,6 @@ def test_the_price_of_the_measurement_leaves_out_the_pictures_of_the_page(files:
     assert cost["pictures_s"] == total["pictures"] > 0
     assert cost["frames_s"] + cost["truths_s"] <= cost["wall_s"]
     assert cost["ratio"] == pytest.approx(cost["wall_s"] / (total["raster"] + total["trace"]))
-    assert cost["ratio"] - cost["ratio_without_causes"] == pytest.approx(
-        total["causes"] / (total["raster"] + total["trace"])
-    )
     assert total["exact"] > 0
     assert f"{cost['pictures_s']:.2f} s" in files.cost
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,11 +16,15 @@ from tests.reports.plate.test_plate_stream import EVERYTHING, SETTINGS, small, t
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
 from xfrustum.raster import Rasterizer
+from xfrustum.raster.device.context import open_context
+from xfrustum.raster.rasterizer import Drawn
 from xfrustum.reference import Reference
 from xfrustum.reports.plate import store as plate_store
 from xfrustum.reports.plate.plate import PlateFiles, write_plate
 from xfrustum.scenes import InputError
+from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.disk.durable import write_file
+from xfrustum.scenes.model.plate_content import DRAWN_CHANNELS, ColorType, PlateContent
 from xfrustum.scenes.plate.plate import Aperture
 
 BLOCK = (2, 2)
@@ -130,6 +136,39 @@ def test_judging_changes_no_pixel_and_is_asked_for_from_the_beginning(plate: Pat
     assert pixels.items() <= tree(plate).items()
     with pytest.raises(InputError, match=r"another .*content\.judged"):
         judged(out)
+
+
+def test_a_judged_hogel_is_drawn_once_in_one_context(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    contexts, drawn = [], []
+    draw = Rasterizer.draw
+
+    def opened() -> object:
+        contexts.append(None)
+        return open_context()
+
+    def noted(self: Rasterizer, aperture: Aperture, *how: Any, **named: Any) -> Drawn:
+        drawn.append(aperture)
+        return draw(self, aperture, *how, **named)
+
+    for module in ("xfrustum.raster.rasterizer", "xfrustum.raster.plate.renderer"):
+        monkeypatch.setattr(f"{module}.open_context", opened)
+    monkeypatch.setattr(Rasterizer, "draw", noted)
+    assert judged(tmp_path / "x.zarr", apertures()[:2]).drawn == 2
+    assert len(contexts) == 1 and drawn == apertures()[:2]
+
+
+@pytest.mark.parametrize(("name", "points"), [("mirror-sphere", 1), ("asymmetric-recentered", 3)])
+def test_a_judged_plate_has_the_pixels_of_one_that_is_not(name: str, points: int, tmp_path: Path) -> None:
+    """The one is drawn hogel by hogel, the other many at a time: all channels, with light and sub-apertures."""
+    scene = replace(small(name), sampling=Sampling(aperture=points))
+    content = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
+    written = []
+    for judge in (False, True):
+        here, out = [scene.plate.aperture(0, 0)], tmp_path / f"{judge}.zarr"
+        write_plate(scene, SETTINGS, out, here, content, block=(1, 1), judge=judge)
+        written.append({path: data for path, data in tree(out).items() if "/c/" in path})
+    pixels, with_measures = written
+    assert len(pixels) >= len(DRAWN_CHANNELS) and pixels.items() <= with_measures.items()
 
 
 def test_a_table_that_cannot_be_written_is_said_before_anything_is_made(tmp_path: Path) -> None:
