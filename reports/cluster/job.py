@@ -189,6 +189,13 @@ class _Desks(threading.local):
 
 
 _desks = _Desks()
+
+
+def desk_of_thread() -> Desk:
+    """Return the desk of this thread."""
+    return _desks.desk
+
+
 _renderer: ThreadPoolExecutor | None = None
 _lock = threading.Lock()
 

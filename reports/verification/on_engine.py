@@ -58,7 +58,7 @@ PARTS = "verification.parquet"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Renderer:
+class ForeignRenderer:
     """Where the images of a renderer come from, and what is known of it; see `verify`.
 
     Attributes
@@ -138,7 +138,7 @@ class VerifyJob(RowsJob):
     Attributes
     ----------
     renderer
-        Renderer whose images are judged.
+        ForeignRenderer whose images are judged.
     state
         Digest of the image files, which every process compares; of a command it is the caller's alone.
     limits
@@ -147,7 +147,7 @@ class VerifyJob(RowsJob):
         Column and row of each hogel that is judged; none for the whole plate.
     """
 
-    renderer: Renderer
+    renderer: ForeignRenderer
     state: str
     limits: Limits
     indices: tuple[tuple[int, int], ...]
@@ -179,7 +179,7 @@ class VerifyJob(RowsJob):
 
 
 @contextmanager
-def _source(reference: Reference, renderer: Renderer) -> Iterator[Source]:
+def _source(reference: Reference, renderer: ForeignRenderer) -> Iterator[Source]:
     """Open where images come from."""
     with opened_source(
         reference, renderer.source, renderer.command, renderer.encoding, renderer.timeout_s, None
@@ -227,7 +227,7 @@ def diagnosis_of(session: VerifySession) -> Diagnosis:
 def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is told
     engine: Engine,
     scene: Scene,
-    renderer: Renderer,
+    renderer: ForeignRenderer,
     limits: Limits,
     *,
     apertures: Sequence[tuple[int, int]] | None = None,
@@ -246,7 +246,7 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
     scene, apertures, progress
         As for `verify`.
     renderer
-        Renderer whose images are judged.
+        ForeignRenderer whose images are judged.
     limits
         Limits that every hogel is held to.
     out
@@ -308,7 +308,7 @@ def _folder(out: Path | None) -> Iterator[Path]:
 
 
 def _job(
-    scene: Scene, renderer: Renderer, limits: Limits, asked: Sequence[Aperture], folder: Path
+    scene: Scene, renderer: ForeignRenderer, limits: Limits, asked: Sequence[Aperture], folder: Path
 ) -> VerifyJob:
     """Return the work, described in its folder."""
     size = hogels_per_block(len(asked), scene.frustum, 1)
