@@ -65,8 +65,9 @@ class Claims:
         self._lock(fcntl.F_OFD_SETLK, fcntl.F_UNLCK, number)
 
     def _lock(self, command: int, kind: int, number: int) -> None:
+        lock = struct.pack(_FLOCK, kind, os.SEEK_SET, self._first + number, 1, 0)
         try:
-            fcntl.fcntl(self._descriptor, command, struct.pack(_FLOCK, kind, os.SEEK_SET, self._first + number, 1, 0))
+            fcntl.fcntl(self._descriptor, command, lock)
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise

@@ -38,7 +38,7 @@ class Job(ABC):
     Attributes
     ----------
     draws
-        Whether its sessions draw with OpenGL: then there are no more processes than GPUs, where there are any.
+        Whether its sessions draw with OpenGL: then there is one process for each GPU, where there are any.
     unit
         Word for one of the things that a block consists of, for bars.
     """

@@ -36,8 +36,10 @@ def device_index() -> int:
 
 
 def default_devices() -> tuple[int, ...]:
-    """Return the EGL devices that processes draw on unless told otherwise: the GPUs, or the one GPU that the
-    environment names; none where software draws, which any number of processes can do.
+    """Return the EGL devices that processes draw on unless told otherwise: the GPUs of this machine.
+
+    The one GPU that the environment names, if it does; none where software draws, which any number of
+    processes can do.
     """
     # OpenGL is loaded where something is drawn, and nowhere else.
     from xfrustum.raster.device.devices import gpu_indices  # noqa: PLC0415

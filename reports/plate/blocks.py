@@ -31,7 +31,7 @@ from xfrustum.reports.plate.plate import (
     source_of,
 )
 from xfrustum.reports.plate.sources import HogelSource
-from xfrustum.reports.plate.store import PlateStore, open_store
+from xfrustum.reports.plate.store import PlateStore
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.plate_content import PlateContent
 from xfrustum.scenes.model.scene import Scene
@@ -236,27 +236,6 @@ def new_plan(  # noqa: PLR0913 - as `write_plate`
         chosen=tuple((columns.start, columns.stop, rows.start, rows.stop) for columns, rows in chosen),
         judged=judge,
     )
-
-
-def opened(plan: PlatePlan, document: dict[str, object], *, free: bool) -> tuple[PlatePlan, PlateStore]:
-    """Make the store of a plan, or open it, and return both; the plan has the layout of the store.
-
-    Parameters
-    ----------
-    plan
-        The plan.
-    document
-        Everything that decides the pixels, see `PlateSession.document`.
-    free
-        Whether the blocks of a store that exists may be others.
-
-    Raises
-    ------
-    InputError
-        See `open_store`.
-    """
-    store = open_store(plan.out, plan.layout, document, free=free)
-    return replace(plan, layout=store.layout), store
 
 
 def blocks_of(plan: PlatePlan) -> Iterator[int]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 from xfrustum.reports.cluster.run import Engine, open_team, run_blocks
-from xfrustum.reports.plate.blocks import PlateSession, blocks_of, new_plan, opened
+from xfrustum.reports.plate.blocks import PlateSession, blocks_of, new_plan
 from xfrustum.reports.plate.plate import PlateFiles, notes_of
+from xfrustum.reports.plate.store import open_store
 from xfrustum.scenes.model.plate_content import PlateContent
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
@@ -55,7 +57,8 @@ def write_plate_on(  # noqa: PLR0913 - one parameter per option of the command
     part, missing, damaged, asked = engine.part, 0, 0, 0
     count = sum(1 for _ in islice(blocks_of(plan), part.number - 1, None, part.count))
     with open_team(engine, count, scene, told, draws=settings is not None) as team:
-        plan, store = opened(plan, team.ask(plan, document_asked), free=block is None)
+        store = open_store(out, plan.layout, team.ask(plan, document_asked), free=block is None)
+        plan = replace(plan, layout=store.layout)
         numbers = list(islice(blocks_of(plan), part.number - 1, None, part.count))
         for number in numbers:
             state = store.state(plan.layout.part(number, plan.apertures))

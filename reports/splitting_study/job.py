@@ -1,4 +1,4 @@
-"""Cells of the study in blocks, as any process measures them: pictures of one scene, or sheets of one camera."""
+"""Cells of the study in blocks, as any process measures them: pictures of a scene, or sheets of a camera."""
 
 from __future__ import annotations
 

@@ -140,9 +140,7 @@ class DrawnRow:
     device: Device
 
     @classmethod
-    def of(
-        cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, judged: JudgedWith
-    ) -> DrawnRow:
+    def of(cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, judged: JudgedWith) -> DrawnRow:
         """Return the row of a drawing that was judged with images and causes."""
         comparison, drawn = drawing.comparison, drawing.image
         assert isinstance(comparison, Comparison) and drawn is not None

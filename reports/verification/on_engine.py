@@ -315,9 +315,7 @@ def _job(
     whole = isinstance(asked, ApertureBlocks)
     indices = () if whole else tuple(one.index for one in asked)
     blocks: Blocks = (
-        Tiles.of(scene.plate, size)
-        if whole
-        else ListedBlocks(plate=scene.plate, indices=indices, size=size)
+        Tiles.of(scene.plate, size) if whole else ListedBlocks(plate=scene.plate, indices=indices, size=size)
     )
     ticket, state = SceneTicket.of(scene), renderer.state(asked)
     parts = Parts(out=folder, name=PARTS)

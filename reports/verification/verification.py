@@ -230,6 +230,7 @@ class Run:
         return with_layout_named(verified(self.source), self.source, verified)
 
     def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
+        """Diagnose a sample, judge every hogel, and return the verification."""
         sample = sampled(self.asked, self.reference.scene)
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
             question = self.question(sample, nominal, accept, bar.update)

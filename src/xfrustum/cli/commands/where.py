@@ -1,4 +1,4 @@
-"""Options that say where blocks of work are done: processes of this machine, a cluster, or one of N parts."""
+"""Options that say where blocks are done: by processes of this machine, a cluster, or in parts."""
 
 from __future__ import annotations
 
@@ -76,7 +76,9 @@ class Where:
         return Engine(scheduler=self.scheduler, workers=workers, devices=self.devices or (), part=parts)
 
 
-def engine_options(default: str = "one per processor or GPU", *, draws: bool = True) -> Callable[[Command], Command]:
+def engine_options(
+    default: str = "one per processor or GPU", *, draws: bool = True
+) -> Callable[[Command], Command]:
     """Return what adds the options that say where blocks are done.
 
     The command receives them as one `where`.
@@ -90,7 +92,9 @@ def engine_options(default: str = "one per processor or GPU", *, draws: bool = T
     """
     added = [
         click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786."),
-        click.option("--workers", type=click.IntRange(1), help=f"Processes of this machine.  [default: {default}]"),
+        click.option(
+            "--workers", type=click.IntRange(1), help=f"Processes of this machine.  [default: {default}]"
+        ),
         click.option("--part", type=PartOf(), help="Do one of N parts, without Dask: for job arrays."),
     ]
     if draws:
