@@ -113,10 +113,9 @@ def engine_options(
             where = Where(scheduler=scheduler, workers=workers, devices=devices, part=part)
             return command(where=where, **rest)
 
-        # functools.wraps has copied where click keeps options, which are those of the command itself.
-        with_options: Command = with_where
+        with_options: Callable[..., Any] = with_where
         for option in reversed(added):
             with_options = option(with_options)
-        return with_options
+        return with_options  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
     return add
