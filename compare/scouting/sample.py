@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -76,7 +77,7 @@ def share_at_most(beyond: int, sampled: int, confidence: float = CONFIDENCE) -> 
 def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture]) -> list[Aperture]:
     """Draw hogels at random, one from each of as many equal parts of the plate.
 
-    The parts are runs of a path that goes to and fro over the rows. All hogels where there are no more.
+    The parts are runs of the path of `aperture_at`. All hogels where there are no more.
 
     Parameters
     ----------
@@ -85,14 +86,21 @@ def sample_hogels(plate: Plate, sample: RandomSample, without: Sequence[Aperture
     without
         Apertures that are not to be drawn.
     """
-    columns, rows = plate.hogels
-    taken = {aperture.index for aperture in without}
-    path = [
-        (column if row % 2 == 0 else columns - 1 - column, row)
-        for row in range(rows)
-        for column in range(columns)
-    ]
-    path = [index for index in path if index not in taken]
+    taken = [place_of(plate, aperture) for aperture in without]
+    path = np.setdiff1d(np.arange(math.prod(plate.hogels)), np.array(taken, dtype=np.int64))
     random = np.random.default_rng(sample.seed)
-    parts = np.array_split(np.arange(len(path)), min(sample.hogels, len(path))) if path else []
-    return [plate.aperture(*path[int(random.choice(part))]) for part in parts]
+    parts = np.array_split(path, min(sample.hogels, len(path))) if len(path) else []
+    return [aperture_at(plate, int(random.choice(part))) for part in parts]
+
+
+def aperture_at(plate: Plate, place: int) -> Aperture:
+    """Return the aperture at a place of the path that goes to and fro over the rows of a plate, from 0."""
+    columns = plate.hogels[0]
+    row, along = divmod(place, columns)
+    return plate.aperture(columns - 1 - along if row % 2 else along, row)
+
+
+def place_of(plate: Plate, aperture: Aperture) -> int:
+    """Return the place of an aperture on the path of `aperture_at`."""
+    columns, (column, row) = plate.hogels[0], aperture.index
+    return row * columns + (columns - 1 - column if row % 2 else column)

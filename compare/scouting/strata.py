@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.scouting.sample import CONFIDENCE, share_at_most
+from xfrustum.compare.scouting.sample import CONFIDENCE, aperture_at, share_at_most
 from xfrustum.scenes.arguments import settle, whole
 from xfrustum.scenes.arrays import Indices
 from xfrustum.scenes.errors import InputError
@@ -87,8 +87,7 @@ class GrowingSample:
 
     def aperture(self, place: int) -> Aperture:
         """Return the aperture of a place on the path."""
-        row, along = divmod(int(place), self.plate.hogels[0])
-        return self.plate.aperture(self.plate.hogels[0] - 1 - along if row % 2 else along, row)
+        return aperture_at(self.plate, int(place))
 
     def _doubled(self, before: Indices, look: int) -> Indices:
         """Return the sample of a look from the one before, which is empty before the first."""

@@ -1,6 +1,7 @@
 """The OpenGL device: context, targets, programs, meshes, textures, time.
 
 context        The one place that makes an OpenGL context: moderngl over EGL, without a display
+devices        The EGL devices of this machine: which of them are GPUs, by the index that chooses a device
 facing         Which way faces are turned, as OpenGL is told for a camera, and which of them it leaves out
 mesh           A scene's triangles on the GPU, in float32: corners, and what is interpolated between them
 numbered_mesh  A mesh whose triangles know their numbers: each has the number of its last vertex

@@ -67,6 +67,11 @@ class Blocks(ABC):
     def apertures(self, number: int) -> Sequence[Aperture]:
         """Return the apertures of a block, in their order."""
 
+    @property
+    def description(self) -> dict[str, object]:
+        """Everything that decides which hogels are in which block."""
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tiles(Blocks):
@@ -114,6 +119,40 @@ class Tiles(Blocks):
     def _counts(self) -> tuple[int, int]:
         columns, rows = (-(-count // side) for count, side in zip(self.plate.hogels, self.side, strict=True))
         return columns, rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedBlocks(Blocks):
+    """Hogels that are named one by one, in blocks of so many.
+
+    Attributes
+    ----------
+    plate
+        The plate.
+    indices
+        Column and row of each.
+    size
+        Number of hogels of a block; the last one may have fewer.
+    """
+
+    plate: Plate
+    indices: tuple[tuple[int, int], ...]
+    size: int
+
+    looks = 1
+
+    def numbers(self, look: int) -> range:
+        """Return the numbers of all blocks."""
+        return range(-(-len(self.indices) // self.size)) if look == 0 else range(0)
+
+    def hogels(self, look: int) -> int:
+        """Return the number of hogels."""
+        return len(self.indices) if look == 0 else 0
+
+    def apertures(self, number: int) -> list[Aperture]:
+        """Return the apertures of a block."""
+        some = self.indices[number * self.size : (number + 1) * self.size]
+        return [self.plate.aperture(*index) for index in some]
 
 
 @dataclass(frozen=True, kw_only=True)

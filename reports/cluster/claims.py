@@ -29,6 +29,8 @@ class Claims:
     ----------
     path
         A file that all who work on the store have in common, and that is never replaced.
+    first
+        Byte of piece 0: several kinds of pieces of one store have bytes of their own.
 
     Raises
     ------
@@ -36,7 +38,8 @@ class Claims:
         The file cannot be opened.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, first: int = 0) -> None:
+        self._first = first
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
         except OSError as error:
@@ -62,8 +65,9 @@ class Claims:
         self._lock(fcntl.F_OFD_SETLK, fcntl.F_UNLCK, number)
 
     def _lock(self, command: int, kind: int, number: int) -> None:
+        lock = struct.pack(_FLOCK, kind, os.SEEK_SET, self._first + number, 1, 0)
         try:
-            fcntl.fcntl(self._descriptor, command, struct.pack(_FLOCK, kind, os.SEEK_SET, number, 1, 0))
+            fcntl.fcntl(self._descriptor, command, lock)
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise

@@ -315,8 +315,6 @@ def _succeeded(future: Future[Any]) -> bool:
 
 
 def _give_up(job: Job, number: int) -> None:
-    column, row = job.blocks.apertures(number)[0].index
     raise InputError(
-        f"block {number} (from aperture {column},{row}): its workers died {MAX_ATTEMPTS} times; look at "
-        "their memory and logs"
+        f"{job.words(number)}: its workers died {MAX_ATTEMPTS} times; look at their memory and logs"
     )

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from xfrustum.reports.cluster.blocks import Blocks
 from xfrustum.reports.cluster.claims import Claims
@@ -33,9 +33,18 @@ class Session(ABC):
 
 
 class Job(ABC):
-    """Work in blocks, as it travels to workers: small, hashable, and equal where the work is the same."""
+    """Work in blocks, as it travels to workers: small, hashable, and equal where the work is the same.
 
-    blocks: Blocks
+    Attributes
+    ----------
+    draws
+        Whether its sessions draw with OpenGL: then there is one process for each GPU, where there are any.
+    unit
+        Word for one of the things that a block consists of, for bars.
+    """
+
+    draws: ClassVar[bool] = True
+    unit: ClassVar[str] = "hogel"
 
     @property
     @abstractmethod
@@ -51,6 +60,14 @@ class Job(ABC):
         """Return what tells the workers of all clients who does which block."""
 
     @abstractmethod
+    def size(self, number: int) -> int:
+        """Return the number of things that a block consists of."""
+
+    @abstractmethod
+    def words(self, number: int) -> str:
+        """Return a block in words, for messages."""
+
+    @abstractmethod
     def open(self, scene: Scene | None = None) -> AbstractContextManager[Session]:
         """Open a session.
 
@@ -64,6 +81,27 @@ class Job(ABC):
         InputError
             The scene is not to be had, or is another one.
         """
+
+
+class HogelJob(Job):
+    """Work in blocks of hogels.
+
+    Attributes
+    ----------
+    blocks
+        The blocks.
+    """
+
+    blocks: Blocks
+
+    def size(self, number: int) -> int:
+        """Return the number of hogels of a block."""
+        return len(self.blocks.apertures(number))
+
+    def words(self, number: int) -> str:
+        """Return the number of a block, and its first aperture."""
+        column, row = self.blocks.apertures(number)[0].index
+        return f"block {number} (from aperture {column},{row})"
 
 
 class Desk:
@@ -151,6 +189,13 @@ class _Desks(threading.local):
 
 
 _desks = _Desks()
+
+
+def desk_of_thread() -> Desk:
+    """Return the desk of this thread."""
+    return _desks.desk
+
+
 _renderer: ThreadPoolExecutor | None = None
 _lock = threading.Lock()
 

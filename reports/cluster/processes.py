@@ -29,6 +29,25 @@ MAX_STARTS = 25
 """Number of processes that may be started for one worker: more that die are no accident."""
 
 
+def device_index() -> int:
+    """Return the index of the EGL device that this process draws on."""
+    chosen = os.environ.get(DEVICE_VARIABLE, "")
+    return int(chosen) if chosen.isdecimal() else 0
+
+
+def default_devices() -> tuple[int, ...]:
+    """Return the EGL devices that processes draw on unless told otherwise: the GPUs of this machine.
+
+    The one GPU that the environment names, if it does; none where software draws, which any number of
+    processes can do.
+    """
+    # OpenGL is loaded where something is drawn, and nowhere else.
+    from xfrustum.raster.device.devices import gpu_indices  # noqa: PLC0415
+
+    gpus = gpu_indices()
+    return gpus if DEVICE_VARIABLE not in os.environ else tuple(one for one in gpus if one == device_index())
+
+
 @contextmanager
 def first_device(devices: tuple[int, ...]) -> Iterator[None]:
     """Let this process draw on the first of some EGL devices, as a worker process would.

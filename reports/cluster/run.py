@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 from xfrustum.reports.cluster.job import Desk, Job
-from xfrustum.reports.cluster.processes import DEVICE_VARIABLE, first_device
+from xfrustum.reports.cluster.processes import DEVICE_VARIABLE, default_devices, first_device
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -67,9 +67,11 @@ class Engine:
     scheduler
         Address of a scheduler that exists; None for processes of this machine.
     workers
-        Number of these processes, 1 for this process itself; None for as many as it may use processors.
+        Number of these processes, 1 for this process itself; None for one per device where something is drawn
+        on GPUs or on `devices`, and else for as many as this process may use processors.
     devices
-        Indices of EGL devices, which these processes take in turn; one process takes the first.
+        Indices of EGL devices, which these processes take in turn; one process takes the first. None of them
+        stands for the GPUs of this machine.
     part
         Part of the blocks that are done here, without any engine.
 
@@ -97,11 +99,21 @@ class Engine:
         if not self.part.everything and (self.scheduler or (self.workers or 1) > 1):
             raise InputError("--part is done by one process: leave out --scheduler and --workers")
 
-    def process_count(self, blocks: int) -> int:
-        """Return how many processes of this machine do so many blocks."""
+    def process_count(self, blocks: int, devices: int = 0) -> int:
+        """Return how many processes of this machine do so many blocks.
+
+        Parameters
+        ----------
+        blocks
+            Number of blocks.
+        devices
+            Number of devices that they draw on; 0 where they draw on none, or in software. Several processes
+            on one GPU take turns at best, so that each device has one unless more are asked for.
+        """
         if not self.part.everything:
             return 1
-        return max(1, min(_processors() if self.workers is None else self.workers, blocks))
+        usual = min(_processors(), devices) if devices else _processors()
+        return max(1, min(usual if self.workers is None else self.workers, blocks))
 
 
 class Team(Protocol):
@@ -137,7 +149,12 @@ class _Alone:
 
 @contextmanager
 def open_team(
-    engine: Engine, blocks: int, scene: Scene, told: Callable[[str], object] = lambda line: None
+    engine: Engine,
+    blocks: int,
+    scene: Scene | None,
+    told: Callable[[str], object] = lambda line: None,
+    *,
+    draws: bool = True,
 ) -> Iterator[Team]:
     """Open the workers that make the blocks, until the end of a `with` block.
 
@@ -148,21 +165,26 @@ def open_team(
     blocks
         Number of blocks to be done at first, which bounds the number of processes.
     scene
-        Scene of the jobs, for this process.
+        Scene of the jobs, for this process; None for jobs that have scenes of their own.
     told
         Called with the address of the dashboard, in words.
+    draws
+        Whether the jobs draw with OpenGL.
 
     Raises
     ------
     InputError
         No scheduler answers, or the scene is one that other processes cannot open.
     """
-    processes = engine.process_count(blocks)
+    devices = engine.devices
+    if draws and engine.scheduler is None and not devices:
+        devices = default_devices()
+    processes = engine.process_count(blocks, len(devices) if draws else 0)
     if engine.scheduler is None and processes == 1:
-        with first_device(engine.devices), Desk(scene) as desk:
+        with first_device(devices), Desk(scene) as desk:
             yield _Alone(desk)
         return
-    if not scene.source:
+    if scene is not None and not scene.source:
         raise InputError(
             f"{scene.name}: has no file or name by which workers could open it; "
             "take one process (--workers 1)"
@@ -173,14 +195,14 @@ def open_team(
     if engine.scheduler is not None:
         cluster = foreign_cluster(engine.scheduler)
     else:
-        cluster = machine_cluster(processes, max(1, _processors() // processes), engine.devices)
+        cluster = machine_cluster(processes, max(1, _processors() // processes), devices)
     with cluster as workers:
         told(f"dashboard: {workers.dashboard}")
         yield workers
 
 
 def run_blocks(
-    job: Job, numbers: Iterable[int], team: Team, hogels: int, what: str, *, progress: bool = False
+    job: Job, numbers: Iterable[int], team: Team, total: int, what: str, *, progress: bool = False
 ) -> None:
     """Have all blocks done that are not finished, and wait for those that somebody else is making.
 
@@ -190,8 +212,8 @@ def run_blocks(
         Job, and numbers of its blocks.
     team
         Workers that do them.
-    hogels
-        Number of hogels of these blocks, for the bar.
+    total
+        Number of hogels, or of what else blocks consist of, for the bar.
     what
         Name of the work, for the bar.
     progress
@@ -202,10 +224,10 @@ def run_blocks(
     InputError
         See `Job.open`, and `Team`; or finished blocks are not seen, as in a folder that is not shared.
     """
-    with progress_bar(hogels, what, "hogel", shown=progress) as bar:
+    with progress_bar(total, what, job.unit, shown=progress) as bar:
 
         def count(number: int) -> None:
-            bar.update(len(job.blocks.apertures(number)) if progress else 1)
+            bar.update(job.size(number) if progress else 1)
 
         def unfinished(some: Iterable[int]) -> Iterator[int]:
             for number in some:

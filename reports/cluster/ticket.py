@@ -57,6 +57,11 @@ class SceneTicket:
             version=metadata.version("xfrustum"),
         )
 
+    @property
+    def description(self) -> dict[str, object]:
+        """Everything but where the scene is: what must be the same to go on with a result."""
+        return {key: value for key, value in vars(self).items() if key != "source"}
+
     def open(self) -> Scene:
         """Open the scene again, and see that it is the same.
 

@@ -7,68 +7,97 @@ again. Nothing is handed back but counts.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 from pydantic import TypeAdapter
 
+from xfrustum.reports.cluster.blocks import Blocks
+from xfrustum.reports.cluster.claims import Claims
+from xfrustum.reports.cluster.job import HogelJob, Session, desk_of_thread
+from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.plate.layout import BlockGrid
-from xfrustum.reports.plate.plate import BlockWork, PlateFiles, draw_parts, opened_store, source_of
+from xfrustum.reports.plate.description import described, document_of
+from xfrustum.reports.plate.layout import Layout
+from xfrustum.reports.plate.plate import (
+    BlockWork,
+    PlateFiles,
+    draw_parts,
+    layout_of,
+    opened_store,
+    source_of,
+)
 from xfrustum.reports.plate.sources import HogelSource
 from xfrustum.reports.plate.store import PlateStore
-from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import PlateContent
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.opening.catalogue import open_scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-from xfrustum.scenes.plate.plate import Plate
+from xfrustum.scenes.plate.plate import Aperture
+
+FIRST_ENGINE_CLAIM = 1 << 40
+"""Claim of the engine's first block; `draw_parts` claims blocks by their own numbers, which are smaller."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlatePlan:
+class StoreBlocks(Blocks):
+    """The blocks of a plate's store, and the hogels of them that are asked for.
+
+    Attributes
+    ----------
+    layout
+        Layout of the store.
+    chosen
+        Hogels that are asked for.
+    """
+
+    layout: Layout
+    chosen: ApertureBlocks
+
+    looks = 1
+
+    def numbers(self, look: int) -> range:
+        """Return the numbers of all blocks of the plate."""
+        across, down = self.layout.blocks
+        return range(across * down) if look == 0 else range(0)
+
+    def hogels(self, look: int) -> int:
+        """Return the number of hogels that are asked for."""
+        return len(self.chosen) if look == 0 else 0
+
+    def apertures(self, number: int) -> Sequence[Aperture]:
+        """Return those of a block that are asked for."""
+        return self.layout.part(number, self.chosen).apertures
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlatePlan(HogelJob):
     """A plate to be drawn, as any process can take it up: small, immutable, and the same as JSON.
 
     Attributes
     ----------
-    scene
-        Path or name of the scene.
-    plate
-        Plate of the scene.
-    hash, look
-        Hashes of its triangles and of its look: a process that finds others refuses.
-    sampling, transport
-        Sampling of color and light transport, which options may have changed.
+    ticket
+        The scene: a process that finds another one refuses.
     settings
         Settings of the cameras; None for truths.
-    content
-        The images that are stored.
     out
         Folder of the store.
-    side
-        Columns and rows of a block.
+    layout
+        Layout of the store, by which any process sees what is finished.
     chosen
         Columns and rows, first and last, of rectangles of hogels; none for the whole plate.
     judged
         Whether hogels are judged, and their measures stored.
     """
 
-    scene: str
-    plate: Plate
-    hash: str
-    look: str
-    sampling: Sampling
-    transport: Transport
+    ticket: SceneTicket
     settings: DoubleFrustum | None
-    content: PlateContent
     out: Path
-    side: tuple[int, int]
+    layout: Layout
     chosen: tuple[tuple[int, int, int, int], ...] = ()
     judged: bool = False
 
@@ -80,6 +109,81 @@ class PlatePlan:
     def from_json(text: str) -> PlatePlan:
         """Return the plan that `to_json` wrote."""
         return TypeAdapter(PlatePlan).validate_json(text)
+
+    @property
+    def name(self) -> str:
+        """Word by which the dashboard groups its tasks."""
+        return "plate"
+
+    @property
+    def apertures(self) -> ApertureBlocks:
+        """Hogels that are asked for."""
+        plate = self.layout.plate
+        if not self.chosen:
+            return plate.apertures()
+        blocks = tuple((range(left, right), range(top, bottom)) for left, right, top, bottom in self.chosen)
+        return ApertureBlocks(plate, blocks)
+
+    @property
+    def blocks(self) -> Blocks:  # type: ignore[override]  # others hold their blocks, this one derives them
+        """Blocks of the store."""
+        return StoreBlocks(layout=self.layout, chosen=self.apertures)
+
+    def finished(self, number: int) -> bool:
+        """Return whether all hogels of a block that are asked for are there."""
+        part = self.layout.part(number, self.apertures)
+        return not _store(self.out, self.layout).state(part).missing
+
+    def claims(self) -> Claims:
+        """Return the claims of engines' workers, beside those of the processes that draw."""
+        return Claims(self.out / "zarr.json", FIRST_ENGINE_CLAIM)
+
+    @contextmanager
+    def open(self, scene: Scene | None = None) -> Iterator[PlateSession]:
+        """Open the scene, and what makes its hogels."""
+        here = self.ticket.open() if scene is None else scene
+        with source_of(here, self.settings, self.layout.content, judge=self.judged) as source:
+            yield PlateSession(self, source)
+
+
+class PlateSession(Session):
+    """What makes the hogels of one plan; the store is opened at the first block."""
+
+    def __init__(self, plan: PlatePlan, source: HogelSource) -> None:
+        self._plan, self._source = plan, source
+        self._store: PlateStore | None = None
+
+    @property
+    def document(self) -> dict[str, object]:
+        """Everything that decides the pixels that this process makes, its device included."""
+        return document_of(described(self._source))
+
+    def make(self, number: int) -> None:
+        """Draw what is missing of a block."""
+        self.draw(number)
+
+    def draw(self, number: int) -> PlateFiles:
+        """Draw what is missing of a block, and return what became of its hogels.
+
+        Raises
+        ------
+        InputError
+            The store was begun with something else, such as another device.
+        """
+        plan = self._plan
+        if self._store is None:
+            self._store = opened_store(self._source, plan.out, plan.layout.side)
+        part = self._store.layout.part(number, plan.apertures)
+        with self._store.claims() as claims, progress_bar(0, "plate", "hogel", shown=False) as bar:
+            work = BlockWork(store=self._store, claims=claims, bar=bar)
+            draw_parts(self._source, work, [part])
+        return work.files()
+
+
+@lru_cache(maxsize=4)
+def _store(out: Path, layout: Layout) -> PlateStore:
+    """Return the store of a layout; a process asks for its files many times."""
+    return PlateStore(out, layout)
 
 
 def plan_plate(  # noqa: PLR0913 - as `write_plate`
@@ -104,10 +208,15 @@ def plan_plate(  # noqa: PLR0913 - as `write_plate`
     InputError
         As from `write_plate`; or the scene is not one that can be opened by name.
     """
-    return begin_plate(scene, settings, out, apertures, content, block=block, judge=judge)[0]
+    if not scene.source:
+        raise InputError(f"{scene.name}: has no file or name by which other processes could open it")
+    plan = new_plan(scene, settings, out, apertures, content, block=block, judge=judge)
+    with source_of(scene, settings, plan.layout.content, judge=judge) as source:
+        store = opened_store(source, out, block)
+    return replace(plan, layout=store.layout)
 
 
-def begin_plate(  # noqa: PLR0913 - as `write_plate`
+def new_plan(  # noqa: PLR0913 - as `write_plate`
     scene: Scene,
     settings: DoubleFrustum | None,
     out: Path,
@@ -116,35 +225,22 @@ def begin_plate(  # noqa: PLR0913 - as `write_plate`
     *,
     block: tuple[int, int] | None = None,
     judge: bool = False,
-) -> tuple[PlatePlan, PlateStore]:
-    """Return the plan of a plate with its store, which says what has been mended; see `plan_plate`."""
-    content = content or PlateContent()
-    if not scene.source:
-        raise InputError(f"{scene.name}: has no file or name by which other processes could open it")
-    with source_of(scene, settings, content, judge=judge) as source:
-        store = opened_store(source, out, block)
-    plan = PlatePlan(
-        scene=scene.source,
-        plate=scene.plate,
-        hash=scene.content_hash,
-        look=look_hash(scene),
-        sampling=scene.sampling,
-        transport=scene.transport,
+) -> PlatePlan:
+    """Return the plan of a plate whose store is not there yet; parameters as for `write_plate`."""
+    chosen = () if apertures is None else apertures.blocks
+    return PlatePlan(
+        ticket=SceneTicket.of(scene),
         settings=settings,
-        content=content,
         out=out.absolute(),
-        side=store.layout.side,
+        layout=layout_of(scene, content or PlateContent(), block, judged=judge),
+        chosen=tuple((columns.start, columns.stop, rows.start, rows.stop) for columns, rows in chosen),
         judged=judge,
-        chosen=()
-        if apertures is None
-        else tuple((c.start, c.stop, r.start, r.stop) for c, r in apertures.blocks),
     )
-    return plan, store
 
 
 def blocks_of(plan: PlatePlan) -> Iterator[int]:
     """Yield the numbers of the blocks that a plan asks for, without listing them and without the scene."""
-    yield from BlockGrid(plate=plan.plate, side=plan.side).touched(_apertures(plan))
+    yield from plan.layout.touched(plan.apertures)
 
 
 def draw_block(plan: PlatePlan, number: int) -> PlateFiles:
@@ -159,67 +255,11 @@ def draw_block(plan: PlatePlan, number: int) -> PlateFiles:
     InputError
         The scene that is found is another one; or as from `write_plate`.
     """
-    opened = _opened(plan)
-    part = opened.store.layout.part(number, _apertures(plan))
-    with opened.store.claims() as claims, progress_bar(0, "plate", "hogel", shown=False) as bar:
-        work = BlockWork(store=opened.store, claims=claims, bar=bar)
-        draw_parts(opened.source, work, [part])
-    return work.files()
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Opened:
-    """A plan that a thread has taken up, its renderer, and its store."""
-
-    plan: PlatePlan
-    source: HogelSource
-    store: PlateStore
-    held: ExitStack
-
-
-class _OfThread(threading.local):
-    """What this thread has opened last: an OpenGL context belongs to one thread."""
-
-    opened: _Opened | None = None
-
-
-_of_thread = _OfThread()
-
-
-def _opened(plan: PlatePlan) -> _Opened:
-    """Return the scene of a plan and what draws it, opened by this thread when first asked for."""
-    found = _of_thread.opened
-    if found is not None and found.plan == plan:
-        return found
-    close()
-    named = open_scene(plan.scene)
-    scene = replace(named, sampling=plan.sampling, transport=plan.transport)
-    if (scene.content_hash, look_hash(scene)) != (plan.hash, plan.look):
-        raise InputError(
-            f"{plan.scene}: is not the scene that the plate was begun with; give all the same file"
-        )
-    held = ExitStack()
-    source = source_of(scene, plan.settings, plan.content, judge=plan.judged)
-    held.enter_context(source)
-    try:
-        store = opened_store(source, plan.out, plan.side)
-    except BaseException:
-        held.close()
-        raise
-    _of_thread.opened = _Opened(plan=plan, source=source, store=store, held=held)
-    return _of_thread.opened
+    session = desk_of_thread().session(plan)
+    assert isinstance(session, PlateSession), "a plan opens sessions of its own kind"
+    return session.draw(number)
 
 
 def close() -> None:
     """Free what this thread has opened, if anything."""
-    found, _of_thread.opened = _of_thread.opened, None
-    if found is not None:
-        found.held.close()
-
-
-def _apertures(plan: PlatePlan) -> ApertureBlocks:
-    """Return the hogels that a plan asks for."""
-    if not plan.chosen:
-        return plan.plate.apertures()
-    blocks = tuple((range(left, right), range(top, bottom)) for left, right, top, bottom in plan.chosen)
-    return ApertureBlocks(plan.plate, blocks)
+    desk_of_thread().close()

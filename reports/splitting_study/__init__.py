@@ -9,6 +9,8 @@ families      What the study's rows say of the other families: what they share w
               helps them
 figures       The study's maps, as SVG that needs nothing else: near across, depth buffers down
 grid          What the study of splitting measures: which cells, in which order
+job           Cells of the study in blocks, as any process measures them: pictures of a scene, or sheets
+              of a camera
 measure       How the study of splitting measures a cell: truth against raster, and pairs of sheets
               at the far end
 rows          The study's measurements as rows, and as Parquet

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
-from itertools import groupby
-from typing import TypeVar
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference
-from xfrustum.reports.common import provenance
-from xfrustum.reports.common.progress import progress_bar
-from xfrustum.reports.splitting_study.grid import SIDES, Cell, Family, Grid, Picture, SheetCell
-from xfrustum.reports.splitting_study.measure import (
-    CellResult,
-    PictureWorkbench,
-    SheetResult,
-    SheetWorkbench,
-)
-from xfrustum.reports.splitting_study.rows import Origin, StudyRow, joined
-from xfrustum.reports.splitting_study.store import Store
+from xfrustum.reports.cluster.run import Part, Team, run_blocks
+from xfrustum.reports.splitting_study.grid import Cell, Family, Grid
+from xfrustum.reports.splitting_study.job import Cells, StudyJob, sheets_of
+from xfrustum.reports.splitting_study.measure import CellResult, SheetResult
+from xfrustum.reports.splitting_study.rows import StudyRow, joined
+from xfrustum.reports.splitting_study.store import PICTURES, SHEETS, Store
 from xfrustum.reports.splitting_study.suitability import (
     Suitability,
     alike_but_depth,
@@ -31,13 +23,8 @@ from xfrustum.reports.splitting_study.suitability import (
     straight_nears,
     suitability,
 )
-from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, cars
-from xfrustum.scenes.plate.double_frustum import Camera, Offset
-
-C = TypeVar("C", Cell, SheetCell)
-
-PICTURES, SHEETS = "picture", "sheets"
-"""Kinds of results."""
+from xfrustum.scenes.library.depth_family import FARTHEST, REACH
+from xfrustum.scenes.plate.double_frustum import Offset
 
 MAX_SLABS = 6
 """Slabs on one side that are tried before a case is given up."""
@@ -46,126 +33,85 @@ FIRST_CUT_PER_NEAREST = 0.99
 """The first cut as a share of the nearest surface's |z|: close under it, so that the first slab is empty."""
 
 
-def measured_by() -> Origin:
-    """Return the versions and the device that would measure here and now.
+@dataclass(frozen=True, kw_only=True)
+class Measuring:
+    """A study under way.
 
-    Raises
-    ------
-    InputError
-        No usable OpenGL context.
+    Attributes
+    ----------
+    team
+        Processes that measure.
+    part
+        Part of the grid's cells that is measured here.
+    path, origin
+        File of the results, and hash of what measures; see `Store`.
+    progress
+        Whether to draw bars on standard error.
     """
-    scene = cars(CAR_RATIO, Camera.C, (1, 1))
-    with Rasterizer(scene) as rasterizer:
-        opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
-    versions = {**provenance.versions(), **Reference(scene).versions}
-    return Origin(versions=versions, devices={**provenance.machine(), **opengl})
 
+    team: Team
+    part: Part
+    path: Path
+    origin: str
+    progress: bool = False
 
-def measure(grid: Grid, store: Store, *, progress: bool = False) -> tuple[StudyRow, ...]:
-    """Measure every cell of a grid, and slabs where no near is enough.
+    def rows(self, grid: Grid) -> tuple[StudyRow, ...] | None:
+        """Measure every cell of a grid, and slabs where no near is enough.
 
-    Returns
-    -------
-    One row per cell in the grid's order, then those with slabs.
-    """
-    cells = list(grid.cells())
-    _measure_sheets(_all_sheets(cells), store, progress)
-    _measure_pictures(cells, store, progress)
-    rows = _rows(cells, store)
-    return rows + _split(rows, store, progress)
+        Returns
+        -------
+        One row per cell in the grid's order, then those with slabs; None where other parts of the grid are
+        not measured yet. Whoever finds all of them measured goes on with the slabs.
+        """
+        if not self._measured(grid, 0, self.part):
+            return None
+        rows = self._rows(list(grid.cells()))
+        return rows + self._split(rows)
 
+    def _measured(self, asked: Grid | Cells, stage: int, part: Part) -> bool:
+        """Measure what is missing of some cells, and return whether all of them are measured."""
+        jobs = [
+            StudyJob(asked=asked, kind=kind, stage=stage, path=self.path, origin=self.origin)
+            for kind in (SHEETS, PICTURES)
+        ]
+        for job in jobs:
+            numbers = [n for n in part.of(range(len(job.blocks))) if not job.finished(n)]
+            total = sum(map(job.size, numbers))
+            words = "pictures" if job.kind == PICTURES else "pairs of sheets"
+            run_blocks(job, numbers, self.team, total, words, progress=self.progress and bool(numbers))
+        return all(job.finished(number) for job in jobs for number in range(len(job.blocks)))
 
-def sheets_of(cell: Cell) -> tuple[SheetCell, ...]:
-    """Return the sheets that belong to a cell: those of each of its cameras, its near and depth buffer.
-
-    The distance from a camera, and with it the stored depth, depends on neither shear nor fit.
-    """
-    sides = SIDES if cell.side is Camera.BOTH else (cell.side,)
-    return tuple(
-        SheetCell(
-            side=side,
-            near=cell.near,
-            depth=cell.depth,
-            mapping=cell.mapping,
-            slabs=cell.slabs,
-            offset=cell.offset,
+    def _rows(self, cells: Sequence[Cell]) -> tuple[StudyRow, ...]:
+        with Store(self.path, self.origin) as store:
+            pictures, sheets = store.get(PICTURES), store.get(SHEETS)
+        picture, pair = TypeAdapter(CellResult), TypeAdapter(SheetResult)
+        return tuple(
+            joined(
+                cell,
+                picture.validate_python(pictures[cell.key]),
+                [pair.validate_python(sheets[own.key]) for own in sheets_of(cell)],
+            )
+            for cell in cells
         )
-        for side in sides
-    )
 
-
-def _all_sheets(cells: Iterable[Cell]) -> list[SheetCell]:
-    return list(dict.fromkeys(sheets for cell in cells for sheets in sheets_of(cell)))
-
-
-def _measure_sheets(cells: Iterable[SheetCell], store: Store, progress: bool) -> None:
-    missing = sorted(_missing(cells, store, SHEETS), key=_far_camera)
-    with progress_bar(len(missing), "pairs of sheets", "buffer", shown=progress and bool(missing)) as bar:
-        for _, group in groupby(missing, key=_far_camera):
-            cells_alike = list(group)
-            with SheetWorkbench(cells_alike[0]) as workbench:
-                for cell in cells_alike:
-                    store.put(SHEETS, cell.key, asdict(workbench.measure(cell)))
-                    bar.update()
-
-
-def _far_camera(cell: SheetCell) -> tuple[Camera, float]:
-    """Return which camera draws the far end, and how far it stands back as a share of the reach."""
-    return cell.side, 0.0 if cell.slabs or cell.offset is Offset.NONE else cell.near
-
-
-def _measure_pictures(cells: Iterable[Cell], store: Store, progress: bool) -> None:
-    missing = _missing(cells, store, PICTURES)
-    with progress_bar(len(missing), "pictures", "picture", shown=progress and bool(missing)) as bar:
-        for picture, group in groupby(missing, key=_picture):
-            words = f"{picture.family}, {picture.side}, depth {picture.ratio:g}, {picture.resolution} px"
-            bar.set_postfix_str(words, refresh=False)
-            with PictureWorkbench(picture) as workbench:
-                for cell in group:
-                    store.put(PICTURES, cell.key, asdict(workbench.measure(cell)))
-                    bar.update()
-
-
-def _picture(cell: Cell) -> Picture:
-    return cell.picture
-
-
-def _missing(cells: Iterable[C], store: Store, kind: str) -> list[C]:
-    done = store.get(kind).keys()
-    return [cell for cell in cells if cell.key not in done]
-
-
-def _rows(cells: Sequence[Cell], store: Store) -> tuple[StudyRow, ...]:
-    pictures, sheets = store.get(PICTURES), store.get(SHEETS)
-    picture, pair = TypeAdapter(CellResult), TypeAdapter(SheetResult)
-    return tuple(
-        joined(
-            cell,
-            picture.validate_python(pictures[cell.key]),
-            [pair.validate_python(sheets[own.key]) for own in sheets_of(cell)],
-        )
-        for cell in cells
-    )
-
-
-def _split(rows: Sequence[StudyRow], store: Store, progress: bool) -> tuple[StudyRow, ...]:
-    """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
-    found: list[StudyRow] = []
-    one_per_case = {case_of(row): row for row in rows}
-    # Slabs have no gap at the plate: they are drawn with the offset.
-    open_cases = [
-        one_per_case[case]
-        for case, outcome in outcomes(rows).items()
-        if not outcome.one_pair and case.offset is Offset.PLATE
-    ]
-    for count in range(1, MAX_SLABS + 1):
-        cells = [_cut(row, rows, count) for row in open_cases]
-        _measure_sheets(_all_sheets(cells), store, progress)
-        _measure_pictures(cells, store, progress)
-        tried = _rows(cells, store)
-        found += tried
-        open_cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
-    return tuple(found)
+    def _split(self, rows: Sequence[StudyRow]) -> tuple[StudyRow, ...]:
+        """Measure one slab, then two, and so on, in all cases that no near can serve, until it is enough."""
+        found: list[StudyRow] = []
+        one_per_case = {case_of(row): row for row in rows}
+        # Slabs have no gap at the plate: they are drawn with the offset.
+        open_cases = [
+            one_per_case[case]
+            for case, outcome in outcomes(rows).items()
+            if not outcome.one_pair and case.offset is Offset.PLATE
+        ]
+        for count in range(1, MAX_SLABS + 1):
+            cells = [_cut(row, rows, count) for row in open_cases]
+            # What follows from all cells of the grid is measured by whoever has seen them all.
+            self._measured(Cells(listed=tuple(cells)), count, Part())
+            tried = self._rows(cells)
+            found += tried
+            open_cases = [row for row in tried if suitability(row) is not Suitability.ENOUGH]
+        return tuple(found)
 
 
 def _cut(row: StudyRow, rows: Sequence[StudyRow], count: int) -> Cell:

@@ -15,6 +15,12 @@ from typing import Any
 from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.scenes.errors import InputError
 
+PICTURES, SHEETS = "picture", "sheets"
+"""Kinds of results."""
+
+CLAIMS = "measurements.claims"
+"""File beside the results by which processes that measure at once tell who does what; it stays empty."""
+
 MEASURING = ("scenes", "reference", "raster", "compare")
 """Packages whose sources decide what is measured."""
 
@@ -83,6 +89,10 @@ class Store:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
         self._connection.close()
 
     def put(self, kind: str, key: str, result: Mapping[str, Any]) -> None:
@@ -90,6 +100,14 @@ class Store:
         row = (self._origin, kind, key, json.dumps(result))
         with self._explained(), self._connection:
             self._connection.execute("INSERT OR IGNORE INTO results VALUES (?, ?, ?, ?)", row)
+
+    def keys(self, kind: str) -> set[str]:
+        """Return the keys of all results of a kind."""
+        with self._explained():
+            rows = self._connection.execute(
+                "SELECT key FROM results WHERE origin = ? AND kind = ?", (self._origin, kind)
+            )
+            return {key for (key,) in rows}
 
     def get(self, kind: str) -> dict[str, dict[str, Any]]:
         """Return all results of a kind by their key."""

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from xfrustum.reports.cluster.run import Engine, open_team
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import FULL, Grid
+from xfrustum.reports.splitting_study.job import StudyJob, origin_of
 from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet, write_parquet
-from xfrustum.reports.splitting_study.run import measure, measured_by
-from xfrustum.reports.splitting_study.store import Store, origin_hash
+from xfrustum.reports.splitting_study.run import Measuring
+from xfrustum.reports.splitting_study.store import CLAIMS, PICTURES, Store, origin_hash
 from xfrustum.reports.splitting_study.study_record import FilesRecord, StudyRecord, study_record
 
 DEFAULT_FOLDER = Path("study") / "splitting"
@@ -69,13 +71,53 @@ def make_study(out: Path | None = None, grid: Grid = FULL, *, progress: bool = F
     InputError
         An unwritable folder, a file in the way, no OpenGL.
     """
+    found = make_study_on(Engine(workers=1), out, grid, progress=progress)
+    assert found is not None, "one process measures everything"
+    return found
+
+
+def make_study_on(
+    engine: Engine,
+    out: Path | None = None,
+    grid: Grid = FULL,
+    *,
+    told: Callable[[str], object] = lambda line: None,
+    progress: bool = False,
+) -> StudyFiles | None:
+    """Measure a study by several processes; all but its times is what `make_study` measures.
+
+    Parameters
+    ----------
+    engine
+        Where cells are measured.
+    out, grid, progress
+        As for `make_study`.
+    told
+        Called with notes in words, such as the address of the dashboard.
+
+    Returns
+    -------
+    None where other parts of a job array are not measured yet.
+
+    Raises
+    ------
+    InputError
+        As from `make_study`; or no scheduler answers, or workers measure with something else.
+    """
     out = DEFAULT_FOLDER if out is None else out
     with Staging(out, (DOCUMENT, DATA, RESULTS)), Staging(out / IMAGES):
         pass  # It can be written; nothing is left lying about while it is being measured.
-    measured_with = measured_by()
-    with Store(out / RESULTS, origin_hash(measured_with)) as store:
-        rows = measure(grid, store, progress=progress)
-    return write_study(rows, measured_with, out)
+    path = out.absolute() / RESULTS
+    asking = StudyJob(asked=grid, kind=PICTURES, stage=0, path=path, origin="")
+    with open_team(engine, len(asking.blocks), None, told) as team:
+        origin = team.ask(asking, origin_of)
+        Store(path, origin_hash(origin)).close()
+        path.with_name(CLAIMS).touch()
+        measuring = Measuring(
+            team=team, part=engine.part, path=path, origin=origin_hash(origin), progress=progress
+        )
+        rows = measuring.rows(grid)
+    return None if rows is None else write_study(rows, origin, out)
 
 
 def rewrite_document(folder: Path) -> Path:

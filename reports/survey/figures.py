@@ -20,6 +20,12 @@ from xfrustum.scenes.arrays import Floats
 MARKED_HOGELS = 3
 """Number of the worst hogels that are marked on the map of displacement: more would cover it."""
 
+LENGTHS = ("height_rms",)
+"""Columns whose numbers are lengths in the scene's unit."""
+
+MIN_DECADES = 2
+"""Number of powers of ten beyond which a color bar is labeled at them; else five labels are spread evenly."""
+
 DISTRIBUTION_MARGIN = 3.0
 """Factor by which the axis of displacement reaches beyond the smallest and the largest value."""
 
@@ -30,7 +36,8 @@ def map_figures(found: Survey) -> list[go.Figure]:
     figures = []
     for name, values in tally.maps.items():
         if np.nanmax(values, initial=0.0) > 0:
-            figure = _map(values, found.scene.plate.hogels, words_of(name), logarithmic=name == P99)
+            words = words_of(name) + (f", {found.scene.units}" if name in LENGTHS else "")
+            figure = _map(values, found.scene.plate.hogels, words, logarithmic=name == P99)
             if name == P99:
                 _mark(figure, tally, found.scene.plate.hogels)
             figures.append(figure)
@@ -51,8 +58,8 @@ def distribution_figure(found: Survey) -> go.Figure:
     ends: list[float] = []
     for number, (settings, tally) in enumerate(zip(found.settings, found.tallies, strict=True)):
         tolerances, shares = tally.share_beyond()
-        drawn = [place for place, share in enumerate(shares) if share > 0]
-        ends += [tolerances[place] for place in drawn if shares[place] < 1]
+        # The curve is level where no hogel is: what is shown begins and ends with hogels.
+        ends += [tolerances[place] for place in np.flatnonzero(tally.displaced)]
         color, _ = look(number)
         figure.add_scatter(
             x=tolerances,
@@ -143,7 +150,9 @@ def _powers(logarithms: Floats) -> dict[str, Sequence[float] | Sequence[str]]:
     known = logarithms[np.isfinite(logarithms)]
     if not known.size:
         return {}
-    ticks = np.linspace(known.min(), known.max(), 5)
+    ticks = np.arange(np.ceil(known.min()), np.floor(known.max()) + 1)
+    if len(ticks) <= MIN_DECADES:
+        ticks = np.linspace(known.min(), known.max(), 5)
     return {"tickvals": ticks.tolist(), "ticktext": [digits(float(10**tick)) for tick in ticks]}
 
 

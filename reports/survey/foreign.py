@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from xfrustum.reports.cluster.blocks import Blocks
-from xfrustum.reports.cluster.claims import Claims
-from xfrustum.reports.cluster.job import Job, Session
-from xfrustum.reports.cluster.parts import Parts
-from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.reports.cluster.job import Session
+from xfrustum.reports.cluster.rows_job import RowsJob
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.survey.hogels import Pictures
 from xfrustum.reports.survey.rows import ForeignRow
+from xfrustum.reports.verification.file_state import require_same_images, state_of_images
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import HogelVerifier
 from xfrustum.scenes.files.foreign_images import Encoding
@@ -49,59 +45,46 @@ class ForeignPlate:
 
         Every row depends on images all over the plate, from which the renderer's faults are diagnosed.
         """
-        digest = hashlib.sha256()
-        for aperture in plate.apertures():
-            path = self.pattern.format(i=aperture.column, j=aperture.row)
-            try:
-                found = os.stat(path)  # noqa: PTH116 - a Path for each of millions of names takes as long again
-            except OSError:
-                continue
-            digest.update(f"{path}\0{found.st_size}\0{found.st_mtime_ns}\n".encode(errors="surrogateescape"))
-        return digest.hexdigest()
+        return state_of_images(self.pattern, plate.apertures())
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForeignJob(Job):
+class ForeignJob(RowsJob):
     """A survey of another renderer's plate.
 
     Attributes
     ----------
-    ticket
-        The scene.
     plate
         Images that are judged.
+    state
+        Digest of the images, `ForeignPlate.state`: a process that finds others refuses.
     tolerance_px
         Limit of the 99th percentile of displacement; that of wrong pixels is `verify`'s.
-    blocks
-        Blocks of the hogels that are judged.
-    parts
-        Folder of the rows.
     """
 
-    ticket: SceneTicket
     plate: ForeignPlate
+    state: str
     tolerance_px: float
-    blocks: Blocks
-    parts: Parts
+    draws = False
 
     @property
     def name(self) -> str:
         """Word by which the dashboard groups its tasks."""
         return "survey-images"
 
-    def finished(self, number: int) -> bool:
-        """Return whether a block has its part."""
-        return self.parts.finished(number)
-
-    def claims(self) -> Claims:
-        """Return the claims of the folder of parts."""
-        return self.parts.claims()
-
     @contextmanager
     def open(self, scene: Scene | None = None) -> Iterator[ForeignSession]:
-        """Open the scene, and diagnose the renderer: every process for itself, with the same outcome."""
+        """Open the scene, and diagnose the renderer: every process for itself, with the same outcome.
+
+        Raises
+        ------
+        InputError
+            The scene or the images are others than those of the command.
+        """
+        here = self.scene_here(scene)
+        require_same_images(self.plate.pattern, here.plate.apertures(), self.state)
         verifier = HogelVerifier(
-            self.ticket.open() if scene is None else scene,
+            here,
             self.plate.pattern,
             encoding=self.plate.encoding,
             limits=Limits(displacement_px=self.tolerance_px),

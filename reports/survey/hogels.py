@@ -10,14 +10,12 @@ from typing import Any
 
 from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.comparison import Comparison
-from xfrustum.reports.cluster.blocks import Blocks
-from xfrustum.reports.cluster.claims import Claims
-from xfrustum.reports.cluster.job import Job, Session
-from xfrustum.reports.cluster.parts import Parts
-from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.reports.cluster.job import Session
+from xfrustum.reports.cluster.processes import device_index
+from xfrustum.reports.cluster.rows_job import RowsJob
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
-from xfrustum.reports.survey.rows import DrawnRow
+from xfrustum.reports.survey.rows import Device, DrawnRow, JudgedWith
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -29,49 +27,32 @@ Pictures = dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
-class HogelsJob(Job):
+class HogelsJob(RowsJob):
     """A survey of what our rasterizer draws.
 
     Attributes
     ----------
-    ticket
-        The scene.
     settings
         Settings that every hogel is drawn with.
     tracer
         Tracer that gives the truth a second opinion.
     tolerance_px
         Displacement beyond which a hogel is counted.
-    blocks
-        Blocks of the hogels that are judged.
-    parts
-        Folder of the rows.
     """
 
-    ticket: SceneTicket
     settings: tuple[DoubleFrustum, ...]
     tracer: str
     tolerance_px: float
-    blocks: Blocks
-    parts: Parts
 
     @property
     def name(self) -> str:
         """Word by which the dashboard groups its tasks."""
         return "survey"
 
-    def finished(self, number: int) -> bool:
-        """Return whether a block has its part."""
-        return self.parts.finished(number)
-
-    def claims(self) -> Claims:
-        """Return the claims of the folder of parts."""
-        return self.parts.claims()
-
     @contextmanager
     def open(self, scene: Scene | None = None) -> Iterator[HogelsSession]:
         """Open the scene and its renderers."""
-        with Judge(self.ticket.open() if scene is None else scene, self.tracer) as judge:
+        with Judge(self.scene_here(scene), self.tracer) as judge:
             yield HogelsSession(self, judge)
 
 
@@ -83,10 +64,15 @@ class HogelsSession(Session):
 
     def make(self, number: int) -> None:
         """Judge the hogels of a block, and write their rows."""
-        job, reach = self._job, self._judge.scene.frustum.longest_reach
-        hogels = self._judge.stream(job.blocks.apertures(number), job.settings, images=True, causes=True)
+        job, judge = self._job, self._judge
+        judged = JudgedWith(
+            tolerance_px=job.tolerance_px,
+            reach=judge.scene.frustum.longest_reach,
+            device=Device(renderer=judge.drawing.device["renderer"], index=device_index()),
+        )
+        hogels = judge.stream(job.blocks.apertures(number), job.settings, images=True, causes=True)
         rows = [
-            DrawnRow.of(hogel.aperture, setting, drawing, reach, job.tolerance_px)
+            DrawnRow.of(hogel.aperture, setting, drawing, judged)
             for hogel in hogels
             for setting, drawing in enumerate(hogel.drawings)
         ]

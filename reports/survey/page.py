@@ -28,6 +28,11 @@ class Pictured:
     pictures: Pictures
 
 
+def _readable(value: float) -> str:
+    """Write a number with three digits, and thousands in full: `7,470` and no `7.47e3`."""
+    return f"{float(f'{value:.3g}'):,.0f}" if 1e3 <= abs(value) < 1e9 else digits(value)
+
+
 def write_survey(found: Survey, pictured: Sequence[Pictured], out: Path) -> tuple[Path, ...]:
     """Write the page and the JSON object, all or nothing.
 
@@ -65,5 +70,5 @@ def render_page(found: Survey, pictured: Sequence[Pictured]) -> str:
         "command": command,
         "versions": versions(),
     }
-    filters = {"percent": percent, "percent_up": percent_up, "digits": digits}
+    filters = {"percent": percent, "percent_up": percent_up, "digits": _readable}
     return html_page("survey.html.j2", filters, values)

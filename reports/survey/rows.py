@@ -80,6 +80,33 @@ def depth_ends() -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Device:
+    """The device that drew a hogel: the name of its OpenGL renderer, and its index among EGL's devices."""
+
+    renderer: str
+    index: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedWith:
+    """Everything that the rows of one process have in common.
+
+    Attributes
+    ----------
+    tolerance_px
+        Displacement beyond which a hogel is counted.
+    reach
+        Longest reach, scene units.
+    device
+        Device that draws.
+    """
+
+    tolerance_px: float
+    reach: float
+    device: Device
+
+
+@dataclass(frozen=True, kw_only=True)
 class DrawnRow:
     """One hogel that our rasterizer drew with one setting.
 
@@ -97,6 +124,8 @@ class DrawnRow:
         What `report` measures.
     depth
         Displacement by depth of content.
+    device
+        Device that drew it.
     """
 
     column: int
@@ -108,11 +137,10 @@ class DrawnRow:
     causes: Mapping[str, CauseNumbers] = field(metadata=named_columns("cause_{}"))
     unexplained: int
     depth: DepthBins
+    device: Device
 
     @classmethod
-    def of(
-        cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, reach: float, tolerance_px: float
-    ) -> DrawnRow:
+    def of(cls, aperture: Aperture, setting: int, drawing: JudgedDrawing, judged: JudgedWith) -> DrawnRow:
         """Return the row of a drawing that was judged with images and causes."""
         comparison, drawn = drawing.comparison, drawing.image
         assert isinstance(comparison, Comparison) and drawn is not None
@@ -121,12 +149,13 @@ class DrawnRow:
             column=aperture.column,
             row=aperture.row,
             setting=setting,
-            beyond=beyond_tolerance(comparison, tolerance_px),
+            beyond=beyond_tolerance(comparison, judged.tolerance_px),
             settings=drawing.settings,
             comparison=comparison.numbers,
             causes={cause.name: cause.numbers for cause in drawing.causes},
             unexplained=drawing.unexplained,
-            depth=DepthBins.of(drawn, comparison.maps.displacement, reach),
+            depth=DepthBins.of(drawn, comparison.maps.displacement, judged.reach),
+            device=judged.device,
         )
 
 

@@ -172,10 +172,12 @@ def _job(
     if isinstance(settings, ForeignPlate):
         foreign = ForeignPlate(**{**vars(settings), "pattern": str(Path(settings.pattern).absolute())})
         check_files(scene, foreign.pattern)
-        blocks = chosen.blocks(scene, 1)
-        job = ForeignJob(ticket=ticket, plate=foreign, tolerance_px=tolerance_px, blocks=blocks, parts=parts)
+        blocks, state = chosen.blocks(scene, 1), foreign.state(scene.plate)
+        job = ForeignJob(
+            ticket=ticket, plate=foreign, state=state, tolerance_px=tolerance_px, blocks=blocks, parts=parts
+        )
         several: tuple[DoubleFrustum | None, ...] = (None,)
-        work = {"images": foreign, "state of the images": foreign.state(scene.plate)}
+        work = {"images": foreign, "state of the images": state}
     else:
         drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
         if not drawn:
@@ -193,10 +195,9 @@ def _job(
         )
         several = drawn
         work = {"settings": drawn, "tracer": tracer, "max_wrong": MAX_WRONG}
-    scene_description = {key: value for key, value in vars(ticket).items() if key != "source"}
-    hogels = {key: value for key, value in vars(blocks).items() if not key.startswith("_")}
+    hogels = blocks.description
     parts.open(
-        json_ready({"scene": scene_description, **work, "tolerance_px": tolerance_px, "hogels": hogels})
+        json_ready({"scene": ticket.description, **work, "tolerance_px": tolerance_px, "hogels": hogels})
     )
     return job, several
 
@@ -217,7 +218,7 @@ class _Run:
         """Judge what is not judged yet, and write the outcome where it is complete."""
         begun, blocks, part = time.perf_counter(), self.job.blocks, self.engine.part
         first = blocks.numbers(0)
-        with open_team(self.engine, len(first), self.scene, told) as team:
+        with open_team(self.engine, len(first), self.scene, told, draws=self.job.draws) as team:
             for look in range(blocks.looks):
                 numbers = part.of(blocks.numbers(look))
                 hogels = blocks.hogels(look) // part.count

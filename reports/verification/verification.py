@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -98,19 +98,19 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         The scene, the source or an option is not usable, or none of the apertures sees any object.
     """
     opened = open_scene(scene) if isinstance(scene, str) else scene
-    limits = _limits(max_wrong, max_displacement_px, compare, max_color)
-    nominal = _nominal(opened, near, accept)
-    asked = _apertures(opened, apertures)
+    limits = limits_of(max_wrong, max_displacement_px, compare, max_color)
+    nominal = nominal_model(opened, near, accept)
+    asked = asked_apertures(opened, apertures)
     require_seen(opened, asked)
     reference = Reference(opened)
-    with _source(reference, source, command, encoding, timeout_s, layout) as opened_source:
-        opened_source.check(asked)
+    with opened_source(reference, source, command, encoding, timeout_s, layout) as images:
+        images.check(asked)
 
-        run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
+        run = Run(reference=reference, source=images, asked=asked, limits=limits)
         return run.in_any_layout(nominal, tuple(accept), progress=progress)
 
 
-def _limits(
+def limits_of(
     wrong: float, displacement_px: float | None, compare: Compared | str, max_color: float | None
 ) -> Limits:
     """Return the limits, and how images are judged."""
@@ -120,7 +120,7 @@ def _limits(
     return Limits(wrong=wrong, displacement_px=displacement_px, judging=judging)
 
 
-def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
+def nominal_model(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnModel:
     """Return what the renderer's author says of it, if that can be."""
     strange = [name for name in ((accept,) if isinstance(accept, str) else accept) if name not in ACCEPTABLE]
     if strange:
@@ -131,7 +131,7 @@ def _nominal(scene: Scene, near: float | None, accept: Sequence[str]) -> DrawnMo
     return DrawnModel(near=real(near or 0.0))
 
 
-def _apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> Sequence[Aperture]:
+def asked_apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> Sequence[Aperture]:
     """Return the apertures of some indices, each once; all of the plate, row by row, where there are none."""
     if not indices:
         return scene.plate.apertures()
@@ -143,7 +143,7 @@ def _apertures(scene: Scene, indices: Sequence[tuple[int, int]] | None) -> Seque
 
 
 @contextmanager
-def _source(
+def opened_source(
     reference: Reference,
     source: str | Renderer | None,
     command: str | None,
@@ -187,7 +187,7 @@ def _is_place(source: str, scene: Scene) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Question:
+class Question:
     """What hogels are judged by.
 
     Attributes
@@ -212,7 +212,7 @@ class _Question:
 
 
 @dataclass(kw_only=True, eq=False)
-class _Run:
+class Run:
     """One verification under way."""
 
     reference: Reference
@@ -230,18 +230,14 @@ class _Run:
         return with_layout_named(verified(self.source), self.source, verified)
 
     def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
+        """Diagnose a sample, judge every hogel, and return the verification."""
         sample = sampled(self.asked, self.reference.scene)
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
             question = self.question(sample, nominal, accept, bar.update)
             worst, hogels = WorstHogels(), []
-            most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
-            with workers("judging") as pool:
-                judge = partial(self._hogel, question)
-                for hogel, figures in in_order(pool, judge, self._images(), most):
-                    if figures is not None:
-                        worst.add(hogel.aperture, *figures)
-                    hogels.append(hogel)
-                    bar.update()
+            for hogel in self.hogels(question, self.asked, worst):
+                hogels.append(hogel)
+                bar.update()
         return Verification(
             scene=self.reference.scene,
             source=self.source.name,
@@ -257,7 +253,7 @@ class _Run:
         nominal: DrawnModel,
         accept: tuple[str, ...],
         done: Callable[[], object] = lambda: None,
-    ) -> _Question:
+    ) -> Question:
         """Diagnose a sample of hogels, and return what all are judged by; `done` is called after each."""
         for aperture in sample:
             self.kept[aperture] = self._had(aperture)
@@ -267,15 +263,27 @@ class _Run:
         if isinstance(self.source, LaidOut) and not self.source.files.layout.in_hogels:
             found = with_view_shear(found, self.reference, images, nominal, self.limits.judging)
         conventions = [name for name in accept if name != ENCODING]
-        return _Question(
+        return Question(
             asked=declared(nominal, found.diagnosis.model, conventions),
             found=found,
             read_as_found=ENCODING in accept and found.encoding.reading is not None,
         )
 
-    def _images(self) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
+    def hogels(
+        self, question: Question, apertures: Iterable[Aperture], worst: WorstHogels
+    ) -> Iterator[Hogel]:
+        """Judge some hogels and yield them in their order; the pictures of the worst are kept in `worst`."""
+        most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
+        with workers("judging") as pool:
+            judge = partial(self._hogel, question)
+            for hogel, figures in in_order(pool, judge, self._images(apertures), most):
+                if figures is not None:
+                    worst.add(hogel.aperture, *figures)
+                yield hogel
+
+    def _images(self, apertures: Iterable[Aperture]) -> Iterator[tuple[Aperture, HogelImage | Problem]]:
         """Yield the image of each hogel; the renderer is asked in the caller's thread."""
-        for aperture in self.asked:
+        for aperture in apertures:
             kept = aperture in self.kept
             yield aperture, self.kept.pop(aperture) if kept else self._had(aperture)
 
@@ -285,12 +293,12 @@ class _Run:
         except Problem as problem:
             return problem
 
-    def judged(self, question: _Question, aperture: Aperture) -> tuple[Hogel, tuple[Figures, Figures] | None]:
+    def judged(self, question: Question, aperture: Aperture) -> tuple[Hogel, tuple[Figures, Figures] | None]:
         """Judge one hogel alone; see `_hogel`."""
         return self._hogel(question, (aperture, self._had(aperture)))
 
     def _hogel(
-        self, question: _Question, one: tuple[Aperture, HogelImage | Problem]
+        self, question: Question, one: tuple[Aperture, HogelImage | Problem]
     ) -> tuple[Hogel, tuple[Figures, Figures] | None]:
         """Judge one hogel; return it with its figures as found and as corrected, where it has an image."""
         aperture, image = one
@@ -364,9 +372,9 @@ class HogelVerifier:
         reference, asked = Reference(scene), scene.plate.apertures()
         source = Files(pattern=pattern, reference=reference, encoding=meant)
         source.check(asked)
-        self._run = _Run(reference=reference, source=source, asked=asked, limits=limits or Limits())
+        self._run = Run(reference=reference, source=source, asked=asked, limits=limits or Limits())
         self._question = self._run.question(
-            sampled(asked, scene), _nominal(scene, near, accept), tuple(accept)
+            sampled(asked, scene), nominal_model(scene, near, accept), tuple(accept)
         )
         # Few hogels of the sample are this process's own: all are read anew.
         self._run.kept.clear()

@@ -46,24 +46,37 @@ class WorstHogels:
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
         """Keep a hogel if it is among the worst: as found, then corrected."""
         badness = (as_found.judged_fraction, corrected.judged_fraction)
-        if len(self.kept) == MAX_SHOWN_HOGELS and badness <= self.kept[-1].badness:
-            return
-        pictured = Pictured(
-            aperture=aperture,
-            words=as_found.limited_words,
-            badness=badness,
-            fraction=as_found.fraction,
-            corrected_fraction=corrected.fraction,
-            pictures={
-                "truth": _encoded(_shown(as_found.answer)),
-                "image": _encoded(_shown(as_found.image)),
-                "error": _encoded(_errors(as_found)),
-                "rest": _encoded(_errors(corrected)),
-            },
-        )
-        self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[
-            :MAX_SHOWN_HOGELS
-        ]
+        if self._is_worst(badness):
+            self.keep(_pictured(aperture, badness, as_found, corrected))
+
+    def keep(self, pictured: Pictured) -> None:
+        """Keep the pictures of a hogel if it is among the worst; of equals those that came first stay."""
+        if self._is_worst(pictured.badness):
+            self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[
+                :MAX_SHOWN_HOGELS
+            ]
+
+    def _is_worst(self, badness: tuple[float, float]) -> bool:
+        return len(self.kept) < MAX_SHOWN_HOGELS or badness > self.kept[-1].badness
+
+
+def _pictured(
+    aperture: Aperture, badness: tuple[float, float], as_found: Figures, corrected: Figures
+) -> Pictured:
+    """Return a hogel in pictures."""
+    return Pictured(
+        aperture=aperture,
+        words=as_found.limited_words,
+        badness=badness,
+        fraction=as_found.fraction,
+        corrected_fraction=corrected.fraction,
+        pictures={
+            "truth": _encoded(_shown(as_found.answer)),
+            "image": _encoded(_shown(as_found.image)),
+            "error": _encoded(_errors(as_found)),
+            "rest": _encoded(_errors(corrected)),
+        },
+    )
 
 
 def _shown(image: HogelImage) -> Bytes:

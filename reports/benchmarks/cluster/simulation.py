@@ -23,7 +23,7 @@ from xfrustum.reports.benchmarks.cluster.forecast import SimulatedRun
 from xfrustum.reports.cluster.blocks import Blocks, Tiles
 from xfrustum.reports.cluster.claims import Claims
 from xfrustum.reports.cluster.cluster import Workers, foreign_cluster
-from xfrustum.reports.cluster.job import Job, Session
+from xfrustum.reports.cluster.job import HogelJob, Session
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -42,7 +42,7 @@ MIB = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class SleepingJob(Job):
+class SleepingJob(HogelJob):
     """Blocks that sleep. Nothing is stored: a block is finished when its task is."""
 
     blocks: Blocks

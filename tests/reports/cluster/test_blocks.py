@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from tests.reports.cluster.toy_work import ToyJob, ToySession, made, parts_of
 from tests.support.scene_file import film, named, part
-from xfrustum.cli.commands.survey import chosen_engine
+from xfrustum.cli.commands.where import Where
 from xfrustum.compare.scouting.strata import GrowingSample
 from xfrustum.reports.cluster import run
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
@@ -236,7 +236,7 @@ def test_one_process_draws_on_the_device_that_it_is_given(tmp_path: Path) -> Non
 
 
 def test_a_job_array_of_one_job_is_one_process() -> None:
-    assert chosen_engine(None, None, None, (1, 1)).process_count(1000) == 1
+    assert Where(part=(1, 1)).engine().process_count(1000) == 1
 
 
 def test_strange_wishes_are_refused() -> None:

@@ -5,19 +5,15 @@ from __future__ import annotations
 import os
 import random
 import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from tests.reports.cluster.toy_work import ToyJob, made, parts_of, process_of
-from tests.support.processes import signals_by_default
+from tests.support.dask_processes import dask, free_port, scheduler, worker
 from xfrustum.reports.cluster import cluster
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
 from xfrustum.scenes import InputError, open_scene
@@ -77,37 +73,6 @@ def test_a_killed_worker_is_replaced_and_the_result_is_the_same_byte_for_byte(
     for process in processes:
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
-
-
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
-
-
-@contextmanager
-def dask(*words: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Run `dask WORDS` as a process of its own, which is killed in the end."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "dask", *words],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        preexec_fn=signals_by_default,  # noqa: PLW1509 - no thread holds a lock that it needs
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-
-
-def scheduler(port: int) -> tuple[str, ...]:
-    return ("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
-
-
-def worker(port: int) -> tuple[str, ...]:
-    address = f"tcp://127.0.0.1:{port}"
-    return ("worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard", "--death-timeout", "60")
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from xfrustum.reports.cluster.blocks import Blocks, Tiles
 from xfrustum.reports.cluster.claims import Claims
-from xfrustum.reports.cluster.job import Job, Session
+from xfrustum.reports.cluster.job import HogelJob, Session
 from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.common.records import table_of
 from xfrustum.scenes import Plate
@@ -30,7 +30,7 @@ class ToyRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToyJob(Job):
+class ToyJob(HogelJob):
     """Blocks that take a while; a hogel's row is computed from its place.
 
     Attributes

@@ -280,8 +280,8 @@ def test_blocks_drawn_by_single_calls_are_those_of_the_whole(tmp_path: Path) -> 
 
 def test_a_process_that_finds_another_scene_refuses(tmp_path: Path) -> None:
     plan = plan_plate(named(), SETTINGS, tmp_path / "x.zarr")
-    with pytest.raises(InputError, match="is not the scene that the plate was begun with"):
-        draw_block(replace(plan, hash="0" * 64), 0)
+    with pytest.raises(InputError, match="a worker finds another content than the command"):
+        draw_block(replace(plan, ticket=replace(plan.ticket, content="0" * 64)), 0)
     with pytest.raises(InputError, match="no file or name"):
         plan_plate(replace(named(), source=""), SETTINGS, tmp_path / "y.zarr")
 

@@ -25,14 +25,13 @@ from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.raster.cameras.passes import drawing_order
 from xfrustum.reference import Reference
 from xfrustum.reports.splitting_study import grid as study_grid
-from xfrustum.reports.splitting_study import run as study_run
 from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.facts import buffer_facts, by_the_rule, least_near
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Family, Grid
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureWorkbench
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
-from xfrustum.reports.splitting_study.store import Store, origin_hash
+from xfrustum.reports.splitting_study.store import PICTURES, Store, origin_hash
 from xfrustum.reports.splitting_study.study import (
     DATA,
     DOCUMENT,
@@ -331,7 +330,7 @@ def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> N
     measure = PictureWorkbench.measure
 
     def counted(bench: PictureWorkbench, cell: study_grid.Cell) -> CellResult:
-        measured.append((study_run.PICTURES, cell.key))
+        measured.append((PICTURES, cell.key))
         return measure(bench, cell)
 
     monkeypatch.setattr(PictureWorkbench, "measure", counted)

@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from tests.support.dask_processes import dask, free_port, scheduler, worker
 from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, named, part
 
@@ -30,10 +31,10 @@ def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def started(scene_path: Path, out: Path, workers: int) -> subprocess.Popen[str]:
+def started(scene_path: Path, out: Path, *where: str) -> subprocess.Popen[str]:
     words = ["survey", str(scene_path), "--near", "0.8", "--all", "--out", str(out), "--json"]
     return subprocess.Popen(
-        [sys.executable, "-m", "xfrustum", *words, "--workers", str(workers)],
+        [sys.executable, "-m", "xfrustum", *words, *(where or ("--workers", "2"))],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -63,7 +64,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
 @pytest.fixture(scope="module")
 def undisturbed(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("undisturbed") / "survey"
-    run = started(scene_path, out, 1)
+    run = started(scene_path, out, "--workers", "1")
     printed, _ = run.communicate(timeout=LONGEST_WAIT_S)
     assert run.returncode == 0 and json.loads(printed)["judged"] == 63
     return out
@@ -75,7 +76,7 @@ def test_workers_make_the_same_bytes_as_one_process_however_many_are_killed(
 ) -> None:
     out, chance = tmp_path / "survey", random.Random(3)
     kills: list[int] = []
-    run = started(scene_path, out, 2)
+    run = started(scene_path, out)
 
     def kill_at_random() -> None:
         while run.poll() is None and len(kills) < 20:
@@ -100,12 +101,47 @@ def test_workers_make_the_same_bytes_as_one_process_however_many_are_killed(
 
 
 @pytest.mark.slow
+def test_a_killed_worker_and_a_restarted_scheduler_change_no_byte_of_a_survey(
+    scene_path: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    out, port = tmp_path / "survey", free_port()
+    with dask(*worker(port)) as killed, dask(*worker(port)):
+        with dask(*scheduler(port)):
+            run = started(scene_path, out, "--scheduler", f"tcp://127.0.0.1:{port}")
+            wait_for_parts(out, 2)
+            killed.kill()
+            wait_for_parts(out, 5)
+        before = len(parts_of(out))
+        with dask(*scheduler(port)), dask(*worker(port)), dask(*worker(port)):
+            printed, errors = run.communicate(timeout=LONGEST_WAIT_S)
+    assert run.returncode == 0, errors
+    assert json.loads(printed)["judged"] == 63
+    assert before < len(parts_of(out))
+    assert parts_of(out) == parts_of(undisturbed)
+    assert (out / "index.html").read_bytes() == (undisturbed / "index.html").read_bytes()
+
+
+@pytest.mark.slow
+def test_two_surveys_of_one_folder_at_once_share_the_work(
+    scene_path: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "survey"
+    runs = [started(scene_path, out, "--workers", "1") for _ in range(2)]
+    for run in runs:
+        printed, errors = run.communicate(timeout=LONGEST_WAIT_S)
+        assert run.returncode == 0, errors
+        assert json.loads(printed)["judged"] == 63
+    assert parts_of(out) == parts_of(undisturbed)
+    assert (out / "index.html").read_bytes() == (undisturbed / "index.html").read_bytes()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("stop", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_a_survey_and_its_workers_and_the_next_one_goes_on(
     stop: signal.Signals, status: int, scene_path: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "survey"
-    run = started(scene_path, out, 2)
+    run = started(scene_path, out)
     wait_for_parts(out, 1)
     workers = workers_of(run)
     os.kill(run.pid, stop)
@@ -115,7 +151,7 @@ def test_a_signal_ends_a_survey_and_its_workers_and_the_next_one_goes_on(
     assert workers
     gone, alive = psutil.wait_procs(workers, timeout=10)
     assert not alive and len(gone) == len(workers)
-    again = started(scene_path, out, 1)
+    again = started(scene_path, out, "--workers", "1")
     again.communicate(timeout=LONGEST_WAIT_S)
     assert again.returncode == 0
     assert parts_of(out) == parts_of(undisturbed)
@@ -123,7 +159,7 @@ def test_a_signal_ends_a_survey_and_its_workers_and_the_next_one_goes_on(
 
 @pytest.mark.slow
 def test_workers_end_when_their_command_is_killed(scene_path: Path, tmp_path: Path) -> None:
-    run = started(scene_path, tmp_path / "survey", 2)
+    run = started(scene_path, tmp_path / "survey")
     wait_for_parts(tmp_path / "survey", 1)
     workers = workers_of(run)
     run.kill()

@@ -11,7 +11,7 @@ import click
 
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
-from xfrustum.cli.commands.survey import chosen_engine, engine_options
+from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
@@ -100,10 +100,6 @@ def _check_question(settings: DoubleFrustum | None, light: Light, truth: bool) -
         )
 
 
-Where = tuple[str | None, int | None, tuple[int, ...] | None, tuple[int, int] | None]
-"""Values of the options that say where blocks are drawn, in the order of `chosen_engine`."""
-
-
 def _written(
     scene: Scene,
     settings: DoubleFrustum | None,
@@ -114,12 +110,12 @@ def _written(
     **asked: Any,
 ) -> PlateFiles:
     """Draw a plate in this process, or where the options say; print its notes on standard error."""
-    if any(where):
+    if where.asked:
         from xfrustum.reports.plate.engine import write_plate_on
 
         if asked.pop("check"):
             raise click.UsageError("--check reads a plate in this process: leave out --workers and the like")
-        engine, told = chosen_engine(*where), lambda line: say(f"note: {line}")
+        engine, told = where.engine(), lambda line: say(f"note: {line}")
         files = write_plate_on(engine, scene, settings, out, apertures, content, told=told, **asked)
     else:
         from xfrustum.reports.plate.plate import write_plate
@@ -186,7 +182,7 @@ def _tell(files: PlateFiles, *, as_json: bool) -> None:
     help="Trace every hogel too, and store how it differs: in arrays over (row, column), and as Parquet.",
 )
 @click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
-@engine_options
+@engine_options("this process")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of a Zarr group.")
 @options.quiet_option
 @options.json_option
@@ -203,10 +199,7 @@ def plate(
     truth: bool,
     judge: bool,
     check: bool,
-    scheduler: str | None,
-    workers: int | None,
-    devices: tuple[int, ...] | None,
-    part: tuple[int, int] | None,
+    where: Where,
     out: Path,
     quiet: bool,
     as_json: bool,
@@ -234,6 +227,5 @@ def plate(
         channels=tuple(map(Channel, channels or ())),
         effects=light.chosen(opened, settings=settings),
     )
-    where = (scheduler, workers, devices, part)
     asked = {"block": block, "judge": judge, "check": check, "progress": not quiet}
     _tell(_written(opened, settings, out, chosen, content, where, **asked), as_json=as_json)

@@ -7,6 +7,8 @@ from pathlib import Path
 import click
 
 from xfrustum.cli import options
+from xfrustum.cli.commands.where import Where, engine_options
+from xfrustum.cli.streams import say
 
 
 @click.group(no_args_is_help=False)
@@ -17,16 +19,29 @@ def study() -> None:
 @study.command()
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: study/splitting]")
 @click.option("--quick", is_flag=True, help="A small part of the maps, in less than a minute.")
+@engine_options("this process")
 @options.quiet_option
 @options.json_option
-def splitting(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None:
+def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_json: bool) -> None:
     """Map where one pair of frusta is enough; write when-to-split.md, its figures and its data.
 
-    What is measured is kept at once in measurements.sqlite: a run that was stopped goes on from there.
+    What is measured is kept at once in measurements.sqlite: a run that was stopped goes on from there, and
+    several processes may measure one map at once. Columns of times are those of processes that shared this
+    machine.
     """
     from xfrustum.reports.splitting_study.document import sentence
     from xfrustum.reports.splitting_study.grid import FULL, QUICK
-    from xfrustum.reports.splitting_study.study import make_study
+    from xfrustum.reports.splitting_study.study import make_study_on
 
-    files = make_study(out, QUICK if quick else FULL, progress=not quiet)
+    engine = (where if where.asked else Where(workers=1)).engine()
+    files = make_study_on(
+        engine,
+        out,
+        QUICK if quick else FULL,
+        told=lambda line: say(f"note: {line}"),
+        progress=not quiet,
+    )
+    if files is None:
+        say("note: this part is measured; the last one to be finished writes the study")
+        return
     options.tell(as_json, files.summary, lambda: f"{sentence(files.rows)}\n{files.document}")

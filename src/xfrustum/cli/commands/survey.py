@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,29 +12,14 @@ import click
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.commands.verify import Conventions, Share
+from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.options import Command
 from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
-    from xfrustum.reports.cluster.run import Engine
     from xfrustum.reports.survey.foreign import ForeignPlate
     from xfrustum.reports.survey.survey import Chosen
     from xfrustum.scenes.plate.double_frustum import DoubleFrustum
-
-
-class PartOf(click.ParamType[tuple[int, int]]):
-    """A part as K/N."""
-
-    name = "K/N"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Return the number of the part and that of all parts."""
-        match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", str(value))
-        if match is None:
-            self.fail(f"{value!r} is not a part such as 3/8", param, ctx)
-        return int(match[1]), int(match[2])
 
 
 class Resolution(click.ParamType[tuple[int, int]]):
@@ -51,20 +35,6 @@ class Resolution(click.ParamType[tuple[int, int]]):
         if len(sizes) != 2:
             self.fail(f"{value!r} is not a width and a height such as 128,128", param, ctx)
         return sizes[0], sizes[1]
-
-
-class Devices(click.ParamType[tuple[int, ...]]):
-    """Indices of devices separated by commas."""
-
-    name = "I,I,.."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
-        """Return the indices in the order given."""
-        if not re.fullmatch(r"\d{1,4}(,\d{1,4})*", str(value)):
-            self.fail(f"{value!r} is not a list of indices such as 0,1", param, ctx)
-        return tuple(int(part) for part in str(value).split(","))
 
 
 def several_double_frusta_options(command: Command) -> Command:
@@ -99,25 +69,6 @@ def several_double_frusta_options(command: Command) -> Command:
     return several(with_several)  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
 
-_ENGINE_OPTIONS = (
-    click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786."),
-    click.option(
-        "--workers", type=click.IntRange(1), help="Processes of this machine.  [survey: one per processor]"
-    ),
-    click.option(
-        "--devices", type=Devices(), help="EGL devices by index, which these processes take in turn."
-    ),
-    click.option("--part", type=PartOf(), help="Do one of N parts, without Dask: for job arrays."),
-)
-
-
-def engine_options(command: Command) -> Command:
-    """Add the options that say where blocks of hogels are made."""
-    for option in reversed(_ENGINE_OPTIONS):
-        command = option(command)
-    return command
-
-
 @click.command()
 @options.scene_argument
 @several_double_frusta_options
@@ -141,7 +92,7 @@ def engine_options(command: Command) -> Command:
     help="What pixels of --images hold; not for OpenEXR.  [default: rgb]",
 )
 @click.option("--accept", type=Conventions(), help="Conventions of --images that are no faults; see verify.")
-@engine_options
+@engine_options()
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder.")
 @options.quiet_option
 @options.json_option
@@ -159,10 +110,7 @@ def survey(
     images: str | None,
     encoding: str | None,
     accept: tuple[str, ...] | None,
-    scheduler: str | None,
-    workers: int | None,
-    devices: tuple[int, ...] | None,
-    part: tuple[int, int] | None,
+    where: Where,
     out: Path,
     quiet: bool,
     as_json: bool,
@@ -188,7 +136,7 @@ def survey(
         _chosen(everything, sample, until, seed),
         tolerance_px=tolerance_px,
         tracer=tracer,
-        engine=chosen_engine(scheduler, workers, devices, part),
+        engine=where.engine(),
         told=lambda line: say(f"note: {line}"),
         progress=not quiet,
     )
@@ -231,15 +179,3 @@ def _chosen(everything: bool, sample: int | None, until: float | None, seed: int
     if sum((everything, sample is not None, until is not None)) > 1:
         raise click.UsageError("--all, --sample and --until exclude each other: give one of them")
     return Chosen(sample=None if everything else sample or DEFAULT_SAMPLE, until=until, seed=seed)
-
-
-def chosen_engine(
-    scheduler: str | None, workers: int | None, devices: tuple[int, ...] | None, part: tuple[int, int] | None
-) -> Engine:
-    """Return where blocks of hogels are made, by the options of `engine_options`."""
-    from xfrustum.reports.cluster.run import Engine, Part
-
-    parts = Part() if part is None else Part(number=part[0], count=part[1])
-    if part is not None and scheduler is None and workers is None:
-        workers = 1  # also for part 1/1: a job array may have one job
-    return Engine(scheduler=scheduler, workers=workers, devices=devices or (), part=parts)

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.commands.convert import layout_option
+from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.numbers import Positive
+from xfrustum.cli.streams import say
 from xfrustum.tolerances import TOLERANCE_PX
+
+if TYPE_CHECKING:
+    from xfrustum.reports.verification.verdict import Verification
+    from xfrustum.scenes.model.scene import Scene
 
 
 class Share(click.ParamType[float]):
@@ -121,6 +128,7 @@ class LimitInPixels(click.ParamType["float | None"]):
     show_default=True,
     help="Seconds that one run may take.",
 )
+@engine_options("this process", draws=False)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
 @click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
 @options.quiet_option
@@ -129,6 +137,7 @@ def verify(
     *,
     scene: str,
     accept: tuple[str, ...] | None,
+    where: Where,
     out: Path | None,
     junit: Path | None,
     quiet: bool,
@@ -149,7 +158,14 @@ def verify(
         check_writable_file(junit, "--junit")
     if out is not None:
         check_writable_folder(out, FILES)
-    found = verified(opened, accept=accept or (), progress=not quiet, **asked)
+    if where.asked:
+        on_engine = _verified_on(opened, where, out, accept=accept or (), progress=not quiet, **asked)
+        if on_engine is None:
+            say("note: this part is judged; the last one to be finished writes the verification")
+            return 0
+        found = on_engine
+    else:
+        found = verified(opened, accept=accept or (), progress=not quiet, **asked)
     options.warn_of(opened)
     if out is not None:
         write_verification(found, out)
@@ -157,3 +173,37 @@ def verify(
         write_junit(found, junit)
     options.tell(as_json, found.summary, lambda: table(found))
     return 0 if found.passed else LIMIT_EXCEEDED
+
+
+def _verified_on(
+    scene: Scene,
+    where: Where,
+    out: Path | None,
+    *,
+    layout: str | None,
+    max_wrong: float,
+    max_displacement_px: float | None,
+    compare: str,
+    max_color: float | None,
+    apertures: Sequence[tuple[int, int]] | None,
+    progress: bool,
+    **renderer: Any,
+) -> Verification | None:
+    """Judge where the options say; None where other parts are not finished yet."""
+    from xfrustum.reports.verification.on_engine import ForeignRenderer, verify_on
+    from xfrustum.reports.verification.verification import limits_of
+    from xfrustum.scenes.files.foreign_images import Encoding
+
+    if layout is not None:
+        raise click.UsageError("--layout is read by this process: leave out --workers and the like")
+    encoding = renderer.pop("encoding")
+    return verify_on(
+        where.engine(),
+        scene,
+        ForeignRenderer(encoding=None if encoding is None else Encoding(encoding), **renderer),
+        limits_of(max_wrong, max_displacement_px, compare, max_color),
+        apertures=apertures,
+        out=out,
+        told=lambda line: say(f"note: {line}"),
+        progress=progress,
+    )

@@ -1,0 +1,127 @@
+"""Verifications in blocks are those that one process makes alone, whoever judges the blocks."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.support.scene_file import film, named, part
+from xfrustum import DoubleFrustum, Rasterizer, open_scene, write_image
+from xfrustum.cli.main import main
+
+FILES = ("index.html", "verification.json")
+
+
+@pytest.fixture(scope="module")
+def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plate of 5 by 4 hogels with their images, which are bent, and of which one is missing."""
+    path = tmp_path_factory.mktemp("scene") / "boxes.toml"
+    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
+    path.write_text(named("boxes") + film((40, 32), (5, 4), (24, 24), (60, 60), (60, 60)) + objects)
+    scene = open_scene(path)
+    with Rasterizer(scene) as rasterizer:
+        for aperture in scene.plate.apertures():
+            if aperture.index != (2, 1):
+                image = rasterizer.render(aperture, DoubleFrustum(near=0.5))
+                write_image(path.with_name(f"{aperture.column}x{aperture.row}.exr"), image)
+    return path
+
+
+def verified(scene_path: Path, out: Path, *words: str) -> int:
+    """Run `verify`, and return its exit status."""
+    return main(["verify", str(scene_path), "--out", str(out), "--quiet", "--json", *words])
+
+
+def pattern_of(scene_path: Path) -> str:
+    return str(scene_path.with_name("{i}x{j}.exr"))
+
+
+def files_of(out: Path) -> dict[str, bytes]:
+    return {name: (out / name).read_bytes() for name in FILES if (out / name).exists()}
+
+
+@pytest.fixture(scope="module")
+def alone(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("alone") / "verified"
+    assert verified(scene_path, out, pattern_of(scene_path)) == 1
+    return out
+
+
+def test_parts_of_a_job_array_make_the_verification_between_them(
+    scene_path: Path, alone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, pattern = tmp_path / "verified", pattern_of(scene_path)
+    assert verified(scene_path, out, pattern, "--part", "2/2") == 0
+    assert files_of(out) == {}
+    assert "this part is judged" in capsys.readouterr().err
+    assert verified(scene_path, out, pattern, "--part", "1/2") == 1
+    assert json.loads(capsys.readouterr().out) == json.loads((alone / "verification.json").read_text())
+    assert files_of(out) == files_of(alone)
+    # What was lost is judged again, and nothing else.
+    parts = sorted((out / "verification.parquet").glob("part-*"))
+    times = {path: path.stat().st_mtime_ns for path in parts}
+    parts[1].unlink()
+    assert verified(scene_path, out, pattern, "--part", "1/1") == 1
+    assert [path for path in parts if path.stat().st_mtime_ns != times[path]] == [parts[1]]
+    assert f"{len(parts) - 1} of {len(parts)} blocks were judged before" in capsys.readouterr().err
+    assert files_of(out) == files_of(alone)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", [("--workers", "2"), ("--part", "1/1", "--apertures", "4,3;0,0;2,1")])
+def test_workers_and_single_hogels_say_what_one_process_says(
+    scene_path: Path, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    plain = [word for word in words if word not in ("--workers", "2", "--part", "1/1")]
+    pattern = pattern_of(scene_path)
+    assert verified(scene_path, tmp_path / "one", pattern, *plain) == 1
+    assert verified(scene_path, tmp_path / "several", pattern, *words) == 1
+    assert files_of(tmp_path / "several") == files_of(tmp_path / "one") != {}
+
+
+@pytest.mark.slow
+def test_workers_run_a_command_and_notice_another_program(
+    scene_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = tmp_path / "render"
+    script.write_text(f"#!/bin/sh\nexec cp {scene_path.parent}/$1x$2.exr $3\n")
+    script.chmod(0o755)
+    words = ("--command", f"{script} {{i}} {{j}} {{out}}")
+    assert verified(scene_path, tmp_path / "one", *words) == 1
+    assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 1
+    assert files_of(tmp_path / "two") == files_of(tmp_path / "one") != {}
+    script.write_text(script.read_text() + "# another\n")
+    assert verified(scene_path, tmp_path / "two", *words, "--workers", "2") == 2
+    assert "begun with another state of the images" in capsys.readouterr().err
+
+
+def test_images_that_were_drawn_again_are_another_verification(
+    scene_path: Path, alone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images = shutil.copytree(scene_path.parent, tmp_path / "images")
+    words = (str(images / "{i}x{j}.exr"), "--part", "1/20")
+    out = tmp_path / "verified"
+    assert verified(scene_path, out, *words) == 0
+    shutil.copy(images / "0x0.exr", images / "3x3.exr")
+    assert verified(scene_path, out, *words) == 2
+    assert "begun with another state of the images" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("{i}x{j}.exr", "--part", "1/2"), "give --out too"),
+        ((".", "--workers", "2", "--layout", "hogels"), "leave out --workers and the like"),
+        (("{i}x{j}.exr", "--workers", "2", "--scheduler", "tcp://h:1"), "leave out --workers"),
+        (("{i}x{j}.exr", "--workers", "2"), "none of its files exists"),
+    ],
+)
+def test_strange_wishes_are_refused_in_one_line(
+    scene_path: Path, words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", str(scene_path), "--quiet", *words]) == 2
+    line = capsys.readouterr().err
+    assert told in line and line.count("\n") == 1

@@ -1,0 +1,45 @@
+"""A scheduler and workers of Dask as processes of their own, on loopback."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tests.support.processes import signals_by_default
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@contextmanager
+def dask(*words: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run `dask WORDS` as a process of its own, which is killed in the end."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dask", *words],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=signals_by_default,  # noqa: PLW1509 - no thread holds a lock that it needs
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def scheduler(port: int) -> tuple[str, ...]:
+    """Return the words that start a scheduler."""
+    return ("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+
+
+def worker(port: int) -> tuple[str, ...]:
+    """Return the words that start a worker of one process, which ends when its scheduler is gone for long."""
+    address = f"tcp://127.0.0.1:{port}"
+    return ("worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard", "--death-timeout", "60")
