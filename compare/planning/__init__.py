@@ -16,5 +16,6 @@ robust        The most robust of some settings that all hold: with a margin for 
 search        The best plan with a given number of cuts: how large near may be, and whether all is kept
 sheets        Two parallel sheets at the far end of a camera, drawn and counted: does a depth buffer tell
               them apart?
+viewer        What a viewer requires of a plan: nothing that eyes can see, whatever hogels' pixels show
 views         The requirement that a plan must keep, and what some apertures of a scene truly show
 """
