@@ -25,8 +25,8 @@ def sentence(rows: Rows) -> str:
     usual = facts.usual_distance(rows, USUAL_DISTANCE)
     near = facts.rule_near(usual)
     return (
-        f"The near offset is not noticed from {usual:g} mm where n is at most {digits(near)} mm; a larger one "
-        f"is noticed as a change of depth, not as a crack, and the depth buffer decides nothing else."
+        f"From {usual:g} mm nobody notices a near offset of up to {digits(near)} mm at the plate: "
+        f"n = L^2 / ({facts.rule_metres():.3g} m) at the distance L, whatever resolution and depth are."
     )
 
 
@@ -37,7 +37,7 @@ def document(rows: Rows, origin: Origin) -> str:
         "pixels": pixels,
         "digits": digits,
         "plain": "{:g}".format,
-        "length": _length,
+        "millimeters": _length,
         "buffer": buffer_name,
     }
     own = list(rows)

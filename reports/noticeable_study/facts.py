@@ -43,6 +43,13 @@ class Thresholds:
     pixels_worst: float | None
     pixels_median: float | None
 
+    @property
+    def least_crack(self) -> float | None:
+        """Smallest of the nears at which cracks are noticed; None where that is below all of the study's."""
+        nears = list((self.crack or {}).values())
+        known = [near for near in nears if near is not None]
+        return None if len(known) < len(nears) else min(known, default=math.inf)
+
 
 def largest_near(
     rows: Rows, value: Callable[[NoticedRow], float | None], limit: Callable[[NoticedRow], float]

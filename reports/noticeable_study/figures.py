@@ -55,14 +55,12 @@ def noticed_map(rows: Rows) -> Map:
             lines.append(tuple(_color(row) for row in sorted(line, key=lambda row: -row.near)))
         return Panel(title=f"{case}", lines=tuple(lines))
 
-    rows_of_panels = []
     names = tuple(buffer_name(buffer) for buffer in buffers)
-    for distance in sorted({row.distance for row in own}):
-        rows_of_panels.append(tuple(panel(distance, case) for case in cases))
-    distances = ", ".join(f"{distance:g}" for distance in sorted({row.distance for row in own}))
+    distances = sorted({row.distance for row in own})
+    seats = ", ".join(f"{distance:g}" for distance in distances)
     return Map(
-        title=f"What eyes notice from {distances} mm (from top to bottom), hogels of {pitch:g} mm",
-        panels=tuple(rows_of_panels),
+        title=f"What eyes notice from {seats} mm (from top to bottom), hogels of {pitch:g} mm",
+        panels=tuple(tuple(panel(distance, case) for case in cases) for distance in distances),
         names=names,
         nears=tuple(sorted({row.near for row in own}, reverse=True)),
         legend=_NOTICED,
@@ -133,9 +131,8 @@ def curves(rows: Rows) -> Curves:
         return round(left + (right - left) * (math.log10(near) - low) / max(high - low, 1e-9), 2)
 
     def y(change: float) -> float:
-        return round(
-            bottom - (bottom - top) * (math.log10(max(change, 10.0**least)) - least) / (most - least), 2
-        )
+        share = (math.log10(max(change, 10.0**least)) - least) / (most - least)
+        return round(bottom - (bottom - top) * share, 2)
 
     drawn = []
     kinds = list(dict.fromkeys((case_name(row), row.distance) for row in known))
@@ -151,12 +148,11 @@ def curves(rows: Rows) -> Curves:
                 dots=tuple(sorted(dots)),
             )
         )
+    powers = range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1)
     return Curves(
         title="Change of disparity by the near offset",
         curves=tuple(drawn),
-        across=tuple(
-            (x(10.0**k), f"{10.0**k:g}") for k in range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1)
-        ),
+        across=tuple((x(10.0**k), f"{10.0**k:g}") for k in powers),
         up=tuple((y(10.0**k), f"{10.0**k:g}") for k in range(least, most + 1)),
         level=(y(STEREO_ACUITY_ARCSEC), f"stereo acuity, {STEREO_ACUITY_ARCSEC:g} arc seconds"),
         box=_BOX,

@@ -33,8 +33,8 @@ class Predicted:
     resolved_separation, resolved_by
         Smallest separation that the viewer, or the display, tells apart there, and what decides that.
     pixels_median, pixels_worst
-        99th percentile of displacement in pixels of a hogel: at the median and the worst of the apertures that
-        were looked through; None where surfaces pass through them.
+        99th percentile of displacement in pixels of a hogel: at the median and the worst of the apertures
+        that were looked through; None where surfaces pass through them.
     pixels_beyond
         Share of these apertures that are displaced by more than half a pixel.
     asked_separation

@@ -40,8 +40,8 @@ def splitting(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None
 def noticeable(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None:
     """Ask what viewers notice of near and depth buffer; write noticeable.md, its figures and its data.
 
-    Closed forms answer for all settings, and replays to two eyes for some of them. What is replayed is kept at
-    once in measurements.sqlite: a run that was stopped goes on from there.
+    Closed forms answer for all settings, and replays to two eyes for some of them. What is replayed is kept
+    at once in measurements.sqlite: a run that was stopped goes on from there.
     """
     from xfrustum.reports.noticeable_study.document import sentence
     from xfrustum.reports.noticeable_study.grid import FULL, QUICK
