@@ -178,7 +178,8 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     lines.append(f"{'':<{width}}  {'at most':>9}  {'predicted':>9}  {'measured':>9}")
     for title, unit, limit, key in rows:
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
-        lines.append(f"{title:<{width}}  {limit:>9.3g}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
+        allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
+        lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
     return "\n".join([*lines, _answer(made, apertures, requirement), "", command(made, scene, apertures)])
 
 

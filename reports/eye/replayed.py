@@ -65,7 +65,7 @@ class ReplayWorkbench:
 
     def __init__(self, scene: Scene, viewer: Viewer, columns: int = FILM_COLUMNS) -> None:
         self._scene = scene
-        self._reference = EyeReference(scene, frozenset())
+        self._reference = EyeReference(scene)
         width, height = scene.plate.size
         film = (columns, max(1, round(columns * height / width)))
         middle = Eye(position=(0.0, 0.0, viewer.distance), resolution=film)
@@ -116,7 +116,7 @@ class ReplayWorkbench:
 
     def _drawn(self, settings: DoubleFrustum) -> list[Views]:
         collectors = [Collector(self._scene, view.eye, view.taken, settings) for view in self._views]
-        source = Drawing(self._scene, settings, frozenset())
+        source = Drawing(self._scene, settings)
         images: Sequence[EyeImage] = collected(
             source.hogels(film_parts(view.taken for view in self._views)), collectors
         )

@@ -67,7 +67,7 @@ def largest_near(
             if math.isinf(above) or below == 0:
                 return low.near
             share = -math.log(below) / math.log(above / below)
-            return low.near * (high.near / low.near) ** share
+            return math.exp((1 - share) * math.log(low.near) + share * math.log(high.near))
     return math.inf
 
 

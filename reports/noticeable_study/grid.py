@@ -175,7 +175,7 @@ FULL = Grid(
     pitches=(0.25, 0.5, 1.0),
     distances=(300.0, 600.0, 1200.0),
     replayed_nears=(NEARS[1], NEARS[3], NEARS[5]),
-    columns=32,
+    columns=48,
 )
 
 QUICK = replace(
