@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from xfrustum.compare.eye.limits import Viewer
     from xfrustum.compare.planning.search import DepthBuffer
     from xfrustum.compare.planning.views import Requirement
+    from xfrustum.compare.scouting.automatic import AutoApertures
     from xfrustum.compare.scouting.sample import RandomSample
     from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
@@ -165,7 +166,7 @@ def plan(
     from xfrustum.compare.scouting.automatic import AutoApertures
     from xfrustum.compare.scouting.sample import RandomSample
     from xfrustum.raster import require_room
-    from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
+    from xfrustum.reports.commands.planning import make_plan, table
 
     requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
     # The plan is measured by drawing it, but only after a search that traces and predicts for long.
@@ -175,13 +176,7 @@ def plan(
     if viewer is not None:
         _plan_for_eyes(opened, viewer, requirement, buffers, random, quiet=quiet, as_json=as_json)
         return
-    chosen: Sequence[Aperture] | AutoApertures | None = None
-    if isinstance(apertures, str):
-        chosen = options.auto_apertures(opened, quiet=quiet)
-    elif aperture is not None or apertures is not None:
-        asked = options.chosen_aperture(opened, aperture)
-        chosen = [asked] if apertures is None else spread_apertures(opened.plate, apertures)
-        options.look_at(opened, chosen)
+    chosen = _chosen(opened, aperture, apertures, quiet=quiet)
     made = make_plan(
         opened,
         chosen,
@@ -195,6 +190,22 @@ def plan(
         options.warn_of(opened)
     drawn = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
     options.tell(as_json, made.summary, lambda: table(made, opened, drawn, requirement))
+
+
+def _chosen(
+    scene: Scene, aperture: tuple[int, int] | None, apertures: int | str | None, *, quiet: bool
+) -> Sequence[Aperture] | AutoApertures | None:
+    """Return the apertures to plan for; None for the whole plate."""
+    from xfrustum.reports.commands.planning import spread_apertures
+
+    if isinstance(apertures, str):
+        return options.auto_apertures(scene, quiet=quiet)
+    if aperture is None and apertures is None:
+        return None
+    asked = options.chosen_aperture(scene, aperture)
+    chosen = [asked] if apertures is None else spread_apertures(scene.plate, apertures)
+    options.look_at(scene, chosen)
+    return chosen
 
 
 def _plan_for_eyes(
