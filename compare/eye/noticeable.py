@@ -138,7 +138,7 @@ def disparity_changes(height: Floats, viewer: Viewer, display: Display, settings
     Parameters
     ----------
     height
-        Heights z below the viewer's, scene units.
+        Heights z below the viewer's, scene units; 0.0 is before the plate, and -0.0 behind it.
     viewer, display
         Eyes straight before the plate, and the plate.
     settings
@@ -147,17 +147,19 @@ def disparity_changes(height: Floats, viewer: Viewer, display: Display, settings
     Notes
     -----
     The point P = (x, s) behind the plate by s < 0 or s > 0 is replayed at P + sigma (c k, m), as `moved` has
-    it: m in depth, c times the shear aside. The eye at e takes the aperture a = P L/(L + s) + e s/(L + s),
-    whose shear is (middle - a)/ss with the screen ss behind the plate. The slope under which the eye sees the
-    point falls with e as -(1 + sigma c s/((L + s) ss))/(L + s + sigma m), and as -1/(L + s) where it is true.
+    it: m in depth, c times the shear k = (middle - a)/ss aside, with the screen ss behind the plate. The eye
+    e at the height L sees it through that aperture a for which all three lie on one line. With K = sigma c/ss
+    and S = L + s + sigma m, the slope of this line falls with e as -(1 + K)/(S + L K), and that of the true
+    line as -1/(L + s). Both are linear in e: what is said of the disparity of two eyes is exact.
     """
     s = -np.asarray(height, dtype=np.float64)
-    side = np.where(s >= 0, 1.0, -1.0)
+    # The zero at which the side before the plate begins is another one than that of the side behind it.
+    side = np.copysign(1.0, s)
     moved, aside = _shifts(np.abs(s), display.frustum, settings)
     distance = viewer.distance + s
     screen = display.frustum.screen
-    per_screen = 0.0 if screen is None else -1 / screen.height
-    seen = (1 + side * aside * s * per_screen / distance) / (distance + side * moved)
+    sheared = 0.0 if screen is None else side * aside / -screen.height
+    seen = (1 + sheared) / (distance + side * moved + viewer.distance * sheared)
     return np.asarray(eyes_apart(viewer, display) * (seen - 1 / distance) * ARCSEC_PER_RADIAN)
 
 
