@@ -12,6 +12,7 @@ error_report/     The error report: every setting of a scene drawn, judged and t
                   Parquet
 eye/              What a viewer sees, as a page and as files
 measurements/     What is measured of a setting, and which setting is best
+noticeable_study/ The study of what viewers notice of the near offset and of depth buffers
 plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scouting/         What people see of the scout of a plate: chosen apertures with their reasons, and a map

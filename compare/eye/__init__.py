@@ -9,6 +9,8 @@ limits        The limits of a display and of an eye at a distance, and the near 
 loss          The loss on the way to an eye: the display's (A against B) and the renderer's (B against C)
 moved         The scene that a viewer sees where cameras step back by a near offset: a theorem and its
               closed form
+noticeable    What an eye notices of a near offset and of a depth buffer: closed forms, for the depths a
+              plate shows
 stereo        Two eyes: how far the disparity of surface points is off, and at which depth they are
               therefore seen
 """

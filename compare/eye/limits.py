@@ -7,7 +7,7 @@ z is at the distance R from it, which is L plus or minus abs(z).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.reference.lines.lines import film_window
@@ -28,9 +28,35 @@ EYES_APART_MM, PUPIL_MM, GREEN_MM = 65.0, 4.0, 550e-6
 """Distance of two eyes, diameter of a pupil, and a wavelength to which eyes are most sensitive."""
 
 
+Length = tuple[float, str | None]
+"""A number and the name of its unit, None for the scene's own."""
+
+
+def scene_length(length: Length, scene: Scene) -> float:
+    """Return a length in scene units.
+
+    Raises
+    ------
+    InputError
+        It has a unit, and either this unit or that of the scene is not known.
+    """
+    value, unit = length
+    if unit is None or unit == scene.units:
+        return value
+    known = ", ".join(MILLIMETERS)
+    if unit not in MILLIMETERS:
+        raise InputError(f"{value:g}{unit} has a unit that is not known; known are {known}")
+    if scene.units not in MILLIMETERS:
+        raise InputError(
+            f"{scene.name}: how long is one of its {scene.units}? Give {value:g} in {scene.units}, without a "
+            f"unit, or a unit that is known to the scene: {known}"
+        )
+    return value * MILLIMETERS[unit] / MILLIMETERS[scene.units]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Viewer:
-    """An eye straight before the plate.
+    """A pair of eyes straight before the plate.
 
     Attributes
     ----------
@@ -38,6 +64,8 @@ class Viewer:
         Its distance from the plate, scene units.
     acuity_arcmin, stereo_acuity_arcsec
         Smallest angle, and smallest difference of disparity, that it tells.
+    eyes_apart_mm, pupil_mm
+        Distance of its eyes, and diameter of a pupil.
 
     Raises
     ------
@@ -48,9 +76,11 @@ class Viewer:
     distance: float
     acuity_arcmin: float = ACUITY_ARCMIN
     stereo_acuity_arcsec: float = STEREO_ACUITY_ARCSEC
+    eyes_apart_mm: float = EYES_APART_MM
+    pupil_mm: float = PUPIL_MM
 
     def __post_init__(self) -> None:
-        for name in ("distance", "acuity_arcmin", "stereo_acuity_arcsec"):
+        for name in (field.name for field in fields(self)):
             value = real(getattr(self, name))
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"a viewer's {name} must be positive, not {getattr(self, name)!r}")
@@ -114,7 +144,7 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
     slope = max(scene.plate.size) / 2 / distance
     near_stereo = None
     if unit is not None:
-        apart = EYES_APART_MM / unit
+        apart = viewer.eyes_apart_mm / unit
         disparity = viewer.stereo_acuity_arcsec / 60 / ARCMIN_PER_RADIAN
         # apart / (L - n) - apart / (L + n) = disparity, solved for n without cancellation.
         near_stereo = disparity * distance**2 / (apart + math.hypot(apart, disparity * distance))
@@ -125,7 +155,7 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
         diffraction_arcmin=None if unit is None else GREEN_MM / unit / min(pitches) * ARCMIN_PER_RADIAN,
         behind=distance * finest / (pixel - finest) if pixel > finest else math.inf,
         before=distance * finest / (pixel + finest),
-        rays_per_pupil=None if unit is None else PUPIL_MM / unit / (distance * pixel),
+        rays_per_pupil=None if unit is None else viewer.pupil_mm / unit / (distance * pixel),
         near_stereo=near_stereo,
         near_crack=finest * distance / (2 * slope),
     )

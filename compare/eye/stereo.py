@@ -32,16 +32,19 @@ class Disparity:
     depth
         Shown minus true distance from the eyes that the disparity makes, scene units: positive where a point
         is seen too far away.
+    change_arcsec
+        Shown minus true disparity, arc seconds: negative where a point is seen too far away.
     """
 
     matched: int
     disparity_arcmin: Quantiles | None
     depth: DepthShift | None
+    change_arcsec: DepthShift | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthShift:
-    """How a signed distance in depth is distributed, scene units."""
+    """How a distance in depth, or what makes it, is distributed, with its sign."""
 
     p1: float
     p50: float
@@ -129,4 +132,5 @@ def _disparity(
         matched=int(np.isfinite(error).sum()),
         disparity_arcmin=Quantiles.of(np.abs(error) * ARCMIN_PER_RADIAN),
         depth=DepthShift.of(np.where(seen > 0, seen - distance, np.nan)),
+        change_arcsec=DepthShift.of(60 * ARCMIN_PER_RADIAN * error),
     )

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 from xfrustum.compare.judging.engine import NO_TRUTHS
 from xfrustum.compare.judging.judge import Judge
@@ -26,7 +27,6 @@ from xfrustum.compare.planning.hogels import (
     hogel_results,
 )
 from xfrustum.compare.planning.measure import measured, meets
-from xfrustum.compare.planning.partial import largest_share
 from xfrustum.compare.planning.plan import Plan, no_plan, predicted_plan
 from xfrustum.compare.planning.reason import disproved
 from xfrustum.compare.planning.search import DepthBuffer
@@ -59,8 +59,15 @@ one line in a hundred of 576 is six, which tell a 99th percentile to a factor of
 MAX_SUSPECTED = 8
 """Suspected apertures that are traced in full at a time, the worst first."""
 
+MAX_HALVINGS = 5
+"""Times that the number of apertures to be set aside is halved: it is known to a 32nd of all. Each time a
+plan is searched for, among all depth buffers."""
+
 MAX_ROUNDS = 8
 """Times that a plan is made anew with apertures that joined; each time the worst of them join."""
+
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -300,3 +307,58 @@ def _listed(indices: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
 
 def _joined(views: Views, others: Views) -> Views:
     return replace(views, views=(*views.views, *others.views))
+
+
+def largest_share(
+    looks: Sequence[Look], planned: Callable[[tuple[Look, ...]], Found | None]
+) -> tuple[tuple[Look, ...], Found] | None:
+    """Set aside the hardest apertures, as few as need be, until a plan is found for the others.
+
+    What is hard is told by closed forms. Apertures that see nearer to the plate than all others need the
+    smallest near; those that see farthest lose digits; and where z^2 over near is largest, the steps of
+    standard depth are. Each way is tried, and the one that leaves most apertures counts.
+
+    Parameters
+    ----------
+    looks
+        Looks at apertures that see something, for all of which together there is no plan.
+    planned
+        Function that returns a plan for some looks, None where there is none.
+
+    Returns
+    -------
+    The looks that are kept, and their plan; None where not even the easiest aperture alone has one.
+    """
+    best: tuple[tuple[Look, ...], Found] | None = None
+    aside = len(looks) - 1
+    for hardness in (_nearness, _distance, _depth_steps):
+        ordered = sorted(looks, key=hardness, reverse=True)
+        found = planned(tuple(ordered[aside:])) if ordered else None
+        if found is None:
+            continue
+        best, low = (tuple(ordered[aside:]), found), 0
+        for _ in range(MAX_HALVINGS):
+            if aside - low <= 1:
+                break
+            middle = (low + aside) // 2
+            tried = planned(tuple(ordered[middle:]))
+            if tried is None:
+                low = middle
+            else:
+                best, aside = (tuple(ordered[middle:]), tried), middle
+    return best
+
+
+def _nearness(look: Look) -> float:
+    return look.pixels_per_near
+
+
+def _distance(look: Look) -> float:
+    return max(look.farthest(camera) for camera in (Camera.C, Camera.C_STAR))
+
+
+def _depth_steps(look: Look) -> float:
+    """Return the step of standard depth at the farthest surface with the largest near, but for a factor."""
+    if math.isinf(look.pixels_per_near):
+        return math.inf
+    return look.pixels_per_near * _distance(look) ** 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,6 +69,7 @@ def why(found: Outcome, best: Attempt, views: Views, requirement: Requirement) -
     )
     parts = [
         _of_slabs(found, views, requirement),
+        requirement.separation_reason(views.scene.units),
         _of_near(largest.settings, views, requirement),
         _of_margin(largest, best, views.scene.units),
         _of_depth(found, best.settings),
@@ -99,6 +100,8 @@ def why_not(found: Outcome, views: Views, requirement: Requirement) -> str:
             f"{SEPARATION_MARGIN * found.finest:.2g} {units} on they could be."
         )
     if not found.failed:
+        if requirement.SEEN_BY_EYES:
+            return "No plan: eyes see what the smallest near does to depth."
         return (
             f"No plan: displacement exceeds {requirement.tolerance_px:g} px at any near. {_at_plate(views)}"
         )
@@ -164,10 +167,8 @@ def _of_near(settings: DoubleFrustum, views: Views, requirement: Requirement) ->
     larger = round_number(index_below(settings.near) + 1)
     if larger >= views.scene.frustum.longest_reach:
         return f"{up_to}, which is as large as the reach allows."
-    return (
-        f"{up_to}: with a larger one more than one pixel in a hundred might be displaced by over "
-        f"{requirement.tolerance_px:g} px."
-    )
+    more = requirement.limit_of_near(replace(settings, near=larger), views.scene.units)
+    return f"{up_to}: with a larger one {more}."
 
 
 def _of_depth(found: Outcome, settings: DoubleFrustum) -> str:

@@ -51,7 +51,9 @@ def most_robust(search: Search, holding: Sequence[Attempt]) -> Attempt:
         Attempts that hold with the fewest cuts, each with its largest near; at least one.
     """
     cheapest = min(price(one.settings) for one in holding)
-    balanced = [with_margin(search, one) for one in holding if price(one.settings) == cheapest]
+    cheap = [one for one in holding if price(one.settings) == cheapest]
+    # What eyes see of near holds for all hogels, looked at or not, and depth gains by a larger near.
+    balanced = cheap if search.requirement.SEEN_BY_EYES else [with_margin(search, one) for one in cheap]
     return min(balanced, key=lambda one: (_margin_missing(one), -one.settings.near))
 
 

@@ -73,7 +73,7 @@ class Search:
 
     def __init__(self, views: Views, requirement: Requirement) -> None:
         self._views = views
-        self._requirement = requirement
+        self.requirement = requirement
         self._frustum = views.scene.frustum
         self.separation = requirement.separation_in(self._frustum)
         self.cutter = Cutter(views)
@@ -102,7 +102,7 @@ class Search:
                 one = self._with_largest_near(depth, mapping, heights)
                 if one.holds:
                     return one
-                by_depth = (one.predicted.depth_wrong / self._requirement.max_wrong, one.excess)
+                by_depth = (one.predicted.depth_wrong / self.requirement.max_wrong, one.excess)
             if best is None or max(by_depth) < best[0]:
                 best = max(by_depth), heights
             # Shallower outer slabs help only what is wrong by depth, at the cost of the first one.
@@ -118,14 +118,14 @@ class Search:
         """Return how far wrong pixels and separation exceed what is allowed, with near as large as may be."""
         settings = DoubleFrustum(near=heights[0], depth=depth, mapping=mapping, slabs=heights)
         return (
-            self._views.depth_wrong(settings) / self._requirement.max_wrong,
+            self._views.depth_wrong(settings) / self.requirement.max_wrong,
             self._views.separation(settings) * SEPARATION_MARGIN / self.separation,
         )
 
     def judged(self, settings: DoubleFrustum) -> Attempt:
         """Return what is to be expected of any settings."""
         attempt = self._attempt(settings, self._views.predicted(settings, self.separation))
-        if not attempt.holds:
+        if not attempt.holds or self.requirement.SEEN_BY_EYES:
             return attempt
         # Only now: the model is traced, which takes as long as everything else together.
         traced = self._traced(settings.near, settings.slabs)
@@ -136,9 +136,9 @@ class Search:
         return Attempt(
             settings=settings,
             predicted=predicted,
-            displacement_excess=predicted.displacement_p99_px / self._requirement.tolerance_px,
+            displacement_excess=self.requirement.displacement_excess(predicted.displacement_p99_px, settings),
             depth_excess=max(
-                predicted.depth_wrong / self._requirement.max_wrong,
+                predicted.depth_wrong / self.requirement.max_wrong,
                 predicted.separation * SEPARATION_MARGIN / self.separation,
             ),
         )
@@ -214,7 +214,9 @@ class Search:
 
     def _is_tolerable(self, near: float, first_cut: float | None) -> bool:
         settings = DoubleFrustum(near=near, slabs=() if first_cut is None else (first_cut,))
-        return all(moved <= self._requirement.tolerance_px for moved in self._views.displaced(settings))
+        if not self.requirement.allows(settings):
+            return False
+        return all(moved <= self.requirement.tolerance_px for moved in self._views.displaced(settings))
 
     def _traced_displacement(self, near: float, slabs: tuple[float, ...]) -> float:
         return self._views.traced_displacement(DoubleFrustum(near=near, slabs=slabs))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from statistics import NormalDist
+from typing import ClassVar
 
 import numpy as np
 
@@ -53,6 +54,9 @@ class Requirement:
         One of them is not positive, or the share is not below one.
     """
 
+    SEEN_BY_EYES: ClassVar[bool] = False
+    """Whether eyes judge near, and not pixels: then the largest near that they cannot see is planned."""
+
     tolerance_px: float = TOLERANCE_PX
     separation: float | None = None
     max_wrong: float = MAX_DEPTH_WRONG
@@ -60,7 +64,7 @@ class Requirement:
     def __post_init__(self) -> None:
         tolerance, share = real(self.tolerance_px), real(self.max_wrong)
         separation = None if self.separation is None else real(self.separation)
-        if not (math.isfinite(tolerance) and tolerance > 0):
+        if not ((math.isfinite(tolerance) or self.SEEN_BY_EYES) and tolerance > 0):
             raise InputError(f"tolerance must be a positive number of pixels, not {self.tolerance_px!r}")
         if separation is not None and not (math.isfinite(separation) and separation > 0):
             raise InputError(f"separation must be a positive length, not {self.separation!r}")
@@ -73,6 +77,22 @@ class Requirement:
     def separation_in(self, frustum: Frustum) -> float:
         """Return the separation in scene units."""
         return SEPARATION_PER_REACH * frustum.longest_reach if self.separation is None else self.separation
+
+    def displacement_excess(self, displacement_px: float, settings: DoubleFrustum) -> float:
+        """Return the ratio of a displacement, or of what else settings do to depth, to what is allowed."""
+        return displacement_px / self.tolerance_px
+
+    def allows(self, settings: DoubleFrustum) -> bool:
+        """Return whether near may be so large, whatever is displaced; pixels alone decide here."""
+        return True
+
+    def limit_of_near(self, larger: DoubleFrustum, units: str) -> str:
+        """Say what a larger near than the largest would do."""
+        return f"more than one pixel in a hundred might be displaced by over {self.tolerance_px:g} px"
+
+    def separation_reason(self, units: str) -> str:
+        """Say why sheets must be ordered that are so far apart; empty where it was asked for."""
+        return ""
 
 
 @dataclass(frozen=True, kw_only=True)

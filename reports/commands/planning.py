@@ -10,16 +10,18 @@ from dataclasses import replace
 import scipy
 
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.eye.limits import Viewer
 from xfrustum.compare.planning.hogels import PlateResult
 from xfrustum.compare.planning.measure import meets
 from xfrustum.compare.planning.plan import Plan, depth_buffers, plan, steps
 from xfrustum.compare.planning.plate import PlatePlanner
 from xfrustum.compare.planning.search import DepthBuffer
+from xfrustum.compare.planning.viewer import EyeRequirement, eye_requirement
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.compare.scouting.sample import RandomSample
-from xfrustum.compare.scouting.scout import scout
+from xfrustum.compare.scouting.scout import Scout, scout
 from xfrustum.reference import Reference
 from xfrustum.reports.common.formatting import percent
 from xfrustum.reports.common.progress import progress_bar
@@ -74,6 +76,33 @@ def make_plan(
         return replace(plan(scene, chosen, requirement, choices, bar.update), auto=auto)
 
 
+def make_viewer_plan(
+    scene: Scene,
+    viewer: Viewer,
+    requirement: Requirement,
+    choices: Sequence[DepthBuffer] | None = None,
+    *,
+    sample: RandomSample | None = None,
+    progress: bool = False,
+) -> tuple[Plan, EyeRequirement]:
+    """Plan how to draw a plate so that a viewer notices nothing, and measure the plan; see `make_plan`.
+
+    Parameters
+    ----------
+    viewer
+        Eyes straight before the plate.
+    requirement
+        Requirement whose separation, where it has one, and share of pixels wrong by depth are kept.
+
+    Returns
+    -------
+    The plan, and the requirement that it was made for.
+    """
+    scouted = _scouted(scene, progress=progress)
+    seen = eye_requirement(scouted, viewer, requirement.separation, requirement.max_wrong)
+    return _planned(scouted, seen, choices, sample or RandomSample(), progress=progress), seen
+
+
 def _plate_plan(
     scene: Scene,
     requirement: Requirement,
@@ -82,13 +111,28 @@ def _plate_plan(
     *,
     progress: bool,
 ) -> Plan:
+    return _planned(_scouted(scene, progress=progress), requirement, choices, sample, progress=progress)
+
+
+def _scouted(scene: Scene, *, progress: bool) -> Scout:
     with progress_bar(None, "scout", "hogel", shown=progress) as bar:
         scouted = scout(scene, bar.update)
     if not any(math.isfinite(look.nearest) for look in scouted.looks):
         require_seen(scene, scouted.apertures)
+    return scouted
+
+
+def _planned(
+    scouted: Scout,
+    requirement: Requirement,
+    choices: Sequence[DepthBuffer] | None,
+    sample: RandomSample,
+    *,
+    progress: bool,
+) -> Plan:
     with progress_bar(None, "plan", "hogel", shown=progress) as bar:
         planner = PlatePlanner(
-            reference=Reference(scene),
+            reference=Reference(scouted.scene),
             scouted=scouted,
             requirement=requirement,
             choices=choices or depth_buffers(),
@@ -134,7 +178,8 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
     lines.append(f"{'':<{width}}  {'at most':>9}  {'predicted':>9}  {'measured':>9}")
     for title, unit, limit, key in rows:
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
-        lines.append(f"{title:<{width}}  {limit:>9.3g}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
+        allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
+        lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
     return "\n".join([*lines, _answer(made, apertures, requirement), "", command(made, scene, apertures)])
 
 

@@ -65,6 +65,8 @@ class Map:
         Nears of the squares in each line, shares of the reach.
     legend
         Color and meaning.
+    across
+        What runs across.
     """
 
     title: str
@@ -72,6 +74,7 @@ class Map:
     names: tuple[str, ...]
     nears: tuple[float, ...]
     legend: tuple[tuple[str, str], ...]
+    across: str = "near plane / reach"
 
 
 Rows = Sequence[StudyRow]

@@ -98,7 +98,7 @@ async function tell() {
     place.replaceChildren(element("p", "Point at the picture to read what each view shows there.", "fine"));
     return;
   }
-  const { eye } = state, [column, line] = state.at, index = 4 * (line * width + column);
+  const { eye, at } = state, [column, line] = at, index = 4 * (line * width + column);
   const table = document.createElement("table");
   table.append(row([`pixel ${column}, ${line}`, "object", "triangle", `height z (${data.units})`], "th"));
   for (const name of shown) {
@@ -110,7 +110,8 @@ async function tell() {
     table.append(row([`${letters[name]}: ${data.names[name]}`, nothing ? "nothing" : objectOf(triangle),
       nothing ? "–" : String(triangle), z === null ? "–" : z.toFixed(3)]));
   }
-  place.replaceChildren(table);
+  // Pictures take time to load: meanwhile the pointer, or the eye, may have moved on.
+  if (eye === state.eye && at === state.at) place.replaceChildren(table);
 }
 
 function losses() {

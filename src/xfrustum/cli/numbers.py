@@ -33,6 +33,21 @@ class Positive(click.ParamType[float]):
         return number
 
 
+class Length(click.ParamType["tuple[float, str | None]"]):
+    """A positive length, in scene units or with a unit of its own, such as 600 or 600mm."""
+
+    name = "LENGTH"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, str | None]:
+        """Return the number and its unit, None for the scene's own."""
+        match = re.fullmatch(r"\s*([-+.\d]+(?:e[-+]?\d+)?)\s*([^\W\d]*)\s*", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not a length such as 600 or 600mm", param, ctx)
+        return Positive().convert(match[1], param, ctx), match[2] or None
+
+
 class Samples(click.ParamType[int]):
     """A count of samples."""
 

@@ -2,19 +2,95 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.numbers import Positive
+from xfrustum.cli.numbers import Length, Positive
+from xfrustum.cli.options import Command
 from xfrustum.tolerances import MAX_DEPTH_WRONG, SAMPLED_HOGELS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from xfrustum.compare.eye.limits import Viewer
+    from xfrustum.compare.planning.search import DepthBuffer
+    from xfrustum.compare.planning.views import Requirement
+    from xfrustum.compare.scouting.automatic import AutoApertures
+    from xfrustum.compare.scouting.sample import RandomSample
+    from xfrustum.scenes.model.scene import Scene
     from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping
     from xfrustum.scenes.plate.plate import Aperture
+
+
+_VIEWER_OPTIONS = (
+    click.option(
+        "--viewer",
+        type=Length(),
+        help="Distance of a viewer, such as 600mm: plan to what eyes see there, not to pixels.",
+    ),
+    click.option("--acuity", type=Positive(), help="Arc minutes that the viewer resolves.  [default: 1]"),
+    click.option(
+        "--stereo-acuity", type=Positive(), help="Arc seconds of disparity that he tells.  [default: 20]"
+    ),
+    click.option("--ipd", type=Positive(), help="Millimeters between his eyes.  [default: 65]"),
+    click.option("--pupil", type=Positive(), help="Millimeters of his pupils.  [default: 4]"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Eyes:
+    """Options that describe a viewer."""
+
+    viewer: tuple[float, str | None] | None
+    acuity: float | None
+    stereo_acuity: float | None
+    ipd: float | None
+    pupil: float | None
+
+    def check(self, *others: str) -> None:
+        """Raise UsageError where a viewer is described without a distance, or asked about single hogels."""
+        given = [name for name, value in vars(self).items() if value is not None]
+        if given and self.viewer is None:
+            raise click.UsageError(f"--{given[0].replace('_', '-')} describes a viewer: give --viewer too")
+        for name in others if given else ():
+            if options.is_given(name):
+                option = name.replace("_", "-")
+                raise click.UsageError(
+                    f"--{option} is about hogels, and a viewer sees all of them at once: leave out "
+                    f"--{option} or --viewer"
+                )
+
+    def viewer_of(self, scene: Scene) -> Viewer | None:
+        """Return the viewer; None where none is asked about."""
+        from xfrustum.compare.eye.limits import Viewer, scene_length
+
+        if self.viewer is None:
+            return None
+        given = {
+            "acuity_arcmin": self.acuity,
+            "stereo_acuity_arcsec": self.stereo_acuity,
+            "eyes_apart_mm": self.ipd,
+            "pupil_mm": self.pupil,
+        }
+        known = {name: value for name, value in given.items() if value is not None}
+        return Viewer(distance=scene_length(self.viewer, scene), **known)
+
+
+def _viewer_options(command: Command) -> Command:
+    """Add the options of a viewer; the command receives them as one `eyes`."""
+
+    @functools.wraps(command)
+    def with_eyes(**others: Any) -> Any:
+        given = {name: others.pop(name) for name in ("viewer", "acuity", "stereo_acuity", "ipd", "pupil")}
+        return command(eyes=_Eyes(**given), **others)
+
+    for option in reversed(_VIEWER_OPTIONS):
+        with_eyes = option(with_eyes)
+    return with_eyes  # type: ignore[return-value]  # wraps() keeps the name, not the type
 
 
 @click.command()
@@ -54,6 +130,7 @@ if TYPE_CHECKING:
 )
 @click.option("--depth", type=options.Name("DepthFormat"), help="Depth buffer format.  [default: any]")
 @click.option("--mapping", type=options.Name("DepthMapping"), help="Depth mapping.  [default: any]")
+@_viewer_options
 @options.quiet_option
 @options.json_option
 def plan(
@@ -68,42 +145,44 @@ def plan(
     max_wrong: float,
     depth: DepthFormat | None,
     mapping: DepthMapping | None,
+    eyes: _Eyes,
     quiet: bool,
     as_json: bool,
 ) -> None:
     """Find the fewest slabs and the most robust near that keep what is required, all over the plate.
 
     The plan is made from the worst apertures of the plate, and measured at these and at a random sample.
-    With --aperture or --apertures it is made for these alone.
+    With --aperture or --apertures it is made for these alone. With --viewer near may be as large as eyes at
+    that distance do not notice, whatever becomes of hogels' pixels.
     """
     if aperture is not None and apertures is not None:
         raise click.UsageError(
             "--aperture names one aperture and --apertures asks for many: give one of them"
         )
+    eyes.check("aperture", "apertures", "tolerance_px")
     opened = options.open_scene(scene)
     from xfrustum.compare.planning.plan import depth_buffers
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.compare.scouting.automatic import AutoApertures
     from xfrustum.compare.scouting.sample import RandomSample
     from xfrustum.raster import require_room
-    from xfrustum.reports.commands.planning import make_plan, spread_apertures, table
+    from xfrustum.reports.commands.planning import make_plan, table
 
     requirement = Requirement(tolerance_px=tolerance_px, separation=separation, max_wrong=max_wrong)
     # The plan is measured by drawing it, but only after a search that traces and predicts for long.
     require_room(opened)
-    chosen: Sequence[Aperture] | AutoApertures | None = None
-    if isinstance(apertures, str):
-        chosen = options.auto_apertures(opened, quiet=quiet)
-    elif aperture is not None or apertures is not None:
-        asked = options.chosen_aperture(opened, aperture)
-        chosen = [asked] if apertures is None else spread_apertures(opened.plate, apertures)
-        options.look_at(opened, chosen)
+    random, buffers = RandomSample(hogels=sample, seed=seed), depth_buffers(depth, mapping)
+    viewer = eyes.viewer_of(opened)
+    if viewer is not None:
+        _plan_for_eyes(opened, viewer, requirement, buffers, random, quiet=quiet, as_json=as_json)
+        return
+    chosen = _chosen(opened, aperture, apertures, quiet=quiet)
     made = make_plan(
         opened,
         chosen,
         requirement,
-        depth_buffers(depth, mapping),
-        sample=RandomSample(hogels=sample, seed=seed),
+        buffers,
+        sample=random,
         progress=not quiet,
     )
     if chosen is None:
@@ -111,3 +190,44 @@ def plan(
         options.warn_of(opened)
     drawn = chosen.apertures if isinstance(chosen, AutoApertures) else (chosen or [opened.plate.middle])
     options.tell(as_json, made.summary, lambda: table(made, opened, drawn, requirement))
+
+
+def _chosen(
+    scene: Scene, aperture: tuple[int, int] | None, apertures: int | str | None, *, quiet: bool
+) -> Sequence[Aperture] | AutoApertures | None:
+    """Return the apertures to plan for; None for the whole plate."""
+    from xfrustum.reports.commands.planning import spread_apertures
+
+    if isinstance(apertures, str):
+        return options.auto_apertures(scene, quiet=quiet)
+    if aperture is None and apertures is None:
+        return None
+    asked = options.chosen_aperture(scene, aperture)
+    chosen = [asked] if apertures is None else spread_apertures(scene.plate, apertures)
+    options.look_at(scene, chosen)
+    return chosen
+
+
+def _plan_for_eyes(
+    scene: Scene,
+    viewer: Viewer,
+    requirement: Requirement,
+    buffers: Sequence[DepthBuffer],
+    sample: RandomSample,
+    *,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    from xfrustum.reports.commands.planning import make_viewer_plan, table
+    from xfrustum.reports.common.json_ready import json_object
+    from xfrustum.reports.eye.planned import planned_record, planned_table
+
+    made, seen = make_viewer_plan(scene, viewer, requirement, buffers, sample=sample, progress=not quiet)
+    options.warn_of(scene)
+    record = planned_record(scene, made, seen, progress=not quiet)
+    options.tell(
+        as_json,
+        lambda: {**made.summary(), "viewer": json_object(record)},
+        # The last line is the command that draws so, as in all plans.
+        lambda: f"{planned_table(record, scene.units)}\n\n{table(made, scene, [scene.plate.middle], seen)}",
+    )

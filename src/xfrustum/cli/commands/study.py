@@ -45,3 +45,22 @@ def splitting(*, out: Path | None, quick: bool, where: Where, quiet: bool, as_js
         say("note: this part is measured; the last one to be finished writes the study")
         return
     options.tell(as_json, files.summary, lambda: f"{sentence(files.rows)}\n{files.document}")
+
+
+@study.command()
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: study/noticeable]")
+@click.option("--quick", is_flag=True, help="One scene and a few settings, in less than a minute.")
+@options.quiet_option
+@options.json_option
+def noticeable(out: Path | None, quick: bool, quiet: bool, as_json: bool) -> None:
+    """Ask what viewers notice of near and depth buffer; write noticeable.md, its figures and its data.
+
+    Closed forms answer for all settings, and replays to two eyes for some of them. What is replayed is kept
+    at once in measurements.sqlite: a run that was stopped goes on from there.
+    """
+    from xfrustum.reports.noticeable_study.document import sentence
+    from xfrustum.reports.noticeable_study.grid import FULL, QUICK
+    from xfrustum.reports.noticeable_study.study import make_study
+
+    files = make_study(out, QUICK if quick else FULL, progress=not quiet)
+    options.tell(as_json, files.summary, lambda: f"{sentence(files.rows)}\n{files.document}")

@@ -1,0 +1,139 @@
+"""The answers of the study of viewers as rows, and as Parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import pyarrow.parquet as pq
+from pydantic import TypeAdapter
+
+from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC
+from xfrustum.reports.common.records import named_columns, table_of
+from xfrustum.reports.noticeable_study.grid import Seat, Setting
+from xfrustum.reports.splitting_study.rows import Origin
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+
+
+@dataclass(frozen=True, kw_only=True)
+class Predicted:
+    """What a viewer notices, in closed form; lengths in millimeters.
+
+    Attributes
+    ----------
+    stereo_arcsec
+        Largest change of disparity between two things that the viewer sees.
+    crack_arcmin
+        Width of the crack in a surface that runs through the plate; None where there is none.
+    crack_hidden_arcmin, crack_hidden_by
+        Width of a crack that is not noticed, and what hides it.
+    ordered_separation
+        Smallest separation that the depth buffer orders at the farthest visible surfaces, the worse side.
+    resolved_separation, resolved_by
+        Smallest separation that the viewer, or the display, tells apart there, and what decides that.
+    pixels_median, pixels_worst
+        99th percentile of displacement in pixels of a hogel: at the median and the worst of the apertures
+        that were looked through; None where surfaces pass through them.
+    pixels_beyond
+        Share of these apertures that are displaced by more than half a pixel.
+    asked_separation
+        Separation that `plan` asks for without a viewer: a thousandth of the reach.
+    """
+
+    stereo_arcsec: float
+    crack_arcmin: float | None
+    crack_hidden_arcmin: float
+    crack_hidden_by: str
+    ordered_separation: float
+    resolved_separation: float
+    resolved_by: str
+    pixels_median: float | None
+    pixels_worst: float | None
+    pixels_beyond: float
+    asked_separation: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What a replay shows to two eyes; None where a cell was not replayed.
+
+    Attributes
+    ----------
+    replayed_stereo_arcsec
+        Change of disparity, as in `reports.eye.replayed`.
+    replayed_points
+        Number of surface points that both eyes were shown.
+    replayed_wrong, replayed_depth_wrong
+        Share of pixels with wrong surfaces, and with such as exact depth shows rightly.
+    """
+
+    replayed_stereo_arcsec: float | None = None
+    replayed_points: int | None = None
+    replayed_wrong: float | None = None
+    replayed_depth_wrong: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoticedRow(Seat, Setting, Predicted, Measured):
+    """A cell with its answers."""
+
+    @property
+    def stereo_seen(self) -> bool:
+        """Whether the viewer sees the change of depth."""
+        return self.stereo_arcsec > STEREO_ACUITY_ARCSEC
+
+    @property
+    def crack_seen(self) -> bool:
+        """Whether the viewer sees the crack."""
+        return self.crack_arcmin is not None and self.crack_arcmin > self.crack_hidden_arcmin
+
+    @property
+    def noticed(self) -> bool:
+        """Whether the viewer notices anything of near and depth buffer."""
+        return self.stereo_seen or self.crack_seen or self.depth_seen
+
+    @property
+    def right_in_pixels(self) -> bool:
+        """Whether the settings keep what `plan` requires of hogels' pixels, in closed form."""
+        moved = self.pixels_worst is not None and self.pixels_worst <= TOLERANCE_PX
+        return moved and self.ordered_separation <= self.asked_separation
+
+    @property
+    def depth_seen(self) -> bool:
+        """Whether the depth buffer confuses what the viewer tells apart, or was measured to be wrong."""
+        wrong = self.replayed_depth_wrong is not None and self.replayed_depth_wrong > MAX_DEPTH_WRONG
+        return wrong or self.ordered_separation > self.resolved_separation
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiledRow(NoticedRow):
+    """A row as it is filed, with what measured it.
+
+    Attributes
+    ----------
+    versions, devices
+        Versions of the libraries and the device, by name.
+    """
+
+    versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
+    devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
+
+
+def write_parquet(rows: Sequence[NoticedRow], origin: Origin, path: Path) -> None:
+    """Write one row per cell; versions and device are columns of their own, the same in every row."""
+    filed = [FiledRow(**vars(row), versions=origin.versions, devices=origin.devices) for row in rows]
+    pq.write_table(table_of(FiledRow, filed), path, compression="zstd")
+
+
+def read_parquet(path: Path) -> tuple[tuple[NoticedRow, ...], Origin]:
+    """Return the rows of a file of `write_parquet`, and where they came from."""
+    found = pq.read_table(path).to_pylist()
+    names = {one.name for one in fields(NoticedRow)}
+    reader = TypeAdapter(NoticedRow)
+    rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
+    common = {name: str(value) for name, value in found[0].items() if name not in names}
+    return rows, Origin(
+        versions={n.removeprefix("version_"): v for n, v in common.items() if n.startswith("version_")},
+        devices={n.removeprefix("device_"): v for n, v in common.items() if n.startswith("device_")},
+    )

@@ -1,0 +1,155 @@
+"""Answer the study's questions: closed forms for all cells, and replays of those that are not yet on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.resources import files
+from itertools import groupby
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from xfrustum.compare.eye.noticeable import (
+    Content,
+    Display,
+    finest_separation,
+    resolved_crack,
+    stereo_change_arcsec,
+)
+from xfrustum.compare.planning.viewer import seen_content
+from xfrustum.compare.planning.views import SEPARATION_PER_REACH
+from xfrustum.compare.prediction.depth import smallest_separation
+from xfrustum.compare.scouting.scout import Scout, scout
+from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.eye.replayed import Replayed, ReplayWorkbench
+from xfrustum.reports.noticeable_study.grid import Cell, Grid
+from xfrustum.reports.noticeable_study.rows import Measured, NoticedRow, Predicted
+from xfrustum.reports.splitting_study.rows import Origin
+from xfrustum.reports.splitting_study.store import Store, origin_hash
+from xfrustum.scenes import open_scene
+from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.tolerances import TOLERANCE_PX
+
+REPLAYS = "replay"
+"""Kind of the results in the store."""
+
+REPLAYING_MODULES = ("noticeable_study/run.py", "eye/replayed.py", "eye/sources.py", "eye/viewing.py")
+"""Modules of `reports` whose sources decide what a replay shows."""
+
+
+def replays_hash(origin: Origin) -> str:
+    """Return a hash of everything but the parameters that a replay depends on."""
+    digest = hashlib.sha256(origin_hash(origin).encode())
+    for name in REPLAYING_MODULES:
+        digest.update((files("xfrustum") / "reports" / name).read_bytes())
+    return digest.hexdigest()
+
+
+def measure(grid: Grid, store: Store, *, progress: bool = False) -> tuple[NoticedRow, ...]:
+    """Return one row per cell in the grid's order."""
+    cells = list(grid.cells())
+    _replay([cell for cell in cells if grid.is_replayed(cell)], grid.columns, store, progress=progress)
+    found, reader = store.get(REPLAYS), TypeAdapter(Replayed)
+    rows = []
+    forms = ClosedForms()
+    with progress_bar(len(cells), "closed forms", "cell", shown=progress) as bar:
+        for cell in cells:
+            replay = found.get(_key(cell, grid.columns)) if grid.is_replayed(cell) else None
+            measured = Measured() if replay is None else _measured(reader.validate_python(replay))
+            rows.append(NoticedRow(**vars(cell), **vars(forms.predicted(cell)), **vars(measured)))
+            bar.update()
+    return tuple(rows)
+
+
+def _key(cell: Cell, columns: int) -> str:
+    return f"{columns} {cell.key}"
+
+
+def _replay(cells: Sequence[Cell], columns: int, store: Store, *, progress: bool) -> None:
+    done = store.get(REPLAYS).keys()
+    missing = sorted((cell for cell in cells if _key(cell, columns) not in done), key=_seat_and_near)
+    with progress_bar(len(missing), "replays", "plate", shown=progress and bool(missing)) as bar:
+        for seat, group in groupby(missing, key=lambda cell: cell.seat):
+            bar.set_postfix_str(f"{seat.scene}, pitch {seat.pitch:g}, {seat.distance:g} mm", refresh=False)
+            workbench = ReplayWorkbench(seat.opened(), seat.viewer, columns)
+            for cell in group:
+                store.put(REPLAYS, _key(cell, columns), asdict(workbench.measure(cell.settings)))
+                bar.update()
+
+
+def _seat_and_near(cell: Cell) -> tuple[str, float, float, str, float]:
+    """Return what cells are sorted by: those of one seat together, and of one near among them."""
+    return cell.scene, cell.pitch, cell.distance, cell.pivot, -cell.near
+
+
+def _measured(replay: Replayed) -> Measured:
+    return Measured(
+        replayed_stereo_arcsec=replay.disparity_change_arcsec,
+        replayed_points=replay.matched,
+        replayed_wrong=replay.wrong,
+        replayed_depth_wrong=replay.depth_wrong,
+    )
+
+
+class ClosedForms:
+    """What viewers notice and what hogels' pixels show, in closed form; each plate is looked over once."""
+
+    def __init__(self) -> None:
+        self._scouts: dict[str, Scout] = {}
+        self._displays: dict[tuple[str, float], Display] = {}
+        self._moved: dict[tuple[str, DoubleFrustum], Floats] = {}
+
+    def predicted(self, cell: Cell) -> Predicted:
+        """Return the answers for a cell."""
+        scouted, display, settings = self._scouted(cell.scene), self._display(cell), cell.settings
+        content = seen_content(scouted)
+        hidden_by, hidden, width = resolved_crack(cell.viewer, display, settings)
+        resolved = finest_separation(content.farthest, cell.viewer, display)
+        assert resolved is not None
+        moved = self._displacements(cell.scene, DoubleFrustum(near=cell.near, pivot=cell.pivot))
+        median, worst = float(np.median(moved)), float(moved.max())
+        return Predicted(
+            stereo_arcsec=stereo_change_arcsec(content, cell.viewer, display, settings),
+            crack_arcmin=width if content.through else None,
+            crack_hidden_arcmin=hidden,
+            crack_hidden_by=hidden_by,
+            ordered_separation=ordered_separation(scouted.scene, content, settings),
+            resolved_separation=resolved[1],
+            resolved_by=resolved[0],
+            pixels_median=median if math.isfinite(median) else None,
+            pixels_worst=worst if math.isfinite(worst) else None,
+            pixels_beyond=float((moved > TOLERANCE_PX).mean()),
+            asked_separation=SEPARATION_PER_REACH * scouted.scene.frustum.longest_reach,
+        )
+
+    def _scouted(self, name: str) -> Scout:
+        if name not in self._scouts:
+            self._scouts[name] = scout(open_scene(name))
+        return self._scouts[name]
+
+    def _display(self, cell: Cell) -> Display:
+        plate = cell.scene, cell.pitch
+        if plate not in self._displays:
+            self._displays[plate] = Display.of(cell.opened())
+        return self._displays[plate]
+
+    def _displacements(self, name: str, settings: DoubleFrustum) -> Floats:
+        """Return the 99th percentile of displacement of every aperture that was looked through, pixels."""
+        if (name, settings) not in self._moved:
+            self._moved[name, settings] = self._scouted(name).displacements(settings)
+        return self._moved[name, settings]
+
+
+def ordered_separation(scene: Scene, content: Content, settings: DoubleFrustum) -> float:
+    """Return the smallest separation that is ordered at the farthest visible surfaces, the worse side."""
+    near, found = settings.near, [0.0]
+    for height in content.farthest:
+        reach = scene.frustum.reach[0] if height > 0 else scene.frustum.reach[1]
+        w = np.array(abs(height) + near)
+        found.append(float(smallest_separation(w, near, near + reach, settings.depth, settings.mapping)))
+    return max(found)

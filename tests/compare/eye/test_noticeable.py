@@ -1,0 +1,147 @@
+"""What eyes notice, in closed form: against points that are replayed, one aperture after the other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.views import view
+from xfrustum.compare.eye.limits import EYES_APART_MM, Viewer, display_limits, scene_length
+from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
+from xfrustum.compare.eye.moved import replayed_points
+from xfrustum.compare.eye.noticeable import (
+    ARCSEC_PER_RADIAN,
+    Content,
+    Display,
+    crack_arcmin,
+    disparity_changes,
+    resolved_crack,
+    resolved_separation,
+    runs_through_plate,
+    stereo_change_arcsec,
+)
+from xfrustum.scenes import Aperture, DoubleFrustum, InputError, Pivot, Scene
+from xfrustum.scenes.arrays import Floats
+
+SCENES = {name: view(name, (64, 48)) for name in ("car", "asymmetric-recentered", "car-recentered")}
+
+FULL_REACH = Content(before=(0.0, 150.0), behind=(0.0, 150.0), through=True)
+
+
+def slope_seen(scene: Scene, settings: DoubleFrustum, point: Floats, eye: tuple[float, float]) -> float:
+    """Return the slope along x under which an eye (x, height) is shown a point, aperture by aperture."""
+    side = 1 if point[2] <= 0 else -1
+    x = 0.0
+    for _ in range(200):
+        # The aperture through which the eye looks at the point that this aperture replays.
+        aperture = Aperture(column=0, row=0, x=x, y=0.0)
+        (moved,) = replayed_points(point[None], scene.frustum, aperture, settings, side)
+        x = eye[0] + (moved[0] - eye[0]) * eye[1] / (eye[1] - moved[2])
+    return (x - eye[0]) / eye[1]
+
+
+@given(
+    name=st.sampled_from(sorted(SCENES)),
+    near=st.floats(0.01, 5.0),
+    height=st.floats(-140.0, 140.0).filter(lambda z: abs(z) > 1e-3),
+    distance=st.floats(250.0, 2000.0),
+    pivot=st.sampled_from(Pivot),
+    fit=st.sampled_from([None, 40.0]),
+)
+def test_disparity_changes_as_two_eyes_see_replayed_points(
+    name: str, near: float, height: float, distance: float, pivot: Pivot, fit: float | None
+) -> None:
+    scene, viewer = SCENES[name], Viewer(distance=distance)
+    settings = DoubleFrustum(near=near, pivot=pivot, fit=fit)
+    point = np.array([3.0, 0.0, height])
+    half = EYES_APART_MM / 2
+    left, right = (slope_seen(scene, settings, point, (x, distance)) for x in (-half, half))
+    change = left - right - EYES_APART_MM / (distance - height)
+    found = disparity_changes(np.array([height]), viewer, Display.of(scene), settings)
+    assert found[0] == pytest.approx(change * ARCSEC_PER_RADIAN, abs=1e-6, rel=1e-6)
+
+
+def test_for_surfaces_at_the_plate_the_limit_is_that_of_explain() -> None:
+    scene, viewer = SCENES["car"], Viewer(distance=600.0)
+    limit = display_limits(scene, viewer).near_stereo
+    assert limit is not None
+    at_plate = Content(before=(0.0, 0.0), behind=(0.0, 0.0), through=True)
+    change = stereo_change_arcsec(at_plate, viewer, Display.of(scene), DoubleFrustum(near=limit))
+    assert change == pytest.approx(viewer.stereo_acuity_arcsec, rel=1e-9)
+    # What is nearer to the eyes changes more.
+    assert stereo_change_arcsec(FULL_REACH, viewer, Display.of(scene), DoubleFrustum(near=limit)) > change
+
+
+@given(st.floats(0.001, 20.0), st.floats(200.0, 2000.0))
+def test_a_crack_is_what_rays_through_corners_see_between_the_halves(near: float, distance: float) -> None:
+    scene, settings = SCENES["car-recentered"], DoubleFrustum(near=near)
+    widths = []
+    for x, y in ((x, y) for x in (-20.0, 20.0) for y in (-15.0, 15.0)):
+        ends = []
+        for side in (1, -1):
+            aperture, corner = Aperture(column=0, row=0, x=x, y=y), np.array([x, y])
+            (moved,) = replayed_points(np.array([[x, y, 0.0]]), scene.frustum, aperture, settings, side)
+            # Beside the ray from the eye through the corner, at the height of the moved end.
+            ends.append(moved[:2] - corner * (distance - moved[2]) / distance)
+        widths.append(float(np.linalg.norm(ends[0] - ends[1])) / distance * ARCMIN_PER_RADIAN)
+    found = crack_arcmin(Viewer(distance=distance), Display.of(scene), settings)
+    assert found == pytest.approx(max(widths), rel=1e-9)
+
+
+def test_a_screen_as_far_as_the_eye_leaves_no_crack() -> None:
+    scene = SCENES["car-recentered"]
+    screen = scene.frustum.screen
+    assert screen is not None
+    frustum = replace(scene.frustum, screen=replace(screen, height=600.0, center=(0.0, 0.0)))
+    display = Display.of(replace(scene, frustum=frustum))
+    assert crack_arcmin(Viewer(distance=600.0), display, DoubleFrustum(near=2.0)) == pytest.approx(
+        0, abs=1e-9
+    )
+    camera = DoubleFrustum(near=2.0, pivot=Pivot.CAMERA)
+    assert crack_arcmin(Viewer(distance=600.0), display, camera) > 0.1
+
+
+def test_what_hides_a_crack_is_the_coarsest_of_eye_pitch_pixel_and_diffraction() -> None:
+    display, settings = Display.of(SCENES["car"]), DoubleFrustum(near=1.0)
+    viewer = Viewer(distance=600.0)
+    name, angle, _ = resolved_crack(viewer, display, settings)
+    assert (name, angle) == ("pitch", pytest.approx(display_limits(SCENES["car"], viewer).pitch_arcmin))
+    fine = replace(display, pitch=0.05, diffraction=0.0)
+    assert resolved_crack(viewer, fine, settings)[:2] == ("acuity", 1.0)
+    coarse = replace(fine, pixel=0.5)
+    assert resolved_crack(viewer, coarse, settings)[0] == "pixel"
+
+
+@given(st.floats(-140.0, 140.0), st.floats(300.0, 3000.0))
+def test_depths_that_are_just_told_apart_differ_by_that_disparity(height: float, distance: float) -> None:
+    display, viewer = Display.of(SCENES["car"]), Viewer(distance=distance)
+    name, separation = resolved_separation(
+        height, viewer, replace(display, pitch=1e-6, pixel=1e-9, diffraction=0)
+    )
+    assert name == "stereo acuity"
+    near, far = distance - height, distance - height + separation
+    assert (65 / near - 65 / far) * ARCSEC_PER_RADIAN == pytest.approx(20.0, rel=1e-6)
+
+
+def test_surfaces_through_the_plate_are_those_within_its_border() -> None:
+    assert runs_through_plate(SCENES["car"])
+    assert not runs_through_plate(view("car-transfer", (64, 48)))
+
+
+def test_lengths_of_viewers_have_units_or_are_the_scenes_own() -> None:
+    scene = SCENES["car"]
+    assert scene_length((0.6, "m"), scene) == pytest.approx(600.0)
+    assert scene_length((600.0, None), scene) == scene_length((600.0, "mm"), scene) == 600.0
+    assert scene_length((1.0, "m"), replace(scene, units="in")) == pytest.approx(1000 / 25.4)
+    with pytest.raises(InputError, match="not known"):
+        scene_length((1.0, "parsec"), scene)
+    with pytest.raises(InputError, match="how long"):
+        scene_length((1.0, "mm"), replace(scene, units="units"))
+    assert math.isinf(
+        stereo_change_arcsec(FULL_REACH, Viewer(distance=151.0), Display.of(scene), DoubleFrustum(near=2.0))
+    )
