@@ -1,0 +1,268 @@
+"""What changed from accepted runs to the present one, beyond noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from xfrustum.reports.baselines.measures import (
+    NAMES,
+    WORDS,
+    HogelMeasures,
+    Measures,
+    Place,
+    is_count,
+    total,
+)
+from xfrustum.reports.baselines.tolerance import Allowed, Stated, deviation_of, learnt
+from xfrustum.reports.common.formatting import digits
+
+
+class Change(StrEnum):
+    """How a measure, or a whole run, is beside what was accepted."""
+
+    WORSE = "worse"
+    BETTER = "better"
+    SAME = "same"
+    """No difference beyond the tolerance."""
+    NEW = "new"
+    """Nothing is accepted that it could be compared with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasureChange:
+    """One measure of a hogel, or of the plate, beside what was accepted.
+
+    Attributes
+    ----------
+    measure
+        Name of the measure.
+    aperture
+        Column and row of the hogel; None for the plate.
+    accepted, limit
+        Mean of the accepted runs, and the largest value that is not worse; None where nothing is accepted.
+    now
+        Present value; None where it cannot be known any more.
+    change
+        Direction of the change.
+    """
+
+    measure: str
+    aperture: Place | None
+    accepted: float | None
+    limit: float | None
+    now: float | None
+    change: Change
+
+    @property
+    def increase(self) -> float:
+        """The present value minus the accepted one; infinite where it cannot be known any more."""
+        return math.inf if self.now is None else self.now - (self.accepted or 0.0)
+
+    @property
+    def place_words(self) -> str:
+        """The place, in words."""
+        return "plate" if self.aperture is None else f"hogel {self.aperture[0]},{self.aperture[1]}"
+
+    @property
+    def words(self) -> str:
+        """Which measure, where, and how much."""
+        was, now = in_units(self.measure, self.accepted), in_units(self.measure, self.now)
+        return (
+            f"{WORDS[self.measure]} of {_article(self.aperture)}{self.place_words}: {was} accepted, {now} now"
+        )
+
+
+def _article(aperture: Place | None) -> str:
+    return "the " if aperture is None else ""
+
+
+def in_units(measure: str, value: float | None) -> str:
+    """Return the value of a measure as people read it."""
+    if value is None:
+        return "unknown"
+    if is_count(measure):
+        return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
+    return f"{digits(value)} px"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """The present run beside the accepted ones.
+
+    Attributes
+    ----------
+    plate, hogels
+        Every measure of the plate, and of each hogel.
+    runs
+        Largest number of accepted runs that a hogel is compared with; 0 where nothing is accepted.
+    noisy
+        Whether the accepted runs differ from one another.
+    """
+
+    plate: tuple[MeasureChange, ...]
+    hogels: tuple[MeasureChange, ...]
+    runs: int
+    noisy: bool
+
+    def of_kind(self, change: Change) -> tuple[MeasureChange, ...]:
+        """Return the changes of hogels, then those of the plate; the largest of each measure first."""
+        found = [one for one in (*self.hogels, *self.plate) if one.change is change]
+        sign = -1 if change is Change.WORSE else 1
+        return tuple(
+            sorted(
+                found, key=lambda one: (one.aperture is None, NAMES.index(one.measure), sign * one.increase)
+            )
+        )
+
+    @property
+    def change(self) -> Change:
+        """The worst of all changes."""
+        there = {one.change for one in (*self.plate, *self.hogels)}
+        order = (Change.WORSE, Change.BETTER, Change.SAME)
+        return next((change for change in order if change in there), Change.NEW)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcceptedHogel:
+    """The accepted runs of one hogel: `runs` has their names, `kept` what they measured."""
+
+    runs: tuple[str, ...]
+    kept: tuple[HogelMeasures, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Compared:
+    """One measure of one place that can be compared: accepted values, and the present one."""
+
+    measure: str
+    aperture: Place | None
+    values: tuple[float, ...]
+    now: float | None
+
+
+def changes_of(
+    now: Sequence[HogelMeasures], accepted: Mapping[Place, AcceptedHogel], stated: Stated | None = None
+) -> Changes:
+    """Compare the present run with accepted ones, hogel by hogel and as a whole.
+
+    The plate's measures are compared over the hogels that were accepted in the same runs and are there. A
+    number that was known and is not any more got worse; one that was not known is new.
+
+    Parameters
+    ----------
+    now
+        Hogels of the present run.
+    accepted
+        Accepted runs of each hogel.
+    stated
+        Tolerances that the user states, which go before those that are learnt.
+    """
+    hogels, fresh = _hogels(now, accepted)
+    plate, fresh_of_plate = _plate(now, accepted)
+    deviations = {name: _pooled([one.values for one in hogels if one.measure == name]) for name in NAMES}
+    noise = [max(deviations[one.measure], deviation_of(one.values)) for one in hogels]
+    noise += [deviation_of(one.values) for one in plate]
+    several = [one.values for one in (*hogels, *plate) if len(one.values) > 1]
+    compared = sum(
+        spread > 0 and len(one.values) > 1 for spread, one in zip(noise, (*hogels, *plate), strict=True)
+    )
+
+    def judged(one: _Compared, deviation: float) -> MeasureChange:
+        allowed = stated.allowed(one.measure, one.values) if stated is not None else None
+        return _judged(one, allowed or learnt(one.measure, one.values, deviation, compared))
+
+    return Changes(
+        plate=(*(judged(one, 0.0) for one in plate), *fresh_of_plate),
+        hogels=(*(judged(one, deviations[one.measure]) for one in hogels), *fresh),
+        runs=max((len(accepted[one.place].runs) for one in now if one.place in accepted), default=0),
+        noisy=any(deviation_of(values) > 0 for values in several),
+    )
+
+
+def _pooled(values: Sequence[Sequence[float]]) -> float:
+    """Return the root of the mean variance of one measure over all hogels that were measured repeatedly."""
+    squares = [deviation_of(one) ** 2 for one in values if len(one) > 1]
+    return math.sqrt(sum(squares) / len(squares)) if squares else 0.0
+
+
+def _hogels(
+    now: Sequence[HogelMeasures], accepted: Mapping[Place, AcceptedHogel]
+) -> tuple[list[_Compared], list[MeasureChange]]:
+    """Return what can be compared of hogels, and what is new."""
+    compared, fresh = [], []
+    for hogel in now:
+        kept = accepted[hogel.place].kept if hogel.place in accepted else ()
+        # What counts another kind of wrong pixels is another measure.
+        alike = all(one.by in (hogel.by, None) or hogel.by is None for one in kept)
+        for name in NAMES:
+            value = hogel.measures.value(name)
+            values = tuple(known for one in kept if (known := one.measures.value(name)) is not None)
+            if values and (alike or name != "wrong_pixels"):
+                # A missing hogel is counted as such, and not once more for each of its other measures.
+                if value is not None or not hogel.measures.missing:
+                    compared.append(_Compared(measure=name, aperture=hogel.place, values=values, now=value))
+            elif value is not None:
+                fresh.append(_fresh(name, hogel.place, value))
+    return compared, fresh
+
+
+def _plate(
+    now: Sequence[HogelMeasures], accepted: Mapping[Place, AcceptedHogel]
+) -> tuple[list[_Compared], list[MeasureChange]]:
+    """Return what can be compared of the plate; all is new where its hogels were accepted in several runs."""
+    common = [one for one in now if one.place in accepted]
+    runs = {accepted[one.place].runs for one in common}
+    if len(runs) != 1:
+        numbers = total([one.measures for one in now])
+        return [], [_fresh(name, None, value) for name in NAMES if (value := numbers.value(name)) is not None]
+    present = _totals(common, [one.measures for one in common], accepted)
+    compared = []
+    earlier = [
+        _totals(common, [accepted[one.place].kept[run].measures for one in common], accepted)
+        for run in range(len(next(iter(runs))))
+    ]
+    for name in NAMES:
+        values = tuple(known for one in earlier if (known := one.value(name)) is not None)
+        value = present.value(name)
+        if values and value is not None:
+            compared.append(_Compared(measure=name, aperture=None, values=values, now=value))
+    return compared, []
+
+
+def _totals(
+    common: Sequence[HogelMeasures], measures: Sequence[Measures], accepted: Mapping[Place, AcceptedHogel]
+) -> Measures:
+    """Return the totals over hogels that are there, now and in all accepted runs; all missing ones count."""
+    there = [
+        one
+        for hogel, one in zip(common, measures, strict=True)
+        if not hogel.measures.missing
+        and not any(kept.measures.missing for kept in accepted[hogel.place].kept)
+    ]
+    numbers = total(there)
+    missing = total([Measures(missing=one.missing) for one in measures])
+    return Measures(**{**vars(numbers), "missing": missing.missing})
+
+
+def _judged(one: _Compared, allowed: Allowed) -> MeasureChange:
+    if one.now is None or one.now > allowed.high:
+        change = Change.WORSE
+    else:
+        change = Change.BETTER if one.now < allowed.low else Change.SAME
+    return MeasureChange(
+        measure=one.measure,
+        aperture=one.aperture,
+        accepted=allowed.mean,
+        limit=allowed.high,
+        now=one.now,
+        change=change,
+    )
+
+
+def _fresh(name: str, place: Place | None, value: float) -> MeasureChange:
+    return MeasureChange(
+        measure=name, aperture=place, accepted=None, limit=None, now=value, change=Change.NEW
+    )
