@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -70,13 +70,8 @@ class MeasureChange:
     def words(self) -> str:
         """Which measure, where, and how much."""
         was, now = in_units(self.measure, self.accepted), in_units(self.measure, self.now)
-        return (
-            f"{WORDS[self.measure]} of {_article(self.aperture)}{self.place_words}: {was} accepted, {now} now"
-        )
-
-
-def _article(aperture: Place | None) -> str:
-    return "the " if aperture is None else ""
+        place = "the plate" if self.aperture is None else self.place_words
+        return f"{WORDS[self.measure]} of {place}: {was} accepted, {now} now"
 
 
 def in_units(measure: str, value: float | None) -> str:
@@ -110,12 +105,7 @@ class Changes:
     def of_kind(self, change: Change) -> tuple[MeasureChange, ...]:
         """Return the changes of hogels, then those of the plate; the largest of each measure first."""
         found = [one for one in (*self.hogels, *self.plate) if one.change is change]
-        sign = -1 if change is Change.WORSE else 1
-        return tuple(
-            sorted(
-                found, key=lambda one: (one.aperture is None, NAMES.index(one.measure), sign * one.increase)
-            )
-        )
+        return ranked(found)
 
     @property
     def change(self) -> Change:
@@ -123,6 +113,16 @@ class Changes:
         there = {one.change for one in (*self.plate, *self.hogels)}
         order = (Change.WORSE, Change.BETTER, Change.SAME)
         return next((change for change in order if change in there), Change.NEW)
+
+
+def ranked(changes: Iterable[MeasureChange]) -> tuple[MeasureChange, ...]:
+    """Return changes of hogels, then those of the plate, by measure; the largest of each measure first."""
+
+    def rank(one: MeasureChange) -> tuple[bool, int, float]:
+        sign = -1 if one.change is Change.WORSE else 1
+        return one.aperture is None, NAMES.index(one.measure), sign * one.increase
+
+    return tuple(sorted(changes, key=rank))
 
 
 @dataclass(frozen=True, kw_only=True)

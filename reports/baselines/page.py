@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 
-from xfrustum.reports.baselines.changes import Change, MeasureChange
+from xfrustum.reports.baselines.changes import Change, MeasureChange, ranked
 from xfrustum.reports.baselines.figures import curve, measured_names
 from xfrustum.reports.baselines.measures import NAMES, WORDS
 from xfrustum.reports.baselines.records import Key, Run, StoredRun
@@ -21,7 +21,7 @@ MAX_CHANGES = 6
 """Largest number of changes of one run that the page names."""
 
 MAX_TRIES = 10
-"""Largest number of times that a page is made because runs were added meanwhile; the next run makes it anew."""
+"""Largest number of times that one process makes the page because others keep runs meanwhile."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,14 +119,9 @@ def _table_row(one: StoredRun) -> TableRow:
 
 
 def changes_of_run(one: StoredRun) -> tuple[MeasureChange, ...]:
-    """Return what got worse in a run, else what got better: hogels first, the largest of each measure first."""
-    found = [
-        change
-        for change in chain.from_iterable(row.changes for row in one.rows)
-        if change.change is one.run.change
-    ]
-    sign = -1 if one.run.change is Change.WORSE else 1
-    return tuple(sorted(found, key=lambda c: (c.aperture is None, NAMES.index(c.measure), sign * c.increase)))
+    """Return what got worse in a run, or, where nothing did, what got better; see `ranked`."""
+    found = chain.from_iterable(row.changes for row in one.rows)
+    return ranked(change for change in found if change.change is one.run.change)
 
 
 def _sentence(last: StoredRun, shown: Sequence[StoredRun]) -> str:

@@ -233,23 +233,18 @@ def read_run(path: Path, *, changed_only: bool = False) -> StoredRun:
 def _changed(table: pa.Table) -> pa.ChunkedArray:
     """Return which rows are of a plate, or have a measure that got worse or better."""
     worse, better = (pc.greater(pc.list_value_length(table[name]), 0) for name in ("worse", "better"))
-    return pc.or_(
-        pc.is_null(table["column"]), pc.or_(pc.fill_null(worse, False), pc.fill_null(better, False))
-    )
+    changed = pc.fill_null(pc.or_kleene(worse, better), False)
+    return pc.or_(pc.is_null(table["column"]), changed)
 
 
 def _read_row(values: Mapping[str, Any]) -> Row:
     key = Key(**{one.name: values[one.name] for one in fields(Key)})
     of_run = {one.name: values[one.name] for one in fields(Run) if one.name != "key"}
-    required = (
-        *vars(key).values(),
-        *(of_run[name] for name in ("run", "time", "scene", "change", "approved")),
-    )
-    if any(value is None for value in required):
+    said = {**vars(key), **{name: of_run[name] for name in ("run", "time", "scene", "change", "approved")}}
+    if None in said.values():
         raise ValueError("a row does not say which run it is of")
-    run = Run(
-        **{**of_run, "key": key, "change": Change(of_run["change"]), "faults": tuple(of_run["faults"] or ())}
-    )
+    of_run |= {"change": Change(of_run["change"]), "faults": tuple(of_run["faults"] or ())}
+    run = Run(**of_run, key=key)
     groups = {
         group: Measures(**{name: values[pattern.format(name)] for name in NAMES})
         for group, pattern in (("now", "{}"), ("accepted", "accepted_{}"), ("limit", "limit_{}"))

@@ -23,17 +23,18 @@ SUMMARY_VARIABLE = "GITHUB_STEP_SUMMARY"
 
 
 def sentence(held: Baseline) -> str:
-    """Return in one sentence how the measures are beside the accepted ones, and whether they were accepted."""
+    """Return in one sentence how the measures are beside those that were accepted before."""
     accepted = "; accepted now" if held.run.approved else ""
     if held.run.change is Change.NEW:
         if held.run.approved:
             return "Baseline: nothing was accepted before; the present measures are accepted now."
-        return "Baseline: nothing is accepted yet that could be compared; --approve accepts the present measures."
+        return "Baseline: nothing is accepted yet that could be compared; --approve accepts what is here now."
     if held.run.change is Change.SAME:
         return f"Baseline: as accepted ({held.tolerance_words}){accepted}."
     changed = held.changes.of_kind(held.run.change)
     more = f"; and {len(changed) - 1} more" if len(changed) > 1 else ""
-    return f"Baseline: {held.run.change} than accepted{accepted}: {changed[0].words}{more} ({held.tolerance_words})."
+    first = f"Baseline: {held.run.change} than accepted{accepted}: {changed[0].words}"
+    return f"{first}{more} ({held.tolerance_words})."
 
 
 def lines(held: Baseline) -> str:

@@ -30,8 +30,8 @@ FALSE_ALARMS = 0.01
 """Share of the verifications of an unchanged renderer that may fail by chance."""
 
 ROUNDING_PX = 1e-6
-"""Difference of two displacements, in pixels, that is rounding: a root mean square of a million terms, each up
-to 1e4 px, summed in another order by another processor differs by up to 1e4 x 1e6 x 1e-16."""
+"""Difference of two displacements, in pixels, that is rounding: a root mean square of a million terms, each
+up to 1e4 px, summed in another order by another processor differs by up to 1e4 x 1e6 x 1e-16."""
 
 
 @dataclass(frozen=True, kw_only=True)

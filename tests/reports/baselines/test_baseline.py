@@ -186,7 +186,7 @@ def test_files_of_versions_that_measured_less_are_read(tmp_path: Path) -> None:
 
 def test_a_baseline_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "kept").write_text("no folder")
-    with pytest.raises(InputError, match="^--baseline .*kept"):
+    with pytest.raises(InputError, match=r"^--baseline .*kept"):
         held(tmp_path, RIGHT)
 
 

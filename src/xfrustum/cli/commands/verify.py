@@ -125,7 +125,7 @@ class BaselineAsked:
 
 
 def baseline_options(command: options.Command) -> options.Command:
-    """Add the options of a baseline, which the command receives as one `baseline`, None where there is none."""
+    """Add the options of a baseline; the command receives one `baseline`, None where there is none."""
 
     @functools.wraps(command)
     def with_one(
