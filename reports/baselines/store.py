@@ -97,11 +97,13 @@ class Store:
 
     def _runs(self, name: str) -> tuple[StoredRun, ...]:
         """Return the runs of a folder; no file is read twice, for none changes."""
+        found = []
         for path in self._files(name):
             if path not in self._read:
                 # The hogels in which nothing changed are not part of the story.
                 self._read[path] = read_run(path, changed_only=name == HISTORY)
-        return tuple(sorted((self._read[path] for path in self._files(name)), key=lambda one: one.run.run))
+            found.append(self._read[path])
+        return tuple(sorted(found, key=lambda one: one.run.run))
 
 
 def name_of_run(time: datetime) -> str:

@@ -12,6 +12,7 @@ import pytest
 from tests.reports.baselines.synthetic import commit, repository, scene, verification
 from xfrustum.reports.baselines.baseline import Baseline, BaselineOptions, baseline
 from xfrustum.reports.baselines.changes import Change
+from xfrustum.reports.baselines.page import write_page
 from xfrustum.reports.baselines.records import read_run
 from xfrustum.reports.baselines.repository import commit_of
 from xfrustum.reports.baselines.store import ACCEPTED, HISTORY, Store
@@ -21,6 +22,18 @@ from xfrustum.scenes.errors import InputError
 
 RIGHT = {(0, 0): 3, (1, 0): 0, (2, 0): 5}
 WORSE = {(0, 0): 3, (1, 0): 8, (2, 0): 5}
+
+
+@pytest.fixture
+def pictured() -> None:
+    """Draw the history page in this test."""
+
+
+@pytest.fixture(autouse=True)
+def _quickly(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw no history page where a test does not look at it: that takes most of the time."""
+    if "pictured" not in request.fixturenames:
+        monkeypatch.setattr("xfrustum.reports.baselines.baseline.write_page", lambda _: None)
 
 
 def held(
@@ -61,6 +74,7 @@ def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Pa
         "Baseline: worse than accepted: wrong surfaces of hogel 1,0: 0 accepted, 8 now; and 3 more "
         "(compared exactly, with one accepted run)."
     )
+    write_page(Store(folder=tmp_path / "kept"))
     page = runs[-1].page.read_text()
     assert all(name[:7] in page for name in commits) and "Simpler" in page
     assert "wrong surfaces of hogel 1,0: 0 accepted, 8 now" in page
@@ -83,7 +97,11 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     assert set(table["scene_hash"].to_pylist()) == {scene().content_hash}
 
 
-def test_runs_kept_at_once_are_all_kept_and_all_on_the_page(tmp_path: Path) -> None:
+def test_runs_kept_at_once_are_all_kept_and_all_on_the_page(
+    tmp_path: Path, pictured: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The curves take most of the time, and are not what is asked here.
+    monkeypatch.setattr("xfrustum.reports.baselines.page.measured_names", lambda _: ())
     with ThreadPoolExecutor(6) as pool:
         found = list(pool.map(lambda _: held(tmp_path, RIGHT, approve=True), range(6)))
     store = Store(folder=tmp_path / "kept")
@@ -208,7 +226,7 @@ def test_the_summary_for_github_is_appended(tmp_path: Path, monkeypatch: pytest.
     assert append_step_summary(found, verification(WORSE)) is None
 
 
-def test_no_name_becomes_markup(tmp_path: Path) -> None:
+def test_no_name_becomes_markup(tmp_path: Path, pictured: None) -> None:
     evil = "a|b <img src=x> `c` [d](e)"
     found = held(tmp_path, RIGHT, device=evil)
     assert r"a\|b \<img src=x\> \`c\` \[d\](e)" in markdown(found, verification(RIGHT))
