@@ -74,13 +74,17 @@ class MeasureChange:
         return f"{WORDS[self.measure]} of {place}: {was} accepted, {now} now"
 
 
+SHOWN_AS_ZERO_PX = 1e-5
+"""Displacement, in pixels, below which nobody wants to read digits; `tolerance.ROUNDING_PX` is less."""
+
+
 def in_units(measure: str, value: float | None) -> str:
     """Return the value of a measure as people read it."""
     if value is None:
         return "unknown"
     if is_count(measure):
         return f"{value:,.0f}" if value == round(value) else f"{value:,.1f}"
-    return f"{digits(value)} px"
+    return "0 px" if abs(value) < SHOWN_AS_ZERO_PX else f"{digits(value)} px"
 
 
 @dataclass(frozen=True, kw_only=True)

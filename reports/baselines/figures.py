@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
-from xfrustum.reports.baselines.changes import in_units
+from xfrustum.reports.baselines.changes import SHOWN_AS_ZERO_PX, in_units
 from xfrustum.reports.baselines.measures import NAMES, WORDS, is_count
 from xfrustum.reports.baselines.records import StoredRun
 from xfrustum.reports.common.figure_style import style
@@ -26,7 +26,9 @@ CURVE_PX = 250
 
 def measured_names(runs: Sequence[StoredRun]) -> tuple[str, ...]:
     """Return the measures that are not zero, or unknown, in all runs."""
-    return tuple(name for name in NAMES if any(one.plate.now.value(name) for one in runs))
+    return tuple(
+        name for name in NAMES if any((one.plate.now.value(name) or 0.0) >= SHOWN_AS_ZERO_PX for one in runs)
+    )
 
 
 def curve(name: str, runs: Sequence[StoredRun]) -> go.Figure:
@@ -57,10 +59,10 @@ def curve(name: str, runs: Sequence[StoredRun]) -> go.Figure:
     _mark(figure, values, approved, {"symbol": "circle-open", "size": 14, "color": ACCEPTED})
     _mark(figure, values, worse, {"symbol": "x-thin", "size": 10, "color": WORSE})
     style(figure)
-    unit = "hogels" if name == "missing" else "pixels" if is_count(name) else "px"
+    words = WORDS[name] if is_count(name) else f"{WORDS[name]}, px"
     largest = max((value for value in values if value is not None), default=0.0)
     figure.update_layout(
-        title={"text": f"{WORDS[name]}, {unit}", "x": 0, "xref": "paper", "font": {"size": 15}},
+        title={"text": words, "x": 0, "xref": "paper", "font": {"size": 15}},
         height=CURVE_PX,
         showlegend=False,
         margin={"l": 48, "r": 14, "t": 40, "b": 40},

@@ -10,7 +10,7 @@ from xfrustum.reports.baselines.changes import Change, MeasureChange, ranked
 from xfrustum.reports.baselines.figures import curve, measured_names
 from xfrustum.reports.baselines.measures import NAMES, WORDS
 from xfrustum.reports.baselines.records import Key, Run, StoredRun
-from xfrustum.reports.baselines.store import OPTION, Store
+from xfrustum.reports.baselines.store import OPTION, Store, edition_of
 from xfrustum.reports.common.outputs import write_output
 from xfrustum.reports.common.templates_environment import html_page
 
@@ -41,8 +41,8 @@ class Story:
     ----------
     key, scene
         What the runs have in common.
-    sentence
-        What became of the last one.
+    sentence, accepted
+        What became of the last one, and which runs it is compared with next.
     curves
         Names of the elements that hold the curves.
     silent
@@ -56,6 +56,7 @@ class Story:
     key: Key
     scene: str
     sentence: str
+    accepted: str
     last: Run
     curves: tuple[str, ...]
     silent: str
@@ -105,6 +106,7 @@ def _story(runs: Sequence[StoredRun], shown: Sequence[StoredRun], curves: tuple[
         key=last.run.key,
         scene=last.run.scene,
         sentence=_sentence(last, shown),
+        accepted=_accepted([one.run for one in runs]),
         last=last.run,
         curves=curves,
         silent=", ".join(WORDS[name] for name in NAMES if name not in measured),
@@ -122,6 +124,17 @@ def changes_of_run(one: StoredRun) -> tuple[MeasureChange, ...]:
     """Return what got worse in a run, or, where nothing did, what got better; see `ranked`."""
     found = chain.from_iterable(row.changes for row in one.rows)
     return ranked(change for change in found if change.change is one.run.change)
+
+
+def _accepted(runs: Sequence[Run]) -> str:
+    """Return which runs are accepted now, as far as the history knows."""
+    newest = max((edition_of(run) for run in runs), default=0)
+    current = [run for run in runs if newest and edition_of(run) == newest]
+    if not current:
+        return "Nothing is accepted."
+    first, count = current[0], len(current)
+    commit = "" if first.commit is None else f"commit {first.commit[:7]}, "
+    return f"Accepted: {commit}{first.time[:10]}, {count} {'run' if count == 1 else 'runs'}."
 
 
 def _sentence(last: StoredRun, shown: Sequence[StoredRun]) -> str:

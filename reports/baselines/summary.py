@@ -24,16 +24,17 @@ SUMMARY_VARIABLE = "GITHUB_STEP_SUMMARY"
 
 def sentence(held: Baseline) -> str:
     """Return in one sentence how the measures are beside those that were accepted before."""
-    accepted = "; accepted now" if held.run.approved else ""
+    accepted = ", and accepted now" if held.run.approved else ""
     if held.run.change is Change.NEW:
         if held.run.approved:
-            return "Baseline: nothing was accepted before; the present measures are accepted now."
+            return "Baseline: nothing was accepted before that could be compared; it is now."
         return "Baseline: nothing is accepted yet that could be compared; --approve accepts what is here now."
     if held.run.change is Change.SAME:
         return f"Baseline: as accepted ({held.tolerance_words}){accepted}."
     changed = held.changes.of_kind(held.run.change)
     more = f"; and {len(changed) - 1} more" if len(changed) > 1 else ""
-    first = f"Baseline: {held.run.change} than accepted{accepted}: {changed[0].words}"
+    before = " before, and accepted now" if held.run.approved else ""
+    first = f"Baseline: {held.run.change} than accepted{before}: {changed[0].words}"
     return f"{first}{more} ({held.tolerance_words})."
 
 
@@ -59,8 +60,6 @@ def notes(held: Baseline) -> list[str]:
             if getattr(other, name) != getattr(held.run.key, name)
         ]
         told.append(f"of this scene, measures are accepted for {'; '.join(differ)}")
-    if held.run.verdict == "fail" and (held.compared or held.run.approved):
-        told.append("hogels exceed limits; beside accepted measures, only limits that are stated fail")
     if held.run.change is Change.WORSE and set(held.judges) - {held.run.xfrustum}:
         told.append(f"accepted by xfrustum {', '.join(held.judges)}, judged now by {held.run.xfrustum}")
     return told

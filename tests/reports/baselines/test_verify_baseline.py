@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.reports.baselines.synthetic import commit, repository
+from tests.reports.baselines.synthetic import commit, repository, verification
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import cli, main
 
@@ -123,25 +123,37 @@ def test_over_five_commits_of_a_toy_renderer_one_regression_is_found_named_and_a
 
 
 def test_the_first_run_says_so_and_the_exit_status_follows_what_was_accepted(
-    toy: Path, capsys: pytest.CaptureFixture[str]
+    toy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drawn(toy, REGRESSION, "Wrong from the start")
-    some = [*KEPT, "--apertures", "1,1;2,1"]
-    assert main(some) == 1
-    first = capsys.readouterr().out
-    assert "Baseline: nothing is accepted yet that could be compared; --approve accepts" in first
-    assert main([*some, "--approve"]) == 0
-    assert "the present measures are accepted now" in capsys.readouterr().out
-    assert main(some) == 0
-    again = capsys.readouterr().out
-    assert "Baseline: as accepted (compared exactly, with one accepted run)." in again
-    assert "Not right" in again and "only limits that are stated fail" in again
-    assert main([*some, "--max-wrong", "1%"]) == 1
-    capsys.readouterr()
-    (toy / "hogels" / "1x1.png").unlink()
-    assert main([*some, "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["baseline"]["changes"][0]["measure"] == "missing"
+    """The verification is a stand-in, so that nothing is traced; one hogel in three exceeds a limit."""
+    monkeypatch.setattr("xfrustum.reports.baselines.baseline.write_page", lambda _: None)
+    wrong: dict[tuple[int, int], int | None] = {(0, 0): 0, (1, 0): 90, (2, 0): 3}
+    monkeypatch.setattr(
+        "xfrustum.reports.verification.verification.verify", lambda *_, **__: verification(wrong)
+    )
+
+    def told(*more: str) -> tuple[int, str]:
+        status = main([*KEPT, *more])
+        return status, capsys.readouterr().out
+
+    status, text = told()
+    assert status == 1
+    assert "Baseline: nothing is accepted yet that could be compared; --approve accepts" in text
+    status, text = told("--approve")
+    assert status == 0
+    assert "nothing was accepted before that could be compared; it is now" in text
+    status, text = told()
+    assert status == 0
+    assert "Baseline: as accepted (compared exactly, with one accepted run)." in text
+    assert "Not right" in text and "exit status 0: nothing is worse" in text
+    assert told("--max-wrong", "1%")[0] == 1
+    wrong[2, 0] = None
+    status, text = told("--json")
+    assert status == 1
+    assert json.loads(text)["baseline"]["changes"][0]["measure"] == "missing"
+    wrong[2, 0] = 4
+    assert told("--baseline-tolerance", "50%")[0] == 0
+    assert told("--baseline-tolerance", "10%")[0] == 1
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,12 @@ class LimitInPixels(click.ParamType["float | None"]):
             self.fail(f"{value!r} is neither a number of pixels nor none", param, ctx)
 
 
+LIMITS_NOT_STATED = (
+    "exit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
+)
+"""Line for the terminal where hogels exceed limits that are not the user's, as they did when accepted."""
+
+
 class BaselineTolerance(click.ParamType["Stated"]):
     """A share such as 5%, or amounts such as wrong_surfaces=3,displacement_p99_px=0.01."""
 
@@ -196,7 +202,8 @@ def _text(found: Verification, held: Baseline | None) -> str:
         return table(found)
     from xfrustum.reports.baselines.summary import lines
 
-    return f"{table(found)}\n{lines(held)}"
+    decided = "" if found.passed or _status(found, held) else f"\n{LIMITS_NOT_STATED}"
+    return f"{table(found)}\n{lines(held)}{decided}"
 
 
 def _status(found: Verification, held: Baseline | None) -> int:
