@@ -110,11 +110,11 @@ class Baseline(Summarized[BaselineRecord]):
         runs = self.changes.runs
         if self.stated:
             return "tolerance as stated"
-        if runs == 1:
-            return "compared exactly, with one accepted run"
         if not self.changes.noisy:
-            return f"compared exactly, with {runs} accepted runs that are all alike"
-        return f"tolerance learnt from {runs} accepted runs"
+            return "compared exactly, with " + (
+                "one accepted run" if runs == 1 else f"{runs} accepted runs that are all alike"
+            )
+        return "tolerance learnt from " + ("earlier" if runs == 1 else str(runs)) + " accepted runs"
 
     @property
     def record(self) -> BaselineRecord:
@@ -238,5 +238,5 @@ def _repeats(commit: Commit | None, accepted: Sequence[Run]) -> bool:
 def _judges(accepted: Sequence[StoredRun], hogels: Sequence[HogelMeasures]) -> tuple[str, ...]:
     """Return the versions that judged the runs with which hogels are compared."""
     compared = accepted_hogels(accepted)
-    names = {run for one in hogels if one.place in compared for run in compared[one.place].runs}
+    names = {run for one in hogels if one.place in compared for run in compared[one.place][0].runs}
     return tuple(sorted({one.run.xfrustum for one in accepted if one.run.run in names}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from xfrustum.reports.baselines.measures import (
@@ -16,7 +16,7 @@ from xfrustum.reports.baselines.measures import (
     is_count,
     total,
 )
-from xfrustum.reports.baselines.tolerance import Allowed, Stated, deviation_of, learnt
+from xfrustum.reports.baselines.tolerance import Allowed, Noise, Stated, learnt
 from xfrustum.reports.common.formatting import digits
 
 
@@ -98,7 +98,7 @@ class Changes:
     runs
         Largest number of accepted runs that a hogel is compared with; 0 where nothing is accepted.
     noisy
-        Whether the accepted runs differ from one another.
+        Whether repeated runs differ from one another.
     """
 
     plate: tuple[MeasureChange, ...]
@@ -130,26 +130,35 @@ def ranked(changes: Iterable[MeasureChange]) -> tuple[MeasureChange, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AcceptedHogel:
-    """The accepted runs of one hogel: `runs` has their names, `kept` what they measured."""
+class Edition:
+    """One hogel in the runs of one accepted state: `runs` has their names, `kept` what they measured."""
 
     runs: tuple[str, ...]
     kept: tuple[HogelMeasures, ...]
 
 
+Accepted = Mapping[Place, Sequence[Edition]]
+"""Editions of each hogel, the newest first: hogels are compared with it, the others tell of noise only."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Compared:
-    """One measure of one place that can be compared: accepted values, and the present one."""
+    """One measure of one place that can be compared.
+
+    `editions` has the accepted values, one for each run, the newest edition first; `now` is the present one.
+    """
 
     measure: str
     aperture: Place | None
-    values: tuple[float, ...]
+    editions: tuple[tuple[float, ...], ...]
     now: float | None
 
+    @property
+    def values(self) -> tuple[float, ...]:
+        return self.editions[0]
 
-def changes_of(
-    now: Sequence[HogelMeasures], accepted: Mapping[Place, AcceptedHogel], stated: Stated | None = None
-) -> Changes:
+
+def changes_of(now: Sequence[HogelMeasures], accepted: Accepted, stated: Stated | None = None) -> Changes:
     """Compare the present run with accepted ones, hogel by hogel and as a whole.
 
     The plate's measures are compared over the hogels that were accepted in the same runs and are there. A
@@ -166,89 +175,89 @@ def changes_of(
     """
     hogels, fresh = _hogels(now, accepted)
     plate, fresh_of_plate = _plate(now, accepted)
-    deviations = {name: _pooled([one.values for one in hogels if one.measure == name]) for name in NAMES}
-    noise = [max(deviations[one.measure], deviation_of(one.values)) for one in hogels]
-    noise += [deviation_of(one.values) for one in plate]
-    several = [one.values for one in (*hogels, *plate) if len(one.values) > 1]
-    compared = sum(
-        spread > 0 and len(one.values) > 1 for spread, one in zip(noise, (*hogels, *plate), strict=True)
-    )
+    noises = [Noise.of(one.editions) for one in (*plate, *hogels)]
+    of_hogels = list(zip(hogels, noises[len(plate) :], strict=True))
+    floors = {
+        name: Noise.over_hogels([noise for one, noise in of_hogels if one.measure == name]) for name in NAMES
+    }
+    noises[len(plate) :] = [noise.at_least(floors[one.measure]) for one, noise in of_hogels]
+    compared = sum(noise.deviation > 0 for noise in noises)
 
-    def judged(one: _Compared, deviation: float) -> MeasureChange:
+    def judged(one: _Compared, noise: Noise) -> MeasureChange:
         allowed = stated.allowed(one.measure, one.values) if stated is not None else None
-        return _judged(one, allowed or learnt(one.measure, one.values, deviation, compared))
+        return _judged(one, allowed or learnt(one.measure, one.values, noise, compared))
 
+    found = [judged(one, noise) for one, noise in zip((*plate, *hogels), noises, strict=True)]
     return Changes(
-        plate=(*(judged(one, 0.0) for one in plate), *fresh_of_plate),
-        hogels=(*(judged(one, deviations[one.measure]) for one in hogels), *fresh),
-        runs=max((len(accepted[one.place].runs) for one in now if one.place in accepted), default=0),
-        noisy=any(deviation_of(values) > 0 for values in several),
+        plate=(*found[: len(plate)], *fresh_of_plate),
+        hogels=(*found[len(plate) :], *fresh),
+        runs=max((len(accepted[one.place][0].runs) for one in now if one.place in accepted), default=0),
+        noisy=compared > 0,
     )
 
 
-def _pooled(values: Sequence[Sequence[float]]) -> float:
-    """Return the root of the mean variance of one measure over all hogels that were measured repeatedly."""
-    squares = [deviation_of(one) ** 2 for one in values if len(one) > 1]
-    return math.sqrt(sum(squares) / len(squares)) if squares else 0.0
-
-
-def _hogels(
-    now: Sequence[HogelMeasures], accepted: Mapping[Place, AcceptedHogel]
-) -> tuple[list[_Compared], list[MeasureChange]]:
+def _hogels(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Compared], list[MeasureChange]]:
     """Return what can be compared of hogels, and what is new."""
     compared, fresh = [], []
     for hogel in now:
-        kept = accepted[hogel.place].kept if hogel.place in accepted else ()
+        editions = accepted.get(hogel.place, ())
         # What counts another kind of wrong pixels is another measure.
-        alike = all(one.by in (hogel.by, None) or hogel.by is None for one in kept)
+        alike = (
+            all(one.by in (hogel.by, None) or hogel.by is None for one in editions[0].kept)
+            if editions
+            else True
+        )
         for name in NAMES:
             value = hogel.measures.value(name)
-            values = tuple(known for one in kept if (known := one.measures.value(name)) is not None)
-            if values and (alike or name != "wrong_pixels"):
+            known = [_known(name, [one.measures for one in edition.kept]) for edition in editions]
+            if known and known[0] and (alike or name != "wrong_pixels"):
                 # A missing hogel is counted as such, and not once more for each of its other measures.
                 if value is not None or not hogel.measures.missing:
-                    compared.append(_Compared(measure=name, aperture=hogel.place, values=values, now=value))
+                    groups = tuple(values for values in known if values)
+                    compared.append(_Compared(measure=name, aperture=hogel.place, editions=groups, now=value))
             elif value is not None:
                 fresh.append(_fresh(name, hogel.place, value))
     return compared, fresh
 
 
-def _plate(
-    now: Sequence[HogelMeasures], accepted: Mapping[Place, AcceptedHogel]
-) -> tuple[list[_Compared], list[MeasureChange]]:
+def _known(name: str, several: Sequence[Measures]) -> tuple[float, ...]:
+    """Return the values of a measure that are known."""
+    return tuple(value for one in several if (value := one.value(name)) is not None)
+
+
+def _plate(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Compared], list[MeasureChange]]:
     """Return what can be compared of the plate; all is new where its hogels were accepted in several runs."""
     common = [one for one in now if one.place in accepted]
-    runs = {accepted[one.place].runs for one in common}
-    if len(runs) != 1:
+    if len({accepted[one.place][0].runs for one in common}) != 1:
         numbers = total([one.measures for one in now])
         return [], [_fresh(name, None, value) for name in NAMES if (value := numbers.value(name)) is not None]
     present = _totals(common, [one.measures for one in common], accepted)
+    totals = []
+    for several in zip(*(accepted[one.place] for one in common), strict=False):
+        if len({one.runs for one in several}) > 1:
+            break
+        kept = zip(*(one.kept for one in several), strict=True)
+        totals.append([_totals(common, [one.measures for one in run], accepted) for run in kept])
     compared = []
-    earlier = [
-        _totals(common, [accepted[one.place].kept[run].measures for one in common], accepted)
-        for run in range(len(next(iter(runs))))
-    ]
     for name in NAMES:
-        values = tuple(known for one in earlier if (known := one.value(name)) is not None)
+        known = [_known(name, one) for one in totals]
         value = present.value(name)
-        if values and value is not None:
-            compared.append(_Compared(measure=name, aperture=None, values=values, now=value))
+        if known[0] and value is not None:
+            groups = tuple(values for values in known if values)
+            compared.append(_Compared(measure=name, aperture=None, editions=groups, now=value))
     return compared, []
 
 
-def _totals(
-    common: Sequence[HogelMeasures], measures: Sequence[Measures], accepted: Mapping[Place, AcceptedHogel]
-) -> Measures:
-    """Return the totals over hogels that are there, now and in all accepted runs; all missing ones count."""
+def _totals(common: Sequence[HogelMeasures], measures: Sequence[Measures], accepted: Accepted) -> Measures:
+    """Return the totals over hogels that are there, now and in the accepted runs; all missing ones count."""
     there = [
         one
         for hogel, one in zip(common, measures, strict=True)
         if not hogel.measures.missing
-        and not any(kept.measures.missing for kept in accepted[hogel.place].kept)
+        and not any(kept.measures.missing for kept in accepted[hogel.place][0].kept)
     ]
-    numbers = total(there)
     missing = total([Measures(missing=one.missing) for one in measures])
-    return Measures(**{**vars(numbers), "missing": missing.missing})
+    return replace(total(there), missing=missing.missing)
 
 
 def _judged(one: _Compared, allowed: Allowed) -> MeasureChange:

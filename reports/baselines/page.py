@@ -17,7 +17,7 @@ from xfrustum.reports.common.templates_environment import html_page
 MAX_RUNS = 400
 """Largest number of runs of one renderer that the page shows: the newest; the files have all."""
 
-MAX_CHANGES = 6
+MAX_CHANGES = 4
 """Largest number of changes of one run that the page names."""
 
 MAX_TRIES = 10
@@ -155,5 +155,5 @@ def _sentence(last: StoredRun, shown: Sequence[StoredRun]) -> str:
     if streak > 1:
         first = shown[-streak].run
         since = first.time[:10] if first.commit is None else f"commit {first.commit[:7]}"
-        text += f" So were all since {since}, {streak} runs."
+        text += f" So were all {streak} runs since {since}."
     return text

@@ -11,12 +11,12 @@ which write at once lose nothing, and branches of a repository that hold accepte
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from xfrustum.reports.baselines.changes import AcceptedHogel
+from xfrustum.reports.baselines.changes import Accepted, Edition
 from xfrustum.reports.baselines.measures import HogelMeasures, Place
 from xfrustum.reports.baselines.records import Key, Run, StoredRun, parquet_bytes, read_run
 from xfrustum.reports.common.outputs import check_writable_folder, write_output
@@ -116,20 +116,20 @@ def with_key(runs: Iterable[StoredRun], key: Key) -> tuple[StoredRun, ...]:
     return tuple(one for one in runs if one.run.key == key)
 
 
-def accepted_hogels(runs: Iterable[StoredRun]) -> Mapping[Place, AcceptedHogel]:
-    """Return the accepted runs of each hogel: those of the newest edition that it is in."""
-    of_place: dict[Place, list[tuple[Run, HogelMeasures]]] = {}
+def accepted_hogels(runs: Iterable[StoredRun]) -> Accepted:
+    """Return the accepted runs of each hogel by edition, the newest first."""
+    of_place: dict[Place, dict[int, list[tuple[str, HogelMeasures]]]] = {}
     for one in runs:
         for hogel in one.hogels:
-            of_place.setdefault(hogel.place, []).append((one.run, hogel))
-    found = {}
-    for place, several in of_place.items():
-        newest = max(edition_of(run) for run, _ in several)
-        current = [(run, hogel) for run, hogel in several if edition_of(run) == newest]
-        found[place] = AcceptedHogel(
-            runs=tuple(run.run for run, _ in current), kept=tuple(hogel for _, hogel in current)
-        )
-    return found
+            editions = of_place.setdefault(hogel.place, {})
+            editions.setdefault(edition_of(one.run), []).append((one.run.run, hogel))
+    return {
+        place: [
+            Edition(runs=tuple(name for name, _ in several), kept=tuple(hogel for _, hogel in several))
+            for _, several in sorted(editions.items(), reverse=True)
+        ]
+        for place, editions in of_place.items()
+    }
 
 
 def edition_of(run: Run) -> int:

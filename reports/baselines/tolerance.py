@@ -1,17 +1,20 @@
 """By how much a measure may differ from accepted runs: learnt from repeated runs, or stated.
 
-A renderer with noise, such as a path tracer, gives other numbers each time. Repeated runs of one state of it
-say how much they vary: if n runs of a measure have the mean m and the standard deviation s (n - 1 degrees of
-freedom), and the noise is normal, the next run exceeds
+A renderer with noise, such as a path tracer, gives other numbers each time. Repeated runs of one state of it,
+an edition, say how much they vary: if n runs of a measure have the mean m and the standard deviation s with f
+degrees of freedom, and the noise is normal, the next run exceeds
 
     m + t s sqrt(1 + 1/n)
 
 with a chosen probability, t being the quantile of Student's distribution (the prediction interval of one
 further observation). As many measures of many hogels are compared at once, that probability is
 `FALSE_ALARMS` divided by their number (Bonferroni), so that an unchanged renderer fails one verification in a
-hundred at most. Few runs repeat by chance now and then: s is never taken to be smaller than that of the same
-measure over all hogels together (root of the mean variance). A renderer whose runs are all alike has no
-noise, and counts are compared exactly.
+hundred at most.
+
+Noise stays when a change is accepted: s^2 is the variance within editions, of all that were accepted (f is
+the sum of their numbers of runs, less one each). Few runs repeat by chance now and then: s is never taken to
+be smaller than that of the same measure over all hogels together (root of the mean variance). Where all
+repeated runs are alike, or none was repeated, there is no noise, and counts are compared exactly.
 """
 
 from __future__ import annotations
@@ -99,7 +102,43 @@ class Stated:
         return cls(share=share, amounts=amounts)
 
 
-def learnt(name: str, values: Sequence[float], deviation: float, compared: int) -> Allowed:
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Standard deviation of repeated runs of one measure, and its degrees of freedom.
+
+    Without repeated runs both are 0.
+    """
+
+    deviation: float
+    freedom: int
+
+    @classmethod
+    def of(cls, editions: Sequence[Sequence[float]]) -> Noise:
+        """Return the noise within editions, each of which has a value for each of its runs."""
+        freedom = sum(len(values) - 1 for values in editions)
+        # Equal numbers have exactly no variance, whatever their mean is rounded to.
+        squares = [
+            (len(values) - 1) * statistics.variance(values)
+            for values in editions
+            if min(values) < max(values)
+        ]
+        return cls(deviation=math.sqrt(sum(squares) / freedom) if squares else 0.0, freedom=freedom)
+
+    @classmethod
+    def over_hogels(cls, several: Sequence[Noise]) -> Noise:
+        """Return the noise of one measure over all hogels together, with the freedom that one hogel has."""
+        repeated = [one for one in several if one.freedom]
+        if not repeated:
+            return cls(deviation=0.0, freedom=0)
+        mean = sum(one.deviation**2 for one in repeated) / len(repeated)
+        return cls(deviation=math.sqrt(mean), freedom=max(one.freedom for one in repeated))
+
+    def at_least(self, other: Noise) -> Noise:
+        """Return this noise, but no less than another; all of the other where nothing was repeated here."""
+        return Noise(deviation=max(self.deviation, other.deviation), freedom=self.freedom or other.freedom)
+
+
+def learnt(name: str, values: Sequence[float], noise: Noise, compared: int) -> Allowed:
     """Return the interval of the next run of a measure.
 
     Parameters
@@ -107,24 +146,17 @@ def learnt(name: str, values: Sequence[float], deviation: float, compared: int) 
     name
         Name of the measure.
     values
-        Its accepted values, one for each run.
-    deviation
-        Smallest standard deviation that it is taken to have.
+        Its accepted values, one for each run of the newest edition.
+    noise
+        Noise that it is taken to have.
     compared
         Number of measures with noise that are compared at once.
     """
     mean, count = math.fsum(values) / len(values), len(values)
-    spread = max(deviation, deviation_of(values))
-    if count < 2 or spread == 0:
+    if noise.deviation == 0:
         return _about(mean, _rounding(name))
-    quantile = float(stdtrit(count - 1, 1 - FALSE_ALARMS / max(compared, 1)))
-    return _about(mean, quantile * spread * math.sqrt(1 + 1 / count) + _rounding(name))
-
-
-def deviation_of(values: Sequence[float]) -> float:
-    """Return the standard deviation of repeated values: 0 where they are alike, or there is one."""
-    # Equal numbers have exactly no spread, whatever their mean is rounded to.
-    return 0.0 if min(values) == max(values) else statistics.stdev(values)
+    quantile = float(stdtrit(noise.freedom, 1 - FALSE_ALARMS / max(compared, 1)))
+    return _about(mean, quantile * noise.deviation * math.sqrt(1 + 1 / count) + _rounding(name))
 
 
 def _about(mean: float, amount: float) -> Allowed:

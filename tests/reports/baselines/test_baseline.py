@@ -102,13 +102,13 @@ def test_runs_kept_at_once_are_all_kept_and_all_on_the_page(
 ) -> None:
     # The curves take most of the time, and are not what is asked here.
     monkeypatch.setattr("xfrustum.reports.baselines.page.measured_names", lambda _: ())
-    with ThreadPoolExecutor(6) as pool:
-        found = list(pool.map(lambda _: held(tmp_path, RIGHT, approve=True), range(6)))
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: held(tmp_path, RIGHT, approve=True), range(3)))
     store = Store(folder=tmp_path / "kept")
-    assert len({one.run.run for one in found}) == 6
+    assert len({one.run.run for one in found}) == 3
     assert {one.run.run for one in store.accepted()} == {one.run.run for one in found}
     assert {one.run.run for one in store.history()} == {one.run.run for one in found}
-    assert "6 runs; each is a Parquet file" in store.page.read_text()
+    assert "3 runs; each is a Parquet file" in store.page.read_text()
     assert held(tmp_path, RIGHT).run.change is Change.SAME
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xfrustum.reports.baselines.changes import AcceptedHogel, Change, Changes, changes_of
+from xfrustum.reports.baselines.changes import Change, Changes, Edition, changes_of
 from xfrustum.reports.baselines.measures import NAMES, HogelMeasures, Measures, Place, is_count, total
-from xfrustum.reports.baselines.tolerance import FALSE_ALARMS, ROUNDING_PX, Stated, learnt
+from xfrustum.reports.baselines.tolerance import FALSE_ALARMS, ROUNDING_PX, Noise, Stated, learnt
 from xfrustum.scenes.errors import InputError
 
 ZERO = Measures(**dict.fromkeys(NAMES, 0.0))
@@ -31,11 +31,13 @@ def beside(
     now: Sequence[HogelMeasures], *runs: Sequence[HogelMeasures], stated: Stated | None = None
 ) -> Changes:
     """Compare hogels with some accepted runs of the same places."""
-    accepted: Mapping[Place, AcceptedHogel] = {
-        places[0].place: AcceptedHogel(runs=tuple(map(str, range(len(runs)))), kept=tuple(places))
-        for places in zip(*runs, strict=True)
-    }
-    return changes_of(now, accepted, stated)
+    return changes_of(now, {place: [one] for place, one in edition(*runs).items()}, stated)
+
+
+def edition(*runs: Sequence[HogelMeasures], name: str = "") -> dict[Place, Edition]:
+    """Return the hogels of some runs of the same places, as one edition."""
+    names = tuple(f"{name}{number}" for number in range(len(runs)))
+    return {places[0].place: Edition(runs=names, kept=tuple(places)) for places in zip(*runs, strict=True)}
 
 
 def test_without_noise_one_pixel_more_is_worse_and_one_less_is_better() -> None:
@@ -125,6 +127,19 @@ def test_a_hogel_that_repeated_by_chance_has_the_noise_of_the_others() -> None:
     assert found.change is Change.SAME
 
 
+def test_noise_that_was_learnt_stays_when_a_change_is_accepted() -> None:
+    noisy = [[hogel(wrong_surfaces=value), hogel((1, 0))] for value in (97.0, 103.0, 100.0, 102.0, 98.0)]
+    older = edition(*noisy, name="old")
+    newer = edition([hogel(wrong_surfaces=300.0), hogel((1, 0))], name="new")
+    accepted = {place: [newer[place], older[place]] for place in older}
+
+    def found(value: float) -> Change:
+        return changes_of([hogel(wrong_surfaces=value), hogel((1, 0))], accepted).change
+
+    assert (found(304.0), found(296.0)) == (Change.SAME, Change.SAME)
+    assert (found(340.0), found(100.0)) == (Change.WORSE, Change.BETTER)
+
+
 @given(
     values=st.lists(st.integers(0, 10**6).map(float), min_size=2, max_size=8),
     compared=st.integers(1, 10**4),
@@ -134,15 +149,15 @@ def test_the_limit_lies_above_all_that_was_accepted_where_it_can_be_known(
 ) -> None:
     """Of n values none is farther from the mean than (n - 1)/sqrt(n) deviations (Samuelson), which is less
     than t sqrt(1 + 1/n) at 99 % for all n up to eight."""
-    allowed = learnt("wrong_surfaces", values, 0.0, compared)
+    allowed = learnt("wrong_surfaces", values, Noise.of([values]), compared)
     assert allowed.low <= min(values) and max(values) <= allowed.high
-    more = learnt("wrong_surfaces", values, 0.0, compared + 1)
+    more = learnt("wrong_surfaces", values, Noise.of([values]), compared + 1)
     assert more.high >= allowed.high
 
 
 def test_the_limit_is_that_of_the_next_observation() -> None:
     """Student's quantile for 1 % and two degrees of freedom is 6.9646 (any table)."""
-    allowed = learnt("wrong_surfaces", [9.0, 10.0, 11.0], 0.0, 1)
+    allowed = learnt("wrong_surfaces", [9.0, 10.0, 11.0], Noise.of([[9.0, 10.0, 11.0]]), 1)
     assert FALSE_ALARMS == 0.01
     assert allowed.high == pytest.approx(10 + 6.9646 * math.sqrt(4 / 3), rel=1e-4)
 
