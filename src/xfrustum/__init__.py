@@ -20,6 +20,7 @@ The public API on one page; each command of `xfrustum` is one of these:
     survey(scene, settings, folder)          hogels judged all over a plate: a bound       -> Survey
     view(scene, [Eye(position=(0, 0, 600))]) what eyes see: scene, display, renderer  -> SceneView
     verify(scene, source)                    any renderer's hogels: a verdict, and why    -> Verification
+    baseline(verification, folder)           what got worse than accepted, and its history -> Baseline
     convert(source, out, write_as="views")   plates in other layouts of files           -> Conversion
     write_cameras(scene, "json", folder, ..) cameras for other renderers            -> CameraFiles
     write_image(path, image), read_image(path)   hogel images as OpenEXR
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from xfrustum.compare.planning.views import Requirement
     from xfrustum.raster import Rasterizer
     from xfrustum.reference import Reference
+    from xfrustum.reports.baselines.baseline import Baseline, BaselineOptions, baseline
     from xfrustum.reports.commands.budgeting import BudgetReport, budget
     from xfrustum.reports.commands.planning import make_plan
     from xfrustum.reports.commands.planning import make_plan as plan
@@ -86,6 +88,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Aperture",
+    "Baseline",
+    "BaselineOptions",
     "BudgetReport",
     "Camera",
     "CameraFiles",
@@ -120,6 +124,7 @@ __all__ = [
     "Survey",
     "Verification",
     "__version__",
+    "baseline",
     "budget",
     "camera_of",
     "check",
@@ -144,6 +149,9 @@ __all__ = [
 _MODULES = {  # module and, after a colon, the name in that module where it is another
     "Comparison": "compare",
     "compare_images": "compare",
+    "Baseline": "reports.baselines.baseline",
+    "BaselineOptions": "reports.baselines.baseline",
+    "baseline": "reports.baselines.baseline",
     "BudgetReport": "reports.commands.budgeting",
     "budget": "reports.commands.budgeting",
     "CostReport": "reports.cost.cost",

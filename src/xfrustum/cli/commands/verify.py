@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +19,8 @@ from xfrustum.cli.streams import say
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
+    from xfrustum.reports.baselines.baseline import Baseline
+    from xfrustum.reports.baselines.tolerance import Stated
     from xfrustum.reports.verification.verdict import Verification
     from xfrustum.scenes.model.scene import Scene
 
@@ -71,6 +75,148 @@ class LimitInPixels(click.ParamType["float | None"]):
             return float(value)
         except ValueError:
             self.fail(f"{value!r} is neither a number of pixels nor none", param, ctx)
+
+
+LIMITS_NOT_STATED = (
+    "exit status 0: nothing is worse than accepted, and limits that hogels exceed were not stated"
+)
+"""Line for the terminal where hogels exceed limits that are not the user's, as they did when accepted."""
+
+
+class BaselineTolerance(click.ParamType["Stated"]):
+    """A share such as 5%, or amounts such as wrong_surfaces=3,displacement_p99_px=0.01."""
+
+    name = "SHARE|NAME=AMOUNT,.."
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Stated:
+        """Return the tolerances."""
+        from xfrustum.reports.baselines.tolerance import Stated
+        from xfrustum.scenes.errors import InputError
+
+        try:
+            return Stated.of(str(value))
+        except InputError as error:
+            self.fail(str(error), param, ctx)
+
+
+_BASELINE_OPTIONS = (
+    click.option(
+        "--baseline",
+        type=click.Path(path_type=Path),
+        help="Folder of accepted measures: fail on what got worse beyond noise, and keep the history.",
+    ),
+    click.option("--approve", is_flag=True, help="Accept the present measures in --baseline."),
+    click.option(
+        "--repeated",
+        is_flag=True,
+        help="With --approve: the renderer is unchanged, so that differences are its noise.",
+    ),
+    click.option(
+        "--baseline-tolerance",
+        type=BaselineTolerance(),
+        help="What counts as noise, such as 5% or wrong_surfaces=3.  [default: learnt from accepted runs]",
+    ),
+    click.option("--renderer", help="Name of the renderer in --baseline.  [default: SOURCE or the command]"),
+    click.option("--device", help="Name of its device in --baseline.  [default: this machine's processor]"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaselineAsked:
+    """What the options of a baseline ask for; see `reports.baselines.baseline.BaselineOptions`."""
+
+    folder: Path
+    approve: bool
+    repeated: bool
+    tolerance: Stated | None
+    renderer: str | None
+    device: str | None
+
+
+def baseline_options(command: options.Command) -> options.Command:
+    """Add the options of a baseline; the command receives one `baseline`, None where there is none."""
+
+    @functools.wraps(command)
+    def with_one(
+        *,
+        baseline: Path | None,
+        approve: bool,
+        repeated: bool,
+        baseline_tolerance: Stated | None,
+        renderer: str | None,
+        device: str | None,
+        **rest: Any,
+    ) -> Any:
+        if baseline is None:
+            for name in ("approve", "repeated", "baseline_tolerance", "renderer", "device"):
+                if options.is_given(name):
+                    raise click.UsageError(f"--{name.replace('_', '-')} is about --baseline DIR: give it too")
+            return command(baseline=None, **rest)
+        if repeated and not approve:
+            raise click.UsageError("--repeated says of what is accepted that it is noise: give --approve too")
+        asked = BaselineAsked(
+            folder=baseline,
+            approve=approve,
+            repeated=repeated,
+            tolerance=baseline_tolerance,
+            renderer=renderer,
+            device=device,
+        )
+        return command(baseline=asked, **rest)
+
+    wrapped: options.Command = with_one  # type: ignore[assignment]  # wraps() keeps the name, not the type
+    for option in reversed(_BASELINE_OPTIONS):
+        wrapped = option(wrapped)
+    return wrapped
+
+
+def _held(found: Verification, asked: BaselineAsked, near: float | None, accept: tuple[str, ...]) -> Baseline:
+    """Hold a verification to a baseline, and append the summary that GitHub shows."""
+    from xfrustum.reports.baselines.baseline import BaselineOptions
+    from xfrustum.reports.baselines.baseline import baseline as held_to
+    from xfrustum.reports.baselines.summary import append_step_summary
+
+    chosen = BaselineOptions(
+        renderer=asked.renderer,
+        device=asked.device,
+        near=near,
+        accept=accept,
+        tolerance=asked.tolerance,
+        approve=asked.approve,
+        repeated=asked.repeated,
+    )
+    held = held_to(found, asked.folder, chosen)
+    problem = append_step_summary(held, found)
+    if problem is not None:
+        say(f"note: {problem}")
+    return held
+
+
+def _summary(found: Verification, held: Baseline | None) -> dict[str, Any]:
+    """Return the JSON object, with the answer of the baseline where there is one."""
+    return found.summary() | ({} if held is None else {"baseline": held.summary()})
+
+
+def _text(found: Verification, held: Baseline | None) -> str:
+    """Return the lines for the terminal, with those of the baseline where there is one."""
+    from xfrustum.reports.verification.files import table
+
+    if held is None:
+        return table(found)
+    from xfrustum.reports.baselines.summary import lines
+
+    decided = "" if found.passed or _status(found, held) else f"\n{LIMITS_NOT_STATED}"
+    return f"{table(found)}\n{lines(held)}{decided}"
+
+
+def _status(found: Verification, held: Baseline | None) -> int:
+    """Return the exit status: where measures are accepted, limits count only if they were stated."""
+    limited = any(options.is_given(name) for name in ("max_wrong", "max_displacement_px", "max_color"))
+    if held is None or limited or not (held.compared or held.run.approved):
+        passed = found.passed and (held is None or held.passed)
+    else:
+        passed = held.passed
+    return 0 if passed else LIMIT_EXCEEDED
 
 
 @click.command()
@@ -131,15 +277,18 @@ class LimitInPixels(click.ParamType["float | None"]):
 @engine_options("this process", draws=False)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
 @click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
+@baseline_options
 @options.quiet_option
 @options.json_option
 def verify(
     *,
     scene: str,
+    near: float | None,
     accept: tuple[str, ...] | None,
     where: Where,
     out: Path | None,
     junit: Path | None,
+    baseline: BaselineAsked | None,
     quiet: bool,
     as_json: bool,
     **asked: Any,
@@ -147,32 +296,39 @@ def verify(
     """Judge the hogel images of any renderer, and say what is wrong with it.
 
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a folder or a
-    picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit.
+    picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit;
+    with --baseline, once measures are accepted, if any got worse or a stated limit is exceeded.
     """
     opened = options.open_scene(scene)
     from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
-    from xfrustum.reports.verification.files import FILES, table, write_junit, write_verification
+    from xfrustum.reports.verification.files import FILES, write_junit, write_verification
     from xfrustum.reports.verification.verification import verify as verified
 
     if junit is not None:
         check_writable_file(junit, "--junit")
     if out is not None:
         check_writable_folder(out, FILES)
+    if baseline is not None:
+        from xfrustum.reports.baselines.store import Store
+
+        Store(folder=baseline.folder).check()
+    accepted = accept or ()
     if where.asked:
-        on_engine = _verified_on(opened, where, out, accept=accept or (), progress=not quiet, **asked)
+        on_engine = _verified_on(opened, where, out, near=near, accept=accepted, progress=not quiet, **asked)
         if on_engine is None:
             say("note: this part is judged; the last one to be finished writes the verification")
             return 0
         found = on_engine
     else:
-        found = verified(opened, accept=accept or (), progress=not quiet, **asked)
+        found = verified(opened, near=near, accept=accepted, progress=not quiet, **asked)
     options.warn_of(opened)
     if out is not None:
         write_verification(found, out)
     if junit is not None:
         write_junit(found, junit)
-    options.tell(as_json, found.summary, lambda: table(found))
-    return 0 if found.passed else LIMIT_EXCEEDED
+    held = None if baseline is None else _held(found, baseline, near, accepted)
+    options.tell(as_json, lambda: _summary(found, held), lambda: _text(found, held))
+    return _status(found, held)
 
 
 def _verified_on(

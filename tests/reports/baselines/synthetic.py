@@ -1,0 +1,86 @@
+"""Verifications whose measures are chosen, so that nothing has to be traced; and small repositories."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from tests.support.views import view
+from xfrustum.compare.diagnosis.diagnosis import Diagnosis
+from xfrustum.compare.judging.judged import HogelNumbers, MeasuredBy, SurfaceFigures
+from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.reports.verification.verdict import Check, Hogel, Limits, Verification
+from xfrustum.reports.verification.worst_hogels import WorstHogels
+from xfrustum.scenes import Scene
+from xfrustum.scenes.plate.plate import Aperture
+
+SHOWN = 1000
+"""Number of pixels of a hogel that show something."""
+
+
+@cache
+def scene() -> Scene:
+    return view("asymmetric", (32, 32))
+
+
+def hogel_of(place: tuple[int, int], wrong: int | None, p99: float = 0.1) -> Hogel:
+    """Return a hogel with so many wrong surfaces, twice as many wrong triangles; missing where None."""
+    aperture: Aperture = scene().plate.aperture(*place)
+    if wrong is None:
+        return Hogel(aperture=aperture, problem="no such file")
+    numbers = HogelNumbers(
+        shown=SHOWN,
+        by="triangle",
+        wrong=2 * wrong,
+        fraction=2 * wrong / SHOWN,
+        surface=SurfaceFigures(wrong=wrong, fraction=wrong / SHOWN, outside=0),
+        invalid=0,
+        displacement_px=Spread(rms=p99 / 4, p50=0.0, p95=p99 / 2, p99=p99, max=2 * p99),
+        displacement_by=MeasuredBy.POINTS,
+        radiance=None,
+        causes={"edge": 2 * wrong, "order": 0, "lost": 0, "unexplained": 0},
+    )
+    share = Check(
+        figure="wrong surfaces", value=wrong / SHOWN, limit=0.01, unit="share", held=wrong <= SHOWN / 100
+    )
+    return Hogel(aperture=aperture, as_found=numbers, corrected=numbers, checks=(share,))
+
+
+def verification(wrong: Mapping[tuple[int, int], int | None], p99: float = 0.1) -> Verification:
+    """Return a verification of hogels with so many wrong surfaces each."""
+    return Verification(
+        scene=scene(),
+        source="hogels/{i}x{j}.png",
+        limits=Limits(),
+        diagnosis=Diagnosis(model=DrawnModel(), faults=(), does_not_explain=(), means="numbers"),
+        hogels=tuple(hogel_of(place, number, p99) for place, number in wrong.items()),
+        worst=WorstHogels(),
+    )
+
+
+def git(folder: Path, *arguments: str) -> str:
+    """Run git in a repository, with nothing of this machine's own settings."""
+    done = subprocess.run(
+        ["git", "-C", str(folder), "-c", "user.name=Ada", "-c", "user.email=ada@example.org", *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def repository(folder: Path) -> Path:
+    """Make an empty repository."""
+    folder.mkdir(parents=True, exist_ok=True)
+    git(folder, "init", "--quiet", "--initial-branch=main")
+    return folder
+
+
+def commit(folder: Path, subject: str) -> str:
+    """Commit what is there, if anything, and return the commit's name."""
+    git(folder, "add", "--all")
+    git(folder, "commit", "--quiet", "--allow-empty", "--message", subject)
+    return git(folder, "rev-parse", "HEAD")
