@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from xfrustum.reports.cluster.blocks import Blocks
 from xfrustum.reports.cluster.claims import Claims
@@ -17,8 +18,9 @@ from xfrustum.reports.common.records import table_of
 from xfrustum.reports.survey.hogels import Pictures
 from xfrustum.reports.survey.rows import ForeignRow
 from xfrustum.reports.verification.verdict import Limits
-from xfrustum.reports.verification.verification import HogelVerifier
+from xfrustum.reports.verification.verification import HogelVerifier, checked_files
 from xfrustum.scenes.files.foreign_images import Encoding
+from xfrustum.scenes.files.layouts.detection import PARAMETERS_FILE, pictures_at
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Plate
 
@@ -30,19 +32,43 @@ class ForeignPlate:
     Attributes
     ----------
     pattern
-        Names of its files, with {i} for the column and {j} for the row.
+        Names of its files, with {i} for the column and {j} for the row; or a folder or picture in a layout.
     encoding
         What pictures mean; None for `rgb`.
     near
         Near offset that the renderer is known to have.
     accept
         Conventions that are no faults.
+    layout
+        Layout of a folder or picture; None for the one that it looks like.
     """
 
     pattern: str
     encoding: Encoding | None = None
     near: float | None = None
     accept: tuple[str, ...] = ()
+    layout: str | None = None
+
+    def found(self, scene: Scene, told: Callable[[str], object]) -> ForeignPlate:
+        """Return the plate by its absolute path, with the layout in which its files are read.
+
+        Parameters
+        ----------
+        scene
+            Scene of the plate.
+        told
+            Function that is told which layout a folder or picture looks like, where none is stated.
+
+        Raises
+        ------
+        InputError
+            There is no file of any hogel, or the files do not fit the layout.
+        """
+        place = str(Path(self.pattern).absolute())
+        files = checked_files(scene, place, self.layout)
+        if files is not None and self.layout is None:
+            told(f"{self.pattern} looks like {files.words}")
+        return replace(self, pattern=place, layout=None if files is None else files.layout.name)
 
     def state(self, plate: Plate) -> str:
         """Return a digest of the names, sizes and times of all image files: it changes when any is written.
@@ -50,14 +76,24 @@ class ForeignPlate:
         Every row depends on images all over the plate, from which the renderer's faults are diagnosed.
         """
         digest = hashlib.sha256()
-        for aperture in plate.apertures():
-            path = self.pattern.format(i=aperture.column, j=aperture.row)
+        for path in self._names(plate):
             try:
                 found = os.stat(path)  # noqa: PTH116 - a Path for each of millions of names takes as long again
             except OSError:
                 continue
             digest.update(f"{path}\0{found.st_size}\0{found.st_mtime_ns}\n".encode(errors="surrogateescape"))
         return digest.hexdigest()
+
+    def _names(self, plate: Plate) -> Iterator[str]:
+        """Yield the paths of all files that images are read from."""
+        if self.layout is None:
+            for aperture in plate.apertures():
+                yield self.pattern.format(i=aperture.column, j=aperture.row)
+            return
+        place = Path(self.pattern)
+        yield from map(
+            str, (*pictures_at(place), (place if place.is_dir() else place.parent) / PARAMETERS_FILE)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +140,7 @@ class ForeignJob(Job):
             self.ticket.open() if scene is None else scene,
             self.plate.pattern,
             encoding=self.plate.encoding,
+            layout=self.plate.layout,
             limits=Limits(displacement_px=self.tolerance_px),
             near=self.plate.near,
             accept=self.plate.accept,
