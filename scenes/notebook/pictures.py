@@ -22,8 +22,8 @@ MOVED = (49, 130, 224)
 DIMMED, MARKED = 0.5, 0.8
 """Brightness of a picture under marks, and opacity of the mark of a displaced pixel."""
 
-MAP_SIDE_PX = 280
-"""Longest side of a map of the plate, as far as its squares are whole pixels."""
+MIN_SIDE_PX = 280
+"""Longest side that smaller pictures are enlarged to, as far as pixels become squares of whole pixels."""
 
 MAX_SIDE_PX = 512
 """Longest side of a picture in a notebook; larger images are reduced, so that notebooks stay small."""
@@ -89,17 +89,18 @@ def map_of(values: Floats) -> Bytes:
     known = np.isfinite(values)
     largest = float(values.max(where=known, initial=0.0))
     share = np.where(known, SHADES[0] + (1 - SHADES[0]) * np.nan_to_num(values) / (largest or 1.0), 0.0)
-    side = max(1, MAP_SIDE_PX // max(values.shape))
-    squares = levels(np.repeat(np.repeat(share, side, axis=0), side, axis=1))
-    return np.repeat(squares[..., None], 3, axis=-1)
+    return levels(np.repeat(share[..., None], 3, axis=-1))
 
 
 def png(picture: Bytes) -> bytes:
-    """Return a picture (H, W, 3) as PNG, reduced where it is larger than `MAX_SIDE_PX`."""
+    """Return a picture (H, W, 3) as PNG of `MIN_SIDE_PX` to `MAX_SIDE_PX` pixels, in whole steps of size."""
     from PIL import Image  # noqa: PLC0415 - images are opened without it
 
-    image = Image.fromarray(np.ascontiguousarray(picture))
-    factor = -(-max(image.size) // MAX_SIDE_PX)
+    longest = max(picture.shape[:2])
+    factor = max(1, MIN_SIDE_PX // longest)
+    larger = picture.repeat(factor, axis=0).repeat(factor, axis=1)
+    image = Image.fromarray(np.ascontiguousarray(larger))
+    divisor = -(-longest // MAX_SIDE_PX)
     stream = io.BytesIO()
-    (image if factor == 1 else image.reduce(factor)).save(stream, format="PNG", optimize=True)
+    (image if divisor == 1 else image.reduce(divisor)).save(stream, format="PNG", optimize=True)
     return stream.getvalue()
