@@ -177,8 +177,8 @@ class HogelImage(Shown):
         """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
 
         Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from
-        -1 to 1), and rgb or xyz. Column, row, x and y of the aperture are
-        coordinates; the camera's numbers and the scene's hash are attributes.
+        -1 to 1), and rgb or xyz. Column, row, x and y of the aperture are coordinates; the camera's numbers
+        and the scene's hash are attributes.
 
         Parameters
         ----------

@@ -32,6 +32,15 @@ MAX_POLYGONS = 20_000
 PLATE_PX = 2
 """Width of the line that is the plate."""
 
+Sight = tuple[int, int, tuple[float, float, float]]
+"""Coordinates that point to the right and upward in a picture, and the direction to whoever looks."""
+
+FRONT: Sight = (0, 1, (0.0, 0.0, 1.0))
+"""The sight of the viewer: x to the right, y up."""
+
+SIDE: Sight = (2, 1, (-1.0, 0.0, 0.0))
+"""The sight from the viewer's left, in which the viewer is at the right."""
+
 
 def said_of_scene(scene: Scene) -> str:
     """Return the plate, its frusta and the number of objects and triangles."""
@@ -112,28 +121,26 @@ def silhouettes(scene: Scene) -> Iterator[Figure]:
     half = np.array(scene.plate.size) / 2
     yield Figure(
         caption="as the viewer sees it: x to the right, y up",
-        content=png(_silhouette(scene, (0, 1, 2), np.array([-half, half]))),
+        content=png(_silhouette(scene, FRONT, np.array([-half, half]))),
     )
     toward, back = scene.frustum.reach
     edge = np.array([[0.0, -half[1]], [0.0, half[1]]])
-    ends = f"z from {digits(-back)} to {digits(toward)} {scene.units}"
+    ends = f"{digits(-back)} to {digits(toward)} {scene.units}"
     yield Figure(
-        caption=f"from the side, the viewer at the right: {ends} is the reach",
-        content=png(_silhouette(scene, (2, 1, 0), edge, (-back, toward))),
+        caption=f"from the viewer's left: the viewer is at the right, and the reach is z = {ends}",
+        content=png(_silhouette(scene, SIDE, edge, (-back, toward))),
     )
 
 
-def _silhouette(
-    scene: Scene, axes: tuple[int, int, int], plate: Floats, ends: tuple[float, ...] = ()
-) -> Bytes:
+def _silhouette(scene: Scene, sight: Sight, plate: Floats, ends: tuple[float, ...] = ()) -> Bytes:
     """Return a picture (H, W, 3) of a scene.
 
     Parameters
     ----------
     scene
         Scene that is drawn.
-    axes
-        Coordinates that point to the right, upward, and to whoever looks.
+    sight
+        Coordinates of the picture, and the direction to whoever looks.
     plate
         (2, 2) opposite corners of the plate, or both its ends.
     ends
@@ -141,8 +148,7 @@ def _silhouette(
     """
     from PIL import Image, ImageDraw  # noqa: PLC0415 - scenes are opened without it
 
-    right, up, toward = axes
-    corners = scene.triangles[:, :, [right, up]]
+    corners = scene.triangles[:, :, list(sight[:2])]
     reach = np.array([(end, 0.0) for end in ends]).reshape(-1, 2)
     low, high = _shown(scene, corners, np.concatenate((plate, reach)))
     scale = SILHOUETTE_PX / float((high - low).max()) / (1 + 2 * MARGIN)
@@ -156,7 +162,7 @@ def _silhouette(
     draw = ImageDraw.Draw(picture)
     for x in placed(reach)[:, 0].tolist():
         draw.line([(x, 0), (x, height)], fill=(round(LEVELS * SHADES[0]),) * 3)
-    gray = _shades(scene.triangles[:, :, toward].mean(axis=1))
+    gray = _shades(scene.triangles.mean(axis=1) @ np.array(sight[2]))
     triangles = placed(corners)
     # What is smaller than a pixel is a pixel.
     small = np.ptp(triangles, axis=1).max(axis=1) <= 1.0
