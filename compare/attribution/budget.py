@@ -31,6 +31,7 @@ from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.notebook.shown import Brief, Shown
 
 RIGHT = -1
 """Value in a map of charges of a pixel that is right in the end, or not judged."""
@@ -97,8 +98,8 @@ class BudgetNumbers:
     not_in_every_link: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class VectorBudget:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class VectorBudget(Brief):
     """What each link adds to a quantity, where every image of the chain shows a surface.
 
     Attributes
@@ -130,8 +131,8 @@ class VectorBudget:
         return [float(np.sqrt(np.nanmean(link))) if np.isfinite(link).any() else None for link in squared]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ChainStart:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ChainStart(Brief):
     """All images of a chain but the last: what the depth buffers of one pair of cameras share.
 
     Attributes
@@ -260,8 +261,8 @@ class ChainStart:
         return explain(self.reference.scene, self.images[link], after, self.subpixel_bits, pixels)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Budget:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Budget(Shown):
     """The error of one image, link by link.
 
     Attributes
@@ -377,6 +378,16 @@ class Budget:
         """Return the numbers as `budget --json` prints them."""
         numbers = self.numbers
         return {**asdict(numbers), "links": [asdict(link) for link in numbers.links]}
+
+    def _said(self) -> str:
+        return said_of_budget(self)
+
+
+def said_of_budget(budget: Budget) -> str:
+    """Return in a line how many pixels are wrong, and how many of these nothing explains."""
+    unexplained = budget.explanation.counts()["unexplained"]
+    wrong = f"{budget.wrong:,} of {budget.judged:,} judged pixels show another triangle"
+    return f"{wrong}, {unexplained:,} unexplained"
 
 
 def make_budget(reference: Reference, chain: Chain) -> Budget:

@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 from xfrustum.compare.attribution.budget import VectorBudget
-from xfrustum.compare.metrics.display import through_8_bits
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.left_out import measure_left_out
 from xfrustum.compare.prediction.chain import LINKS, Chain, links_of, make_chain
@@ -32,11 +31,13 @@ from xfrustum.reference import Reference
 from xfrustum.reference.averages import points_per_side
 from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.shading.shading import Shader
+from xfrustum.scenes.appearance.display import through_8_bits
 from xfrustum.scenes.appearance.sampling import Sampling, sub_apertures
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.shown import Brief
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -92,8 +93,8 @@ class RadianceNumbers:
     total: RadianceChange
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RadianceBudget:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RadianceBudget(Brief):
     """The radiance error of one image, link by link.
 
     Attributes

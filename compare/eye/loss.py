@@ -17,6 +17,7 @@ from xfrustum.scenes.model.eye import Eye, Replay
 from xfrustum.scenes.model.eye_image import EyeImage
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.shown import Brief
 
 ARCMIN_PER_RADIAN = 60 * 180 / math.pi
 
@@ -67,8 +68,8 @@ class Loss:
     flip: float | None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LossMaps:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LossMaps(Brief):
     """The same pixel by pixel, (H, W).
 
     Attributes
@@ -101,8 +102,8 @@ class LossMaps:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Views:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Views(Brief):
     """The three pictures of one eye.
 
     Attributes

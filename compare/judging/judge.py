@@ -13,7 +13,8 @@ from xfrustum.compare.attribution.budget import Cause
 from xfrustum.compare.judging.engine import Engine, JudgedFrame, Wanted
 from xfrustum.compare.judging.stopwatch import StageTimes
 from xfrustum.compare.judging.threads import DrawingThread
-from xfrustum.compare.metrics.comparison import ComparisonNumbers
+from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
+from xfrustum.compare.metrics.comparison_facts import figures, said_of_numbers, table_of_numbers
 from xfrustum.compare.prediction.predict import Prediction
 from xfrustum.reference import Reference
 from xfrustum.scenes.arguments import one_of
@@ -22,14 +23,15 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.look import is_shaded
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 Found = TypeVar("Found")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedDrawing:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class JudgedDrawing(Shown):
     """One drawing of a hogel, judged by the truth.
 
     Attributes
@@ -58,9 +60,21 @@ class JudgedDrawing:
     predicted: Prediction | None
     times: StageTimes
 
+    def _said(self) -> str:
+        return (
+            f"near {self.settings.near:.3g} scene units, {self.settings.depth_label}: "
+            f"{said_of_numbers(self.comparison)}"
+        )
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedHogel:
+    def _tables(self) -> Sequence[Table]:
+        return (table_of_numbers(self.comparison),)
+
+    def _figures(self) -> Sequence[Figure]:
+        return tuple(figures(self.comparison)) if isinstance(self.comparison, Comparison) else ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class JudgedHogel(Shown):
     """One hogel with its drawings, judged.
 
     Attributes
@@ -76,6 +90,13 @@ class JudgedHogel:
     aperture: Aperture
     truth: HogelImage | None
     drawings: tuple[JudgedDrawing, ...]
+
+    def _said(self) -> str:
+        drawn = "; ".join(one._said() for one in self.drawings)
+        return f"aperture {self.aperture.column},{self.aperture.row}; {drawn}"
+
+    def _figures(self) -> Sequence[Figure]:
+        return () if self.truth is None else self.truth._figures()
 
 
 class Judge:

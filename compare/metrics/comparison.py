@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +24,11 @@ from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.notebook.labels import SCENE_UNITS
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,8 +121,8 @@ class ComparisonNumbers:
     certainty: dict[str, int]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison(ComparisonNumbers):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Comparison(Shown, ComparisonNumbers):
     """How a raster image differs from the truth: in numbers, and pixel by pixel.
 
     Attributes
@@ -151,6 +157,38 @@ class Comparison(ComparisonNumbers):
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `compare --json` prints them."""
         return asdict(self.numbers)
+
+    def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
+        """Return the errors with labels, as an `xarray.Dataset` over v and u; see `HogelImage.to_xarray`.
+
+        Parameters
+        ----------
+        units
+            Name of the scene's unit of length (`scene.units`), which images do not know.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        from xfrustum.compare.metrics.comparison_facts import labelled  # noqa: PLC0415 - it knows this module
+
+        return labelled(self, units)
+
+    def _said(self) -> str:
+        from xfrustum.compare.metrics.comparison_facts import said_of_comparison  # noqa: PLC0415 - likewise
+
+        return said_of_comparison(self)
+
+    def _tables(self) -> Sequence[Table]:
+        from xfrustum.compare.metrics.comparison_facts import table_of_numbers  # noqa: PLC0415 - likewise
+
+        return (table_of_numbers(self),)
+
+    def _figures(self) -> Sequence[Figure]:
+        from xfrustum.compare.metrics.comparison_facts import figures  # noqa: PLC0415 - likewise
+
+        return tuple(figures(self))
 
 
 def compare_images(

@@ -15,10 +15,11 @@ from xfrustum.compare.metrics.surface import Undecided, surface_errors, undecide
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.notebook.shown import Brief
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ErrorMaps:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ErrorMaps(Brief):
     """Each error as an image.
 
     Attributes
@@ -63,8 +64,8 @@ class HeightError:
         return cls(rms=float(np.sqrt(np.mean(error**2))), max=float(np.abs(error).max()))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PixelErrors:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PixelErrors(Brief):
     """The errors of an image: numbers of displacement and height, and which pixels are wrong.
 
     A survey reads numbers alone: the maps of displacement and height are made when they are first asked for.
@@ -160,8 +161,8 @@ def pixel_errors(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedImage:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class JudgedImage(Brief):
     """An image that was compared with the truth, beside which images with other depth buffers are judged.
 
     Most of their pixels show the same point of the same triangle. Whether a pixel shows the wrong surface

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
-from xfrustum.compare.metrics.display import encoded
+from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.arrays import Singles
 
 PIXELS_PER_DEGREE = 0.7 * (3840 / 0.7) * math.pi / 180

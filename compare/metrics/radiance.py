@@ -18,6 +18,7 @@ from xfrustum.compare.metrics.perceptual import PIXELS_PER_DEGREE, perceptual_di
 from xfrustum.reference.transport.transport import RadianceEstimate
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.notebook.shown import Brief
 
 STEP = 1 / 255
 """One level of 8-bit output, in linear radiance: the difference that two shaded answers may have."""
@@ -122,8 +123,8 @@ class RadianceNumbers(RadianceSpread):
     noise: NoiseNumbers | None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RadianceError:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RadianceError(Brief):
     """How far the colors of a raster image are from the truth's.
 
     Attributes

@@ -15,12 +15,14 @@ from xfrustum.compare.planning.search import MAX_CUTS, SEPARATION_MARGIN, Attemp
 from xfrustum.compare.planning.views import Quality, Requirement, Views
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import digits, percent
+from xfrustum.scenes.notebook.shown import Shown, Table
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DepthMapping, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plan:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Plan(Shown):
     """What to draw with, and what that keeps.
 
     Attributes
@@ -77,6 +79,46 @@ class Plan:
             "plate": self.plate.summary() if self.plate else None,
             "apertures": _choices(self.auto) if self.auto else None,
         }
+
+    def _said(self) -> str:
+        settings = self.settings
+        if settings is None or self.measured is None:
+            return f"none; {self.reason}"
+        cuts = f"cuts at {', '.join(map(digits, self.slabs))}" if self.slabs else "no cuts"
+        keeps = "keeps what is required" if self.within else "does not keep what is required"
+        return (
+            f"near {digits(settings.near)} scene units, {cuts}, {settings.depth_label}; "
+            f"measured at the worst aperture: 99 of 100 surface points "
+            f"within {digits(self.measured.displacement_p99_px)} px, "
+            f"{percent(self.measured.depth_wrong)} wrong by depth; {keeps}"
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        found = [Table(rows=[("reason", self.reason)])]
+        if self.predicted is not None and self.measured is not None:
+            head = ("at the worst aperture", "predicted", "measured")
+            rows = [
+                (words, *(write(getattr(one, name)) for one in (self.predicted, self.measured)))
+                for name, words, write in _QUALITIES
+            ]
+            found.insert(0, Table(head=head, rows=rows, numbers=True))
+        if self.plate is not None:
+            one = self.plate
+            bound = f"{percent(one.share_beyond_at_most)} ({percent(one.confidence)})"
+            judged = (
+                f"{one.hogels:,}, of which {one.scouted:,} were looked through and {one.measured:,} measured"
+            )
+            found.append(Table(rows=[("hogels", judged), ("share of the plate beyond, at most", bound)]))
+        return found
+
+
+_QUALITIES = (
+    ("displacement_p99_px", "displacement, 99 %, px", digits),
+    ("depth_wrong", "wrong by depth", percent),
+    ("misordered", "sheets in the wrong order", percent),
+    ("separation", "smallest separation, scene units", digits),
+)
+"""Fields of `Quality`, their names in a table, and the functions that write their values."""
 
 
 def _choices(auto: AutoApertures) -> list[dict[str, object]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.notebook.shown import Brief
 from xfrustum.scenes.plate.double_frustum import Cull, DepthFormat, DepthMapping, DoubleFrustum, Fit, Pivot
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -27,8 +28,8 @@ EXACT_DEPTH = (DepthFormat.D32F, DepthMapping.LINEAR)
 """The depth buffer without a depth problem: what it alone shows rightly is charged to depth."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Chain:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Chain(Brief):
     """T0, T1, T2, T3, T4, R0 and R1 of one aperture; with culling T5 between T4 and R0.
 
     Attributes

@@ -29,10 +29,11 @@ from xfrustum.compare.rounding.depth import Depths, depths
 from xfrustum.compare.rounding.edges import PixelIndex, PixelTriangles, placement
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.notebook.shown import Brief
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Causes:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Causes(Brief):
     """Pixels that show another triangle than expected, each under one heading.
 
     Attributes

@@ -19,6 +19,7 @@ from xfrustum.reference.tracers.tracer import Tracer
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.shown import Brief
 
 OPINION_PIXELS = 1 << 18
 """Pixels that a second opinion asks for at once. This bounds the memory, some 200 bytes each."""
@@ -60,8 +61,8 @@ def proposed(tracer: Tracer, scene: Scene, pencils: Sequence[Pencil], rows: rang
     return hits.reshape(len(pencils), len(rows), -1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SecondOpinion:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SecondOpinion(Brief):
     """The pixels at which a tracer contradicts decisions; calling it asks the tracer.
 
     Attributes

@@ -5,20 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from xfrustum.compare.attribution.budget import Budget, BudgetNumbers, LinkNumbers, make_budget
+from xfrustum.compare.attribution.budget import (
+    RIGHT,
+    Budget,
+    BudgetNumbers,
+    LinkNumbers,
+    make_budget,
+    said_of_budget,
+)
 from xfrustum.compare.attribution.radiance_budget import RadianceBudget, RadianceNumbers
 from xfrustum.compare.extent import require_seen
+from xfrustum.compare.metrics.displacement import lengths
 from xfrustum.compare.prediction.chain import Chain, make_chain
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.reports.commands import radiance_budgeting
+from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.scouting.automatic import ChoiceRecord, spelled
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.pictures import as_shown, marked, png
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -30,8 +41,8 @@ class BudgetRecord(BudgetNumbers):
     radiance: RadianceNumbers
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BudgetReport(Summarized[BudgetRecord]):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class BudgetReport(Shown, Summarized[BudgetRecord]):
     """The error of one image, charged to its causes.
 
     Attributes
@@ -65,6 +76,31 @@ class BudgetReport(Summarized[BudgetRecord]):
         """Return the numbers as aligned lines."""
         return f"{table(self.geometry)}\n{radiance_budgeting.table(self.radiance)}"
 
+    def _said(self) -> str:
+        column, row = self.aperture.index
+        settings = f"near {digits(self.settings.near)} {self.scene.units}, {self.settings.depth_label}"
+        return (
+            f"{self.scene.name!r}, aperture {column},{row} with {settings}: {said_of_budget(self.geometry)}"
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        head = ("charged to", "pixels", "surface", "moves by, px rms")
+        links = self.geometry.causes
+        rows = [
+            (link.name, f"{link.triangle:,}", f"{link.surface:,}", _three_digits(link.displacement_rms_px))
+            for link in links
+        ]
+        counts = self.geometry.explanation.counts()
+        rounding = ", ".join(f"{count:,} {name}" for name, count in counts.items())
+        return (Table(head=head, rows=rows, numbers=True), Table(rows=[("wrong by rounding", rounding)]))
+
+    def _figures(self) -> Sequence[Figure]:
+        drawn, wrong = self.geometry.drawn, self.geometry.surface_charge != RIGHT
+        shown = as_shown(drawn.color, drawn.covered, drawn.height)
+        caption = "wrong surfaces red, displacement blue (full at 1 px)"
+        marks = marked(shown, wrong, lengths(self.geometry.moved))
+        return (Figure(caption=caption, content=png(marks)),)
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlacedBudgetRecord:
@@ -81,8 +117,8 @@ class AutoBudgetRecord:
     apertures: tuple[PlacedBudgetRecord, ...]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AutoBudget(Summarized[AutoBudgetRecord]):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AutoBudget(Shown, Summarized[AutoBudgetRecord]):
     """A budget at each of the apertures that were chosen for a plate.
 
     Attributes
@@ -113,6 +149,19 @@ class AutoBudget(Summarized[AutoBudgetRecord]):
             for chosen, one in zip(self.auto.chosen, self.budgets, strict=True)
         ]
         return "\n\n".join(parts)
+
+    def _said(self) -> str:
+        return f"{len(self.budgets)} apertures; " + "; ".join(
+            f"{one.aperture.column},{one.aperture.row}: {said_of_budget(one.geometry)}"
+            for one in self.budgets
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        rows = [
+            (*spelled(chosen).split(": ", 1), said_of_budget(one.geometry))
+            for chosen, one in zip(self.auto.chosen, self.budgets, strict=True)
+        ]
+        return (Table(rows=rows),)
 
 
 def auto_budget(

@@ -13,12 +13,12 @@ import numpy as np
 from PIL import Image
 
 from xfrustum.compare.extent import require_seen
-from xfrustum.compare.metrics.display import LEVELS, encoded
 from xfrustum.raster import Rasterizer
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.templates_environment import html_page
 from xfrustum.reports.common.timing import Stopwatch
+from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Camera, DepthFormat, DepthMapping, DoubleFrustum

@@ -2,7 +2,7 @@
 
 figure_style           How every figure looks: colors that are told apart, axes that can be read, timings
                        of repetitions
-formatting             Numbers as people read them
+formatting             Numbers as people read them, and words that pages share
 geometry               Camera geometries: pivot, fit, offset and cuts of a setting, without its near and its
                        depth buffer
 json_ready             Values as JSON takes them: one conversion for everything that is written or embedded

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +15,7 @@ from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common import provenance
+from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED, json_object
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.common.timing import Stopwatch, Timing
@@ -28,6 +29,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, needed
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.shown import Shown, Table
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import TOLERANCE_PX
 
@@ -48,8 +50,8 @@ class CostRecord:
     versions: dict[str, str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CostReport:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class CostReport(Shown):
     """Every option measured on a scene.
 
     Attributes
@@ -79,6 +81,25 @@ class CostReport:
     def answers(self) -> tuple[FastestWithin, ...]:
         """The cheapest options within the tolerance and within a fifth of it."""
         return answers(self.options, self.tolerance_px)
+
+    def _said(self) -> str:
+        column, row = self.aperture.index
+        answered = " ".join(answer.sentence for answer in self.answers)
+        return f"{len(self.options)} ways to draw aperture {column},{row} of {self.scene.name!r}. {answered}"
+
+    def _tables(self) -> Sequence[Table]:
+        ascending = sorted(self.options, key=lambda one: one.time_s.median)
+        rows = [
+            (
+                one.label,
+                digits(1e3 * one.time_s.median),
+                digits(one.displacement_p99_px),
+                percent(one.surface_fraction),
+            )
+            for one in ascending
+        ]
+        head = ("configuration", "time, ms", "displacement 99 %, px", "wrong surfaces")
+        return (Table(head=head, rows=rows, numbers=True),)
 
     def summary(self) -> dict[str, Any]:
         """Return everything as one JSON object."""

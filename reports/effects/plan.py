@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
@@ -17,6 +18,7 @@ from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect, Question, decide
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.model.slabs import SlabContent, slab_contents
+from xfrustum.scenes.notebook.shown import Shown, Table
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -60,8 +62,8 @@ class Row:
     out_of_sight: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class EffectsPlan:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class EffectsPlan(Shown):
     """The effects that one image will have, decided before anything runs, and their measured costs.
 
     Attributes
@@ -102,6 +104,20 @@ class EffectsPlan:
         reflects = any(row.used for row in self.rows if row.name == Effect.REFLECTION)
         kinds = ("surfaces", "reflections") if reflects else ("surfaces",)
         return tuple((slab.camera, slab.heights, kind) for kind in kinds for slab in self.drawn)
+
+    def _said(self) -> str:
+        column, row = self.aperture.index
+        used, left_out = (
+            ", ".join(one.name for one in self.rows if one.used is wanted) or "nothing"
+            for wanted in (True, False)
+        )
+        return (
+            f"aperture {column},{row} of {self.scene.name!r} calls for {used}; it is drawn without {left_out}"
+        )
+
+    def _tables(self) -> Sequence[Table]:
+        rows = [(one.name, "used" if one.used else "left out", one.reason) for one in self.rows]
+        return (Table(head=("effect", "", "reason"), rows=rows),)
 
 
 def explain(

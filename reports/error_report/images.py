@@ -15,10 +15,10 @@ from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 
 from xfrustum.compare.metrics.displacement import lengths
-from xfrustum.compare.metrics.display import LEVELS, encoded
 from xfrustum.compare.rounding.positions import FLOAT32_ROUNDING, POSITION_ROUNDINGS, largest_tolerance
 from xfrustum.reports.error_report.causes import CAUSE_COLORS, UNEXPLAINED_COLOR
 from xfrustum.reports.measurements.measurement import SettingPictures
+from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.arrays import Bytes, Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from xfrustum.reports.common.outputs import Staging
@@ -83,12 +83,15 @@ class ConversionOptions:
         Suffix of the pictures to be written; None for that of the layout, and .exr for floating point.
     array
         Array of a Zarr group to be read or written: `color` or `triangle`.
+    aspect
+        Width of the plate over its height, which quilts state; None for that of the numbers of hogels.
     """
 
     hogels: tuple[int, int] | None = None
     tiles: tuple[int, int] | None = None
     suffix: str | None = None
     array: PlateArray | str | None = None
+    aspect: float | None = None
 
 
 def convert(
@@ -185,10 +188,16 @@ def _into_files(
     suffix = out.suffix.lower() if single else options.suffix
     layout = layout_for(layout_name, suffix)
     naming = Naming(
-        suffix=suffix or (".exr" if plate.levels is None else layout.suffix),
+        suffix=suffix or layout.suffix,
         stem=_stem(out, layout) if single else "",
+        aspect=options.aspect,
         tiles=options.tiles,
     )
+    floating = replace(naming, suffix=".exr")
+    if suffix is None and plate.levels is None and _is_named(layout, plate.shape, floating):
+        naming = floating
+    if not _is_named(layout, plate.shape, naming):
+        raise InputError(f"files of the layout {layout.name} end in {layout.suffix}, not in {naming.suffix}")
     target = Target(layout=layout, naming=naming)
     files, losses = target.files(plate.shape), target.losses(plate)
     with Staging(out.absolute().parent if single else out) as staging:
@@ -200,6 +209,11 @@ def _into_files(
     return _done(
         plate, source, place, (name, reasons, layout.name), (files, losses, target.notes(plate.shape))
     )
+
+
+def _is_named(layout: Layout, shape: PlateShape, naming: Naming) -> bool:
+    """Return whether files under these names are files of the layout: `pleno` has no other than .ppm."""
+    return layout.index_of(next(iter(layout.parts(shape, naming))).name) is not None
 
 
 def _stem(out: Path, layout: Layout) -> str:

@@ -9,18 +9,10 @@ import numpy as np
 from PIL import Image
 
 from xfrustum.compare.eye.loss import LossMaps
-from xfrustum.compare.metrics.display import LEVELS, encoded
-from xfrustum.scenes.arrays import Bytes, Floats, Singles
+from xfrustum.scenes.appearance.display import LEVELS
+from xfrustum.scenes.arrays import Bytes, Floats
 from xfrustum.scenes.model.eye_image import EyeImage
-
-SHADES = (0.35, 0.9)
-"""Darkest and lightest gray of surfaces in pictures without color, by height."""
-
-WRONG = (224, 49, 49)
-"""Color of pixels that show a wrong surface."""
-
-MOVED = (49, 130, 224)
-"""Color of pixels that show a point displaced by as much as an eye can see, or more."""
+from xfrustum.scenes.notebook.pictures import as_shown, marked
 
 SEEN_ARCMIN = 1.0
 """Displacement from which on a map is in full color: what a good eye resolves."""
@@ -34,29 +26,12 @@ FRAME_MS = 350
 
 def shown(image: EyeImage) -> Bytes:
     """Return a view as a screen shows it, (H, W, 3); without colors, surfaces are gray by their height."""
-    if image.color is not None:
-        return _levels(encoded(image.color))
-    gray = np.zeros(image.triangle.shape)
-    height = image.position[..., 2]
-    known = np.isfinite(height)
-    gray[image.covered] = SHADES[0]
-    if known.any():
-        low, high = float(height[known].min()), float(height[known].max())
-        share = (height[known] - low) / (high - low if high > low else 1.0)
-        gray[known] = SHADES[0] + share * (SHADES[1] - SHADES[0])
-    return _levels(np.repeat(gray[..., None], 3, axis=-1))
+    return as_shown(image.color, image.covered, image.position[..., 2])
 
 
 def loss_map(image: EyeImage, maps: LossMaps) -> Bytes:
     """Return a dimmed view on which wrong surfaces are red and displaced points blue, (H, W, 3)."""
-    gray = shown(image).mean(axis=-1, keepdims=True) * 0.5
-    picture = np.repeat(gray, 3, axis=-1)
-    moved = np.nan_to_num(np.clip(maps.displacement_arcmin / SEEN_ARCMIN, 0.0, 1.0))[..., None]
-    picture = picture * (1 - 0.8 * moved) + 0.8 * moved * np.array(MOVED)
-    if maps.wrong is not None:
-        picture[maps.wrong] = WRONG
-    levels: Bytes = np.rint(picture).astype(np.uint8)
-    return levels
+    return marked(shown(image), maps.wrong, maps.displacement_arcmin / SEEN_ARCMIN)
 
 
 def numbers_picture(image: EyeImage) -> Bytes:
@@ -106,8 +81,3 @@ def side_by_side(pictures: Sequence[Bytes]) -> Bytes:
     gap = np.full((pictures[0].shape[0], 4, 3), LEVELS, dtype=np.uint8)
     parts = [part for picture in pictures for part in (gap, picture)]
     return np.concatenate(parts[1:], axis=1)
-
-
-def _levels(values: Singles | Floats) -> Bytes:
-    levels: Bytes = np.rint(LEVELS * np.asarray(values)).astype(np.uint8)
-    return levels

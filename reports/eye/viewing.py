@@ -13,15 +13,23 @@ from xfrustum.compare.eye.loss import Loss, LossMaps, Views, display_loss, pixel
 from xfrustum.compare.eye.moved import moves_rigidly
 from xfrustum.compare.eye.stereo import Disparity, disparity
 from xfrustum.reference.eye.view import EyeReference
+from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.progress import progress_bar
+from xfrustum.reports.eye.pictures import shown
 from xfrustum.reports.eye.sources import Source
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.eye import Eye, Replay
 from xfrustum.scenes.model.eye_image import EyeImage
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.numbers import counted
+from xfrustum.scenes.notebook.pictures import png
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Offset
+
+MAX_SHOWN_EYES = 4
+"""Largest number of eyes whose pictures a notebook shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,8 +97,8 @@ class ViewRecord:
     hogels: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneView:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SceneView(Shown):
     """Pictures, maps and numbers of all eyes.
 
     Attributes
@@ -116,6 +124,52 @@ class SceneView:
     def summary(self) -> dict[str, Any]:
         """Return the numbers as `view --json` prints them."""
         return json_object(self.record)
+
+    def _said(self) -> str:
+        hogels = counted(self.record.hogels, "hogel")
+        said = f"{self.scene.name!r}, seen by {counted(len(self.views), 'eye')} through {hogels}"
+        parts = [f"the display shows {_worst([one.display for one in self.record.eyes])}"]
+        renderer = [one.renderer for one in self.record.eyes if one.renderer is not None]
+        if renderer:
+            parts.append(f"{self.record.source} besides {_worst(renderer)}")
+        return f"{said}; {', '.join(parts)}"
+
+    def _tables(self) -> Sequence[Table]:
+        head = (
+            "eye, " + self.scene.units,
+            "pixels per degree",
+            "lost by",
+            "wrong surfaces",
+            "displacement 99 %, arcmin",
+        )
+        rows = [
+            (", ".join(map(digits, one.eye)), digits(one.pixels_per_degree), name, *_loss_cells(loss))
+            for one in self.record.eyes
+            for name, loss in (("display", one.display), (self.record.source or "", one.renderer))
+            if loss is not None
+        ]
+        return (Table(head=head, rows=rows),)
+
+    def _figures(self) -> Sequence[Figure]:
+        names = {"true": "true view", "replayed": "replayed truth", "drawn": self.record.source or ""}
+        return [
+            Figure(caption=f"eye {number}, {words}", content=png(shown(image)))
+            for number, seen in enumerate(self.views[:MAX_SHOWN_EYES])
+            for name, words in names.items()
+            if (image := getattr(seen, name)) is not None
+        ]
+
+
+def _worst(losses: Sequence[Loss]) -> str:
+    """Return the largest share of wrong surfaces of some losses in words."""
+    known = [loss.fraction for loss in losses if loss.fraction is not None]
+    return f"up to {percent(max(known))} wrong surfaces" if known else "an unknown share of wrong surfaces"
+
+
+def _loss_cells(loss: Loss) -> tuple[str, str]:
+    moved = loss.displacement_arcmin
+    wrong = "-" if loss.fraction is None else percent(loss.fraction)
+    return wrong, "-" if moved is None else digits(moved.p99)
 
 
 def eyes_on_path(eyes: Sequence[Eye], count: int | None) -> tuple[Eye, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 from xfrustum.compare.metrics.paired import is_worse
-from xfrustum.reports.common.formatting import _plain, digits, percent
+from xfrustum.reports.common.formatting import digits, percent, plain
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_names
 from xfrustum.reports.measurements.cause_words import main_cause
 from xfrustum.reports.measurements.measurement import Measurement
@@ -353,4 +353,4 @@ def near_range(window: Window, unit: float = 1.0) -> str:
 def pixels(value: float) -> str:
     """Write a displacement with two digits; below `DISPLACEMENT_TIE_PX` they mean nothing."""
     rounded = float(f"{max(value, DISPLACEMENT_TIE_PX):.2g}")
-    return f"{rounded:,.0f} px" if rounded >= 100 else _plain(f"{rounded:.2g} px")
+    return f"{rounded:,.0f} px" if rounded >= 100 else plain(f"{rounded:.2g} px")

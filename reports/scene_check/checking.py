@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,11 +10,14 @@ import numpy as np
 
 from xfrustum.compare.extent import ObjectExtent, Sight, extents, heights, length, unseen_facts, warnings
 from xfrustum.compare.extent.facts import Point
+from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.scene_check.drawing import draw_view
 from xfrustum.reports.scene_check.picture_frame import View
 from xfrustum.scenes.model.scene import NormalsMade, Scene, SceneObject
+from xfrustum.scenes.notebook.numbers import counted
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.plate import Plate
 
 FILES = tuple(f"{view.value}.svg" for view in View)
@@ -75,8 +79,8 @@ class CheckRecord:
     seen: bool
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneCheck(Summarized[CheckRecord]):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SceneCheck(Shown, Summarized[CheckRecord]):
     """A scene, as it is known before it is drawn.
 
     Attributes
@@ -99,6 +103,29 @@ class SceneCheck(Summarized[CheckRecord]):
     def view(self, view: View | str) -> str:
         """Return the `side` or the `top` view as an SVG document."""
         return draw_view(self.scene, View(view))
+
+    def _said(self) -> str:
+        seen = "apertures see it" if self.seen else "no aperture sees anything"
+        told = counted(len(self.warnings), "warning")
+        return f"{self.scene.name!r}, {counted(len(self.objects), 'object')}, {seen}; {told}"
+
+    def _tables(self) -> Sequence[Table]:
+        units = self.scene.units
+        rows = [
+            (
+                Path(one.extent.name).name,
+                f"{one.extent.triangles:,}",
+                " x ".join(map(digits, one.extent.size)),
+                f"{digits(one.extent.low[2])} to {digits(one.extent.high[2])}",
+                f"{one.extent.sight.apertures:,}",
+            )
+            for one in self.objects
+        ]
+        head = ("object", "triangles", f"size, {units}", f"heights, {units}", "apertures that see it")
+        return (Table(head=head, rows=rows), Table(rows=[("warning", line) for line in self.warnings]))
+
+    def _figures(self) -> Sequence[Figure]:
+        return [Figure(caption=view.value, content=self.view(view).encode()) for view in View]
 
     @property
     def record(self) -> CheckRecord:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from xfrustum.compare.scouting.sample import CONFIDENCE
 from xfrustum.compare.scouting.strata import (
@@ -15,8 +18,10 @@ from xfrustum.compare.scouting.strata import (
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.summaries import Summarized
-from xfrustum.reports.survey.tally import Tally, WorstHogel
+from xfrustum.reports.survey.tally import P99, Tally, WorstHogel
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.pictures import map_of, png
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
 
@@ -130,8 +135,8 @@ class Extent:
         return 1 - each if self.look is None else risk_of_look(self.look, each)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Survey(Summarized[SurveyRecord]):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Survey(Shown, Summarized[SurveyRecord]):
     """What a survey has found.
 
     Attributes
@@ -259,6 +264,34 @@ class Survey(Summarized[SurveyRecord]):
                 for number, one in enumerate(self.settings)
             ),
         )
+
+    def _said(self) -> str:
+        return f"{self.scene.name!r}, {self.sentence}"
+
+    def _tables(self) -> Sequence[Table]:
+        shares = [(one, self.share(number)) for number, one in enumerate(self.settings)]
+        rows = [
+            (
+                "as found"
+                if one is None
+                else f"near {digits(one.near)} {self.scene.units}, {one.depth_label}",
+                f"{share.judged:,}",
+                f"{share.beyond:,}",
+                "-" if share.share_beyond_at_most is None else percent_up(share.share_beyond_at_most),
+                "-" if share.worst is None else f"{share.worst.aperture[0]},{share.worst.aperture[1]}",
+            )
+            for one, share in shares
+        ]
+        head = ("settings", "judged", "beyond", "share beyond, at most", "worst hogel")
+        return (Table(head=head, rows=rows, numbers=True),)
+
+    def _figures(self) -> Sequence[Figure]:
+        found = self.tallies[self.best].maps.get(P99)
+        if found is None or not np.isfinite(found).any():
+            return ()
+        largest = digits(float(np.nanmax(found)))
+        caption = f"99th percentile of displacement over the plate, up to {largest} px; black: not judged"
+        return (Figure(caption=caption, content=png(map_of(found))),)
 
     def table(self) -> str:
         """Return the sentence, and each setting where there are several."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from xfrustum.reports.cluster.job import Session
 from xfrustum.reports.cluster.rows_job import RowsJob
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.survey.hogels import Pictures
 from xfrustum.reports.survey.rows import ForeignRow
-from xfrustum.reports.verification.file_state import require_same_images, state_of_images
+from xfrustum.reports.verification.file_state import require_same_images, state_of_files
 from xfrustum.reports.verification.verdict import Limits
-from xfrustum.reports.verification.verification import HogelVerifier
+from xfrustum.reports.verification.verification import HogelVerifier, checked_files
 from xfrustum.scenes.files.foreign_images import Encoding
+from xfrustum.scenes.files.layouts.detection import PARAMETERS_FILE, pictures_at
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Plate
 
@@ -26,26 +28,61 @@ class ForeignPlate:
     Attributes
     ----------
     pattern
-        Names of its files, with {i} for the column and {j} for the row.
+        Names of its files, with {i} for the column and {j} for the row; or a folder or picture in a layout.
     encoding
         What pictures mean; None for `rgb`.
     near
         Near offset that the renderer is known to have.
     accept
         Conventions that are no faults.
+    layout
+        Layout of a folder or picture; None for the one that it looks like.
     """
 
     pattern: str
     encoding: Encoding | None = None
     near: float | None = None
     accept: tuple[str, ...] = ()
+    layout: str | None = None
+
+    def found(self, scene: Scene, told: Callable[[str], object]) -> ForeignPlate:
+        """Return the plate by its absolute path, with the layout in which its files are read.
+
+        Parameters
+        ----------
+        scene
+            Scene of the plate.
+        told
+            Function that is told which layout a folder or picture looks like, where none is stated.
+
+        Raises
+        ------
+        InputError
+            There is no file of any hogel, or the files do not fit the layout.
+        """
+        place = str(Path(self.pattern).absolute())
+        files = checked_files(scene, place, self.layout)
+        if files is not None and self.layout is None:
+            told(f"{self.pattern} looks like {files.words}")
+        return replace(self, pattern=place, layout=None if files is None else files.layout.name)
 
     def state(self, plate: Plate) -> str:
         """Return a digest of the names, sizes and times of all image files: it changes when any is written.
 
         Every row depends on images all over the plate, from which the renderer's faults are diagnosed.
         """
-        return state_of_images(self.pattern, plate.apertures())
+        return state_of_files(self._names(plate))
+
+    def _names(self, plate: Plate) -> Iterator[str]:
+        """Yield the paths of all files that images are read from."""
+        if self.layout is None:
+            for aperture in plate.apertures():
+                yield self.pattern.format(i=aperture.column, j=aperture.row)
+            return
+        place = Path(self.pattern)
+        yield from map(
+            str, (*pictures_at(place), (place if place.is_dir() else place.parent) / PARAMETERS_FILE)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,11 +119,12 @@ class ForeignJob(RowsJob):
             The scene or the images are others than those of the command.
         """
         here = self.scene_here(scene)
-        require_same_images(self.plate.pattern, here.plate.apertures(), self.state)
+        require_same_images(self.plate.pattern, self.plate.state(here.plate), self.state)
         verifier = HogelVerifier(
             here,
             self.plate.pattern,
             encoding=self.plate.encoding,
+            layout=self.plate.layout,
             limits=Limits(displacement_px=self.tolerance_px),
             near=self.plate.near,
             accept=self.plate.accept,

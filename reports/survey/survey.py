@@ -30,7 +30,6 @@ from xfrustum.reports.survey.foreign import ForeignJob, ForeignPlate
 from xfrustum.reports.survey.hogels import HogelsJob, Pictures, worst_pictures
 from xfrustum.reports.survey.page import FILES, Pictured, write_survey
 from xfrustum.reports.survey.tally import Tally, tallies
-from xfrustum.reports.verification.verification import check_files
 from xfrustum.scenes.arguments import one_of, real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
@@ -147,6 +146,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
         raise InputError(f"--tolerance-px must be positive, not {tolerance_px}")
     check_writable_folder(out, FILES)
     require_seen(scene, scene.plate.apertures())
+    if isinstance(settings, ForeignPlate):
+        settings = settings.found(scene, told)
     job, several = _job(scene, settings, chosen, tolerance_px, tracer, out)
     run = _Run(
         scene=scene, job=job, settings=several, chosen=chosen, tolerance_px=tolerance_px, engine=engine
@@ -170,14 +171,12 @@ def _job(
     work: dict[str, Any]
     job: Surveyed
     if isinstance(settings, ForeignPlate):
-        foreign = ForeignPlate(**{**vars(settings), "pattern": str(Path(settings.pattern).absolute())})
-        check_files(scene, foreign.pattern)
-        blocks, state = chosen.blocks(scene, 1), foreign.state(scene.plate)
+        blocks, state = chosen.blocks(scene, 1), settings.state(scene.plate)
         job = ForeignJob(
-            ticket=ticket, plate=foreign, state=state, tolerance_px=tolerance_px, blocks=blocks, parts=parts
+            ticket=ticket, plate=settings, state=state, tolerance_px=tolerance_px, blocks=blocks, parts=parts
         )
         several: tuple[DoubleFrustum | None, ...] = (None,)
-        work = {"images": foreign, "state of the images": state}
+        work = {"images": settings, "state of the images": state}
     else:
         drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
         if not drawn:

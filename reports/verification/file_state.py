@@ -45,9 +45,9 @@ def state_of_command(template: str) -> str:
     return state_of_files(found)
 
 
-def require_same_images(pattern: str, apertures: Iterable[Aperture], state: str) -> None:
-    """Raise InputError where a process finds other images than the command did."""
-    if state_of_images(pattern, apertures) != state:
+def require_same_images(pattern: str, found: str, state: str) -> None:
+    """Raise InputError where a process finds other images than the command did: by digests of both."""
+    if found != state:
         raise InputError(
             f"{pattern}: a worker finds other image files than the command; give both the same files, and "
             "leave them as they are while they are judged"

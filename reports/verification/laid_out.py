@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from xfrustum.scenes.files.layouts.reading import LaidOutFiles, with_levels
 from xfrustum.scenes.files.layouts.tiles import Quilt
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.plate.plate import Aperture, Plate
 
 LAYOUT = "layout"
 """Name of the fault that files are in another layout than stated."""
@@ -131,6 +132,13 @@ def _colored(color: np.ndarray[tuple[int, ...], np.dtype[np.float32]], camera: H
     nothing = np.full(color.shape[:2], NOTHING, dtype=np.int32)
     position = np.full(color.shape, np.nan, dtype=np.float32)
     return HogelImage(camera=camera, triangle=nothing, object=nothing, position=position, color=color)
+
+
+def is_place(source: str, plate: Plate) -> bool:
+    """Return whether a source names a folder, or one picture of a plate of several hogels."""
+    with suppress(OSError, ValueError):  # what cannot be the name of a file may still be a pattern
+        return Path(source).is_dir() or (plate.hogels != (1, 1) and Path(source).is_file())
+    return False
 
 
 def laid_out(place: Path, layout: str | None, reference: Reference, encoding: Encoding) -> LaidOut:

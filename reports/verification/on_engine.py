@@ -170,7 +170,7 @@ class VerifyJob(RowsJob):
         here, renderer = self.scene_here(scene), self.renderer
         asked = asked_apertures(here, self.indices)
         if renderer.source is not None:
-            require_same_images(renderer.source, asked, self.state)
+            require_same_images(renderer.source, renderer.state(asked), self.state)
         reference = Reference(here)
         with _source(reference, renderer) as source:
             yield VerifySession(

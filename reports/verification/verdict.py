@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -16,6 +17,7 @@ from xfrustum.reports.verification.worst_hogels import WorstHogels
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.plate import Aperture
 from xfrustum.tolerances import MAX_WRONG, TOLERANCE_PX
 
@@ -219,8 +221,8 @@ class VerificationRecord:
     hogels: tuple[HogelRecord, ...]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Verification(Summarized[VerificationRecord]):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Verification(Shown, Summarized[VerificationRecord]):
     """The answer to `xfrustum verify`.
 
     Attributes
@@ -268,6 +270,24 @@ class Verification(Summarized[VerificationRecord]):
             return True
         wrong = not all(check.held for hogel in self.hogels for check in hogel.checks)
         return False if wrong or self.diagnosis.does_not_explain else None
+
+    def _said(self) -> str:
+        from xfrustum.reports.verification.files import sentence  # noqa: PLC0415 - it knows this module
+
+        return f"{self.source} as an answer to {self.scene.name!r}. {sentence(self)}"
+
+    def _tables(self) -> Sequence[Table]:
+        rows = [(check.words, "kept" if check.held else "exceeded") for check in self.checks]
+        words = [fault.words for fault in self.diagnosis.faults] or ["nothing found"]
+        diagnosis = Table(rows=[(f"diagnosis, by {self.diagnosis.means}", text) for text in words])
+        return (Table(head=("worst hogel", "limit"), rows=rows), diagnosis)
+
+    def _figures(self) -> Sequence[Figure]:
+        return [
+            Figure(caption=f"worst hogel, {name}", content=b64decode(url.partition(",")[2]))
+            for one in self.worst.kept[:1]
+            for name, url in one.pictures.items()
+        ]
 
     @property
     def record(self) -> VerificationRecord:

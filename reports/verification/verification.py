@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ from xfrustum.compare.renderer_model.shown_points import shown_points
 from xfrustum.reference import Reference
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.verification.commands import Command
-from xfrustum.reports.verification.laid_out import LaidOut, laid_out, with_layout_named
+from xfrustum.reports.verification.laid_out import LaidOut, is_place, laid_out, with_layout_named
 from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
 from xfrustum.reports.verification.worst_hogels import WorstHogels
@@ -33,6 +33,7 @@ from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
+from xfrustum.scenes.files.layouts.detection import FileSet
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.aperture_blocks import ApertureBlocks
@@ -170,20 +171,18 @@ def opened_source(
                 timeout_s=timeout_s,
                 suffix=suffix,
             )
-    elif isinstance(source, str) and (layout is not None or _is_place(source, reference.scene)):
-        yield laid_out(Path(source), layout, reference, meant)
     elif isinstance(source, str):
-        yield Files(pattern=source, reference=reference, encoding=meant)
+        yield _files(reference, source, meant, layout)
     else:
         assert source is not None
         yield Function(function=source, reference=reference)
 
 
-def _is_place(source: str, scene: Scene) -> bool:
-    """Return whether a source names a folder, or one picture of a plate of several hogels."""
-    with suppress(OSError, ValueError):  # what cannot be the name of a file may still be a pattern
-        return Path(source).is_dir() or (scene.plate.hogels != (1, 1) and Path(source).is_file())
-    return False
+def _files(reference: Reference, source: str, encoding: Encoding, layout: str | None) -> Files | LaidOut:
+    """Return the files of a pattern, or those of a place in a layout."""
+    if layout is not None or is_place(source, reference.scene.plate):
+        return laid_out(Path(source), layout, reference, encoding)
+    return Files(pattern=source, reference=reference, encoding=encoding)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,10 +326,17 @@ class Run:
         return judge(self.reference, asked, image, points, judging, explained=explained)
 
 
-def check_files(scene: Scene, pattern: str) -> None:
-    """Raise InputError where a pattern names no file of any hogel, or is none."""
-    reference = Reference(scene)
-    Files(pattern=pattern, reference=reference, encoding=Encoding.RGB).check(scene.plate.apertures())
+def checked_files(scene: Scene, source: str, layout: str | None = None) -> FileSet | None:
+    """Return the files of a place and their layout; None for a pattern.
+
+    Raises
+    ------
+    InputError
+        The source has no file of any hogel, or is none; or the files do not fit the layout.
+    """
+    files = _files(Reference(scene), source, Encoding.RGB, layout)
+    files.check(scene.plate.apertures())
+    return files.files if isinstance(files, LaidOut) else None
 
 
 class HogelVerifier:
@@ -340,8 +346,10 @@ class HogelVerifier:
     ----------
     scene
         Scene that was to be drawn.
-    pattern, encoding
-        Files named by {i} and {j}, and what pictures mean.
+    source, encoding
+        Files named by {i} and {j}, or a place of files; and what pictures mean.
+    layout
+        Layout of a place of files; the one that they look like where None.
     limits
         Limits that every hogel is held to.
     near, accept
@@ -358,21 +366,22 @@ class HogelVerifier:
         None of the files exists, or an option is not usable.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what is known of a renderer, as for `verify`
         self,
         scene: Scene,
-        pattern: str,
+        source: str,
         *,
         encoding: Encoding | str | None = None,
+        layout: str | None = None,
         limits: Limits | None = None,
         near: float | None = None,
         accept: Sequence[str] = (),
     ) -> None:
         meant = Encoding.RGB if encoding is None else choice(Encoding, encoding, "encoding")
         reference, asked = Reference(scene), scene.plate.apertures()
-        source = Files(pattern=pattern, reference=reference, encoding=meant)
-        source.check(asked)
-        self._run = Run(reference=reference, source=source, asked=asked, limits=limits or Limits())
+        files = _files(reference, source, meant, layout)
+        files.check(asked)
+        self._run = Run(reference=reference, source=files, asked=asked, limits=limits or Limits())
         self._question = self._run.question(
             sampled(asked, scene), nominal_model(scene, near, accept), tuple(accept)
         )

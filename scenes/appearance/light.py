@@ -56,7 +56,7 @@ class DirectionalLight:
         settle(self, direction=tuple(part / length for part in direction), color=color)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Environment:
     """Radiance from all directions, as a latitude-longitude map.
 
@@ -103,6 +103,10 @@ class Environment:
             )
         radiance.flags.writeable = False
         settle(self, radiance=radiance, strength=strength)
+
+    def __repr__(self) -> str:
+        height, width = self.radiance.shape[:2]
+        return f"Environment: {self.name!r}, {width} x {height} pixels, strength {self.strength:g}"
 
 
 DEFAULT_LIGHT = DirectionalLight(direction=(-2.0, 3.0, 1.0))

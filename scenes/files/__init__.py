@@ -5,6 +5,7 @@ meshes/           mesh files: what is checked, what is read, and nothing that is
 openexr/          hogel images as OpenEXR files
 environment_file  Environment maps from OpenEXR and Radiance HDR files, through OpenImageIO
 foreign_images    Hogel images as other renderers write them: numbers packed in RGB, plain pictures, OpenEXR
+rgb_pictures      Pictures of 8 bits, PNG and the like: their red, green and blue as the file stores them
 scene_content     The content of a scene file: its checked tables turned into objects, materials and lights
 scene_file        The scene file (TOML; CONVENTIONS.md, "The scene file"): read, checked key by key,
                   turned into a scene

@@ -7,17 +7,15 @@ from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
-from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
+from xfrustum.scenes.disk.input_files import regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.openexr.header import MAGIC
 from xfrustum.scenes.files.openexr.reader import read_image
+from xfrustum.scenes.files.rgb_pictures import read_rgb
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
-
-LOSSY_FORMATS = ("JPEG", "MPO", "JPEG2000")
-"""Pillow's names of formats that change pixels; WebP and others may, but need not."""
+from xfrustum.scenes.notebook.shown import Brief
 
 
 class Encoding(StrEnum):
@@ -33,8 +31,8 @@ class Encoding(StrEnum):
     """The same with the object's number."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StoredPixels:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class StoredPixels(Brief):
     """A picture's pixels as its file stores them, before they are read as numbers or colors.
 
     Attributes
@@ -49,7 +47,7 @@ class StoredPixels:
     lossy: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ForeignImage(HogelImage):
     """A hogel image that was read from a picture, with that picture.
 
@@ -130,35 +128,13 @@ def read_foreign(path: Path, camera: HogelCamera, encoding: Encoding) -> HogelIm
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     if magic == MAGIC:
         return read_image(path, camera, partial=True)
-    return of_stored(_stored(path, camera), camera, encoding)
+    rgb, lossy = read_rgb(path, (camera.resolution[0], camera.resolution[1]))
+    return of_stored(StoredPixels(rgb=rgb, lossy=lossy), camera, encoding)
 
 
 def of_stored(stored: StoredPixels, camera: HogelCamera, encoding: Encoding) -> HogelImage:
     """Return the image that stored pixels mean."""
     return read_again(_of_picture(stored, camera), Reading(encoding=encoding))
-
-
-def _stored(path: Path, camera: HogelCamera) -> StoredPixels:
-    """Return the pixels that a picture file stores."""
-    try:
-        with bounded_memory(path), Image.open(path) as picture:
-            _check_size(path, picture.size, camera)
-            if picture.mode not in ("RGB", "RGBA", "P", "L", "1"):
-                raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
-            lossy = picture.format in LOSSY_FORMATS
-            return StoredPixels(rgb=np.asarray(picture.convert("RGB")), lossy=lossy)
-    except InputError:
-        raise
-    except UnidentifiedImageError as error:
-        raise InputError(f"{path}: is not an image that can be read") from error
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise InputError(f"{path}: the image is damaged ({error})") from error
-
-
-def _check_size(path: Path, size: tuple[int, int], camera: HogelCamera) -> None:
-    if size != tuple(camera.resolution):
-        width, height = camera.resolution
-        raise InputError(f"{path}: is {size[0]} x {size[1]}, but the scene says {width} x {height}")
 
 
 def _of_picture(stored: StoredPixels, camera: HogelCamera) -> ForeignImage:

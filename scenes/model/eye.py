@@ -15,6 +15,7 @@ from xfrustum.scenes.appearance.sampling import additive_recurrence
 from xfrustum.scenes.arguments import choice, real, reals, settle, wholes
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.notebook.shown import Brief
 
 RESOLUTION = (400, 300)
 """Pixels of an eye's film where nobody says otherwise."""
@@ -101,8 +102,8 @@ class Eye:
         return np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=-1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HogelPixels:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class HogelPixels(Brief):
     """The hogel, and the pixel of it, that each pixel of an eye's film takes, and with which weight.
 
     A pixel's column depends on the eye's column alone, and its row on the eye's row.
@@ -135,8 +136,8 @@ class HogelPixels:
         return np.flatnonzero(self.film_row >= 0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Replay:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Replay(Brief):
     """All pixels of hogels that an eye is shown.
 
     Attributes

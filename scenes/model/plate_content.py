@@ -12,6 +12,7 @@ from numpy.typing import DTypeLike, NDArray
 from xfrustum.scenes.arguments import choice, settle, switch
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect, checked
+from xfrustum.scenes.notebook.shown import Brief
 from xfrustum.scenes.plate.plate import Aperture
 
 
@@ -100,8 +101,8 @@ class FilmPart:
     rows: tuple[int, int]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlateHogel:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlateHogel(Brief):
     """The image of one aperture in a stream, row 0 at the top.
 
     Where only a part of the film was asked for, pixels outside of it mean nothing.

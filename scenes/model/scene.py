@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -20,6 +20,7 @@ from xfrustum.scenes.arguments import one_of, settle
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.surface_attributes import SurfaceAttributes
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 from xfrustum.scenes.plate.frustum import Frustum
 from xfrustum.scenes.plate.plate import Aperture, Plate
 
@@ -76,8 +77,8 @@ def _indices(name: str, faces: object) -> Indices:
     return np.ascontiguousarray(given, dtype=np.int64)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneObject:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SceneObject(Shown):
     """One object of a scene: a triangle mesh in scene coordinates.
 
     Attributes
@@ -153,9 +154,14 @@ class SceneObject:
         object.__setattr__(self, "vertices", read_only(vertices))
         object.__setattr__(self, "faces", read_only(faces))
 
+    def _said(self) -> str:
+        from xfrustum.scenes.model.scene_facts import said_of_object  # noqa: PLC0415 - it knows this module
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+        return said_of_object(self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Scene(Shown):
     """Plate, frustum and objects: one question for every renderer.
 
     Triangles are numbered through the objects in order, and within one in the order of its faces.
@@ -335,3 +341,18 @@ class Scene:
             return (self.plate.middle,)
         candidates = (self.plate.middle, *self.plate.corners)
         return tuple(dict.fromkeys(candidates))
+
+    def _said(self) -> str:
+        from xfrustum.scenes.model.scene_facts import said_of_scene  # noqa: PLC0415 - it knows this module
+
+        return said_of_scene(self)
+
+    def _tables(self) -> Sequence[Table]:
+        from xfrustum.scenes.model.scene_facts import tables_of_scene  # noqa: PLC0415 - likewise
+
+        return tuple(tables_of_scene(self))
+
+    def _figures(self) -> Sequence[Figure]:
+        from xfrustum.scenes.model.scene_facts import silhouettes  # noqa: PLC0415 - likewise
+
+        return tuple(silhouettes(self))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xfrustum.scenes.arrays import Bytes, Floats, Numbers
+from xfrustum.scenes.notebook.shown import Brief
 
 if TYPE_CHECKING:
     from xfrustum.scenes.model.scene import SceneObject
@@ -17,8 +18,8 @@ UNTEXTURED = -1
 """Number in `texture_of_triangle` of a triangle without a texture."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SurfaceAttributes:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SurfaceAttributes(Brief):
     """Attributes of the vertices and triangles of all objects; None where no object has any.
 
     Attributes

@@ -15,9 +15,9 @@ from PIL import Image
 from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.attribution.radiance_budget import LOCAL_LINKS
-from xfrustum.compare.metrics.display import encoded
 from xfrustum.reference import Reference
 from xfrustum.scenes import open_scene
+from xfrustum.scenes.appearance.display import encoded
 from xfrustum.scenes.appearance.sampling import Sampling, Transport
 from xfrustum.scenes.files.openexr.images import read_image
 from xfrustum.scenes.model.effects import ALL_EFFECTS, Effect

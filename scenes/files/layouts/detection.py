@@ -82,7 +82,7 @@ def looks_like(
     InputError
         There are no such files, or none of the layouts fits; the message says why for the likeliest.
     """
-    paths = _pictures(place)
+    paths = pictures_at(place)
     found: list[FileSet] = []
     problems: list[str] = []
     # Somebody who states a layout knows more than the size of a picture does.
@@ -112,8 +112,14 @@ def looks_like(
     return tuple(sorted(found, key=doubts))
 
 
-def _pictures(place: Path) -> list[Path]:
-    """Return the files that layouts are made of; ground truths and hidden files are none."""
+def pictures_at(place: Path) -> list[Path]:
+    """Return the files that layouts are made of; ground truths and hidden files are none.
+
+    Raises
+    ------
+    InputError
+        There is no such folder or file, or the folder has no pictures.
+    """
     if not place.is_dir():
         picture_or_video_exists(place)
         return [place]

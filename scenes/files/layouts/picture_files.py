@@ -12,14 +12,14 @@ import Imath
 import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.foreign_images import LOSSY_FORMATS
 from xfrustum.scenes.files.layouts.layout import Pixels
 from xfrustum.scenes.files.openexr.header import MAGIC, check_header
+from xfrustum.scenes.files.rgb_pictures import read_rgb
 
 PLENO_LEVELS = 1023
 """Largest level of the 10-bit pictures that JPEG Pleno's test conditions ask for."""
@@ -99,18 +99,8 @@ def read_picture(path: Path) -> Picture:
         return _read_exr(path)
     if _P6_HEADER.match(head):
         return _read_ppm(path)
-    try:
-        with bounded_memory(path), Image.open(path) as picture:
-            if picture.mode not in ("RGB", "RGBA", "P", "L", "1"):
-                raise InputError(f"{path}: has mode {picture.mode}; write 8 bits each of red, green and blue")
-            lossy = picture.format in LOSSY_FORMATS
-            return Picture(pixels=np.asarray(picture.convert("RGB")), lossy=lossy)
-    except InputError:
-        raise
-    except UnidentifiedImageError as error:
-        raise InputError(f"{path}: is not an image that can be read") from error
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise InputError(f"{path}: the image is damaged ({error})") from error
+    rgb, lossy = read_rgb(path)
+    return Picture(pixels=rgb, lossy=lossy)
 
 
 def write_picture(path: Path, picture: Picture, text: dict[str, object] | None = None) -> None:

@@ -19,12 +19,12 @@ from xfrustum.compare.attribution.radiance_budget import (
     RadianceBudget,
     make_radiance_budget,
 )
-from xfrustum.compare.metrics.display import decoded, encoded
 from xfrustum.compare.prediction.chain import LINKS, Chain, make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
 from xfrustum.scenes import DoubleFrustum, Scene
 from xfrustum.scenes.appearance.appearance import Appearance
+from xfrustum.scenes.appearance.display import decoded, encoded
 from xfrustum.scenes.appearance.light import DirectionalLight
 from xfrustum.scenes.appearance.material import Material
 from xfrustum.scenes.appearance.sampling import Sampling

@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
-from xfrustum.compare.metrics.display import LEVELS, encoded
 from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, MAX_SERIAL_PIXELS, in_bands
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
@@ -36,6 +35,7 @@ from xfrustum.reports.trade_off.trade_off import (
     rank,
     unsettled,
 )
+from xfrustum.scenes.appearance.display import LEVELS, encoded
 from xfrustum.scenes.library import builtin
 from xfrustum.scenes.model.hogel_image import Certainty
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum

@@ -63,6 +63,18 @@ def test_floating_point_stays_what_it_is(name: str, tmp_path: Path) -> None:
     assert np.array_equal(stored(tmp_path, "color"), pixels)
 
 
+def test_files_of_pleno_are_ppm_also_where_colors_are_floating_point(tmp_path: Path) -> None:
+    """Under another ending they would be no files of `pleno`, and could not be read again as such."""
+    source, pixels = group(tmp_path, "float16")
+    done = convert(source, tmp_path / "out", write_as="pleno")
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".ppm"}
+    assert done.losses[0].endswith("rounded to 1023 levels")
+    convert(tmp_path / "out", tmp_path / "back.zarr", read_as="pleno")
+    assert np.array_equal(np.rint(stored(tmp_path, "color") * 1023), np.rint(pixels.astype(float) * 1023))
+    with pytest.raises(InputError, match=r"layout pleno end in \.ppm"):
+        convert(source, tmp_path / "other", write_as="pleno", options=ConversionOptions(suffix=".png"))
+
+
 def test_what_is_lost_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, pixels = group(tmp_path, "float32")
     out = tmp_path / "quilt.png"

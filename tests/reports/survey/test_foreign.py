@@ -11,9 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.support.scene_file import film, named, part
-from xfrustum import DoubleFrustum, Rasterizer, open_scene, verify, write_image
+from xfrustum import DoubleFrustum, Rasterizer, open_scene, verify, write_image, write_plate
 from xfrustum.cli.main import main
+from xfrustum.reports.exchange.drawn import LaidOutPlate
 from xfrustum.reports.verification.verdict import Verification
+from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
 
 def rows_of(out: Path) -> list[dict[str, Any]]:
@@ -90,6 +92,33 @@ def test_images_that_were_drawn_again_are_another_survey(
     # The images as they are now are judged in a folder of their own, and are not right any more.
     assert survey_of(path, pattern, tmp_path / "again") == 1
     assert survey_of(path, pattern, tmp_path / "again") == 1
+
+
+def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "box.toml", tmp_path / "survey"
+    path.write_text(
+        named("box") + film((20, 8), (3, 2), (16, 12), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
+    )
+    scene = open_scene(path)
+    views = LaidOutPlate(out=tmp_path / "views", layout="views")
+    content = PlateContent(channels=(Channel.TRIANGLE,))
+    write_plate(scene, DoubleFrustum(near=0.001), views.group, content=content)
+    views.write(scene)
+    asked = ("--encoding", "triangle-id")
+    assert survey_of(path, views.files, out, *asked) == 0
+    assert f"note: {views.files} looks like views (192 of 192 names fit" in capsys.readouterr().err
+    verified = verify(scene, str(views.files), layout="views", encoding="triangle-id")
+    agree(rows_of(out), verified)
+    # The layout that was found is stated to all processes, and may be stated by the user.
+    assert survey_of(path, views.files, out, *asked, "--layout", "views") == 0
+    assert "looks like" not in capsys.readouterr().err
+    (views.files / "3_4.png").touch()
+    assert survey_of(path, views.files, out, *asked, "--layout", "views") == 2
+    assert "begun with another state of the images" in capsys.readouterr().err
+    assert survey_of(path, views.files, tmp_path / "other", *asked, "--layout", "burnett") == 2
+    assert "cannot be read in the layout burnett" in capsys.readouterr().err
 
 
 @pytest.mark.slow

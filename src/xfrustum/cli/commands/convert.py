@@ -99,11 +99,16 @@ def convert(
     from xfrustum.reports.exchange.convert import convert as converted
 
     done = converted(source, out, read_as, write_as, ConversionOptions(**facts))
+    tell_losses(done)
+    options.tell(as_json, lambda: asdict(done), lambda: _words(done))
+
+
+def tell_losses(done: Conversion) -> None:
+    """Print on standard error what files in a layout have lost, and what their readers may miss."""
     for lost in done.losses:
         say(f"note: lost: {lost}")
     for note in done.notes:
         say(f"note: {note}")
-    options.tell(as_json, lambda: asdict(done), lambda: _words(done))
 
 
 def _words(done: Conversion) -> str:

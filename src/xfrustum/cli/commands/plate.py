@@ -11,11 +11,14 @@ import click
 
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
+from xfrustum.cli.commands.convert import layout_option, tell_losses
 from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.streams import say
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
+    from xfrustum.reports.exchange.convert import Conversion
+    from xfrustum.reports.exchange.drawn import LaidOutPlate
     from xfrustum.reports.plate.plate import PlateFiles
     from xfrustum.scenes.model.plate_content import PlateContent
     from xfrustum.scenes.model.scene import Scene
@@ -126,18 +129,41 @@ def _written(
     return files
 
 
-def _tell(files: PlateFiles, *, as_json: bool) -> None:
+def _laid_out(name: str, out: Path, blocks: object, part: tuple[int, int] | None) -> LaidOutPlate:
+    """Return the places of a plate in a layout, which is written when all of it is there."""
+    if blocks is not None or part is not None:
+        raise click.UsageError(
+            "--layout writes whole plates: leave out --apertures and --part, or draw these first, without it"
+        )
+    from xfrustum.reports.exchange.drawn import LaidOutPlate
+
+    return LaidOutPlate(out=out, layout=name)
+
+
+def _tell(files: PlateFiles, written: Conversion | None, *, as_json: bool) -> None:
     """Print what became of a plate on standard output."""
+    laid_out = None
+    if written is not None:
+        tell_losses(written)
+        laid_out = {"layout": written.written_as, "out": written.out, "files": written.files}
+        laid_out |= {"losses": written.losses, "notes": written.notes}
+    # A group that was drawn for the files alone is gone.
+    group = files.out if files.out.exists() else None
     options.tell(
         as_json,
         lambda: {
-            **{"out": files.out, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
-            "table": files.table,
+            **{"out": group, "drawn": files.drawn, "found": files.found, "damaged": files.damaged},
+            **{"table": files.table, "layout": laid_out},
         },
         lambda: "\n".join(
             [
                 f"{files.drawn} hogels drawn, {files.found} found",
-                *map(str, filter(None, (files.out, files.table))),
+                *map(str, filter(None, (group, files.table))),
+                *(
+                    []
+                    if written is None
+                    else [f"{written.files} files ({written.written_as})", str(written.out)]
+                ),
             ]
         ),
     )
@@ -182,6 +208,10 @@ def _tell(files: PlateFiles, *, as_json: bool) -> None:
     help="Trace every hogel too, and store how it differs: in arrays over (row, column), and as Parquet.",
 )
 @click.option("--check", is_flag=True, help="Read all finished hogels in full, and draw damaged ones again.")
+@layout_option(
+    "--layout",
+    "Write the plate in a layout too, into NAME-LAYOUT; or, where --out is not NAME.zarr, only so.",
+)
 @engine_options("this process")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of a Zarr group.")
 @options.quiet_option
@@ -199,6 +229,7 @@ def plate(
     truth: bool,
     judge: bool,
     check: bool,
+    layout: str | None,
     where: Where,
     out: Path,
     quiet: bool,
@@ -219,6 +250,7 @@ def plate(
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
     spans = [(None, None)] if blocks is None else blocks
+    placed = None if layout is None else _laid_out(layout, out, blocks, part)
     chosen = blocks_of_apertures(opened.plate, spans)
     options.look_at(opened, chosen, black_is_right=True)
     content = PlateContent(
@@ -227,5 +259,9 @@ def plate(
         channels=tuple(map(Channel, channels or ())),
         effects=light.chosen(opened, settings=settings),
     )
+    if placed is not None:
+        placed.check(opened, content, judged=judge)
+        out = placed.group
     asked = {"block": block, "judge": judge, "check": check, "progress": not quiet}
-    _tell(_written(opened, settings, out, chosen, content, where, **asked), as_json=as_json)
+    files = _written(opened, settings, out, chosen, content, where, **asked)
+    _tell(files, None if placed is None else placed.write(opened), as_json=as_json)

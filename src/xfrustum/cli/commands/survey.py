@@ -11,6 +11,7 @@ import click
 
 from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
+from xfrustum.cli.commands.convert import layout_option
 from xfrustum.cli.commands.verify import Conventions, Share
 from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.options import Command
@@ -91,6 +92,7 @@ def several_double_frusta_options(command: Command) -> Command:
     type=click.Choice(["rgb", "srgb", "triangle-id", "object-id"]),
     help="What pixels of --images hold; not for OpenEXR.  [default: rgb]",
 )
+@layout_option("--layout", "Layout of --images, a folder or a picture.  [default: what it looks like]")
 @click.option("--accept", type=Conventions(), help="Conventions of --images that are no faults; see verify.")
 @engine_options()
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder.")
@@ -109,6 +111,7 @@ def survey(
     resolution: tuple[int, int] | None,
     images: str | None,
     encoding: str | None,
+    layout: str | None,
     accept: tuple[str, ...] | None,
     where: Where,
     out: Path,
@@ -128,7 +131,7 @@ def survey(
 
     if resolution is not None:
         opened = replace(opened, frustum=replace(opened.frustum, resolution=resolution))
-    asked = _asked(settings, images, encoding, accept)
+    asked = _asked(settings, images, encoding, layout, accept)
     found = surveyed(
         opened,
         asked,
@@ -150,6 +153,7 @@ def _asked(
     settings: tuple[DoubleFrustum, ...],
     images: str | None,
     encoding: str | None,
+    layout: str | None,
     accept: tuple[str, ...] | None,
 ) -> tuple[DoubleFrustum, ...] | ForeignPlate:
     """Return what is judged: settings of our own rasterizer, or another renderer's plate."""
@@ -157,8 +161,10 @@ def _asked(
     from xfrustum.scenes.files.foreign_images import Encoding
 
     if images is None:
-        if encoding is not None or accept is not None:
-            raise click.UsageError("--encoding and --accept say how --images are read: give --images too")
+        if any(one is not None for one in (encoding, layout, accept)):
+            raise click.UsageError(
+                "--encoding, --layout and --accept say how --images are read: give --images too"
+            )
         if not settings:
             raise click.UsageError("give --near or --nears, or the --images of another renderer")
         return settings
@@ -169,6 +175,7 @@ def _asked(
         encoding=None if encoding is None else Encoding(encoding),
         near=settings[0].near if settings else None,
         accept=accept or (),
+        layout=layout,
     )
 
 

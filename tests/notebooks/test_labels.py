@@ -1,0 +1,97 @@
+"""Images turn into labelled arrays that fit to each other and to stored plates."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.notebooks.test_shown import SETTINGS, small_scene
+from xfrustum import Eye, InputError, Rasterizer, Reference, compare_images, write_plate
+from xfrustum.reference.eye.view import EyeReference
+from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
+
+xarray = pytest.importorskip(
+    "xarray", reason="needs the package xarray, the optional part xfrustum[notebook]"
+)
+
+
+def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -> None:
+    scene = small_scene()
+    aperture = scene.plate.aperture(3, 1)
+    channels = (Channel.COLOR, Channel.HEIGHT, Channel.TRIANGLE, Channel.NORMAL)
+    content = PlateContent(channels=channels, color=ColorType.FLOAT32)
+    write_plate(scene, SETTINGS, tmp_path / "plate.zarr", [aperture], content)
+    hogel = xarray.open_zarr(tmp_path / "plate.zarr").isel(row=1, column=3)
+    with Rasterizer(scene) as rasterizer:
+        image = rasterizer.render(aperture, SETTINGS)
+    labelled = image.to_xarray(units="mm")
+    for name in channels:
+        assert labelled[name].dims == hogel[name].dims
+        assert labelled[name].attrs.get("units") == hogel[name].attrs.get("units")
+        difference = labelled[name].astype(float) - hogel[name].astype(float)
+        assert difference.shape == labelled[name].shape
+        assert float(abs(difference).max()) == 0
+    for name in ("u", "v", "x", "y", "row", "column"):
+        xarray.testing.assert_equal(labelled.coords[name].variable, hogel.coords[name].variable)
+        assert labelled.coords[name].attrs == hogel.coords[name].attrs
+    assert labelled.attrs["aperture"] == [3, 1]
+    assert labelled.attrs["scene_hash"] == scene.content_hash
+    assert '"near": 2.0' in labelled.attrs["settings"]
+
+
+def test_a_labelled_truth_has_what_the_image_has_and_no_more() -> None:
+    scene = small_scene("asymmetric-recentered")
+    truth = Reference(scene).trace(scene.plate.aperture(0, 2))
+    labelled = truth.to_xarray()
+    for name in ("triangle", "object", "height", "position", "normal", "color", "certainty"):
+        assert np.array_equal(labelled[name].values, getattr(truth, name), equal_nan=True)
+    assert "variance" not in labelled and "settings" not in labelled.attrs
+    assert labelled.height.attrs == {"long_name": "height above the plate", "units": "scene units"}
+    # The line of a pixel (CONVENTIONS.md): its point lies on a + s d with s = -z.
+    (kx, ky), (tx, ty) = labelled.attrs["shear"], labelled.attrs["half_extent"]
+    x = labelled.x - labelled.height * (kx + labelled.u * tx)
+    y = labelled.y - labelled.height * (ky + labelled.v * ty)
+    # Points are rounded to doubles where a line meets a triangle: a few units in the last of 14 digits.
+    assert float(abs(x - labelled.position[..., 0]).max()) < 1e-9
+    assert float(abs(y - labelled.position[..., 1]).max()) < 1e-9
+    assert labelled.height.notnull().any()
+
+
+def test_labelled_errors_have_the_signs_of_the_maps() -> None:
+    scene = small_scene()
+    aperture, reference = scene.plate.middle, Reference(scene)
+    with Rasterizer(scene) as rasterizer:
+        found = compare_images(reference.trace(aperture), rasterizer.render(aperture, SETTINGS), reference)
+    labelled = found.to_xarray(units="mm")
+    # An offset n draws a point at z where u |z|/(|z| + n) is: true minus drawn points away from the middle.
+    outward = (labelled.displacement_columns * np.sign(labelled.u)).where(abs(labelled.u) > 0.1)
+    downward = (labelled.displacement_rows * np.sign(-labelled.v)).where(abs(labelled.v) > 0.1)
+    for moved in (outward, downward):
+        assert float(moved.min()) > 0
+    assert labelled.displacement_rows.attrs == {"long_name": "true minus drawn place, down", "units": "px"}
+    assert int(labelled.surface.sum()) == found.surface_wrong
+    assert labelled.radiance_error.dims == ("v", "u", "rgb")
+
+
+def test_what_an_eye_sees_is_labelled_by_its_place_on_the_plate() -> None:
+    scene = small_scene()
+    eye = Eye(position=(5, 0, 600), resolution=(16, 12))
+    seen = EyeReference(scene).true_view(eye)
+    labelled = seen.to_xarray(scene.units)
+    assert dict(labelled.sizes) == {"v": 12, "u": 16, "rgb": 3, "xyz": 3}
+    assert [float(labelled[f"eye_{name}"]) for name in "xyz"] == [5, 0, 600]
+    assert labelled.eye_z.attrs["units"] == "mm"
+    # Row 0 is at the top: what is seen in the upper half lies above the line of sight through the middle.
+    upper = labelled.position[..., 1].where(labelled.v > 0.2)
+    assert float(upper.mean()) > float(labelled.position[..., 1].where(labelled.v < -0.2).mean())
+
+
+def test_without_xarray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = small_scene()
+    truth = Reference(scene).trace(scene.plate.middle)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match=r"pip install 'xfrustum\[notebook\]'"):
+        truth.to_xarray()

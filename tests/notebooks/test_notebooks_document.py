@@ -1,0 +1,77 @@
+"""What docs/notebooks.md shows runs, also as a notebook, and does what it says."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import xfrustum
+from tests.notebooks.test_shown import small_scene
+from xfrustum.scenes import open_scene
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "notebooks.md").read_text(encoding="utf-8")
+PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+
+
+def last_value(program: str, names: dict[str, object]) -> Any:
+    """Run a cell of a notebook, and return what its last line is."""
+    tree = ast.parse(program)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, "docs/notebooks.md", "exec"), names)
+    if not isinstance(last, ast.Expr):
+        return None
+    return eval(compile(ast.Expression(last.value), "docs/notebooks.md", "eval"), names)
+
+
+def test_the_cells_run_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The scene is smaller, with as many hogels as the aperture of the page needs."""
+    pytest.importorskip("xarray", reason="needs the package xarray, the optional part xfrustum[notebook]")
+
+    def opened(name: str) -> xfrustum.Scene:
+        scene = small_scene(name, (16, 12))
+        return xfrustum.Scene(**{**vars(scene), "plate": open_scene(name).plate})
+
+    monkeypatch.setattr(xfrustum, "open_scene", opened, raising=False)
+    names: dict[str, object] = {}
+    values = [last_value(program, names) for program in PROGRAMS]
+    shown = [type(one).__name__ for one in values if hasattr(one, "_repr_html_")]
+    assert shown == ["Scene", "Comparison"]
+    printed = capsys.readouterr().out
+    assert "mm [60, 20] " in printed
+    for line in ("Scene: 'asymmetric-recentered', a plate of 80 x 60 mm", "BudgetReport: ", "SceneView: "):
+        assert line in printed
+
+
+def test_the_line_of_the_page_is_the_line_of_the_scene() -> None:
+    told = PAGE.partition("    Scene: ")[2].partition("\n\n")[0]
+    assert f"Scene: {' '.join(told.split())}" == repr(open_scene("asymmetric-recentered"))
+
+
+@pytest.mark.slow
+def test_a_notebook_shows_pictures_and_tables(tmp_path: Path) -> None:
+    """A real notebook is executed by a real kernel, and its outputs are what Jupyter would show."""
+    nbformat = pytest.importorskip("nbformat", reason="needs the packages nbclient, nbformat and ipykernel")
+    client = pytest.importorskip("nbclient", reason="needs the packages nbclient, nbformat and ipykernel")
+    pytest.importorskip("ipykernel", reason="needs the packages nbclient, nbformat and ipykernel")
+    smaller = (
+        "import dataclasses, xfrustum, xfrustum.scenes\n"
+        "def open_scene(name):\n"
+        "    scene = xfrustum.scenes.open_scene(name)\n"
+        "    frustum = dataclasses.replace(scene.frustum, resolution=(48, 36))\n"
+        "    return dataclasses.replace(scene, frustum=frustum)\n"
+        "xfrustum.open_scene = open_scene\n"
+    )
+    cells = [nbformat.v4.new_code_cell(text) for text in (smaller, *PROGRAMS)]
+    notebook = nbformat.v4.new_notebook(cells=cells)
+    client.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.outputs]
+    results = [output.data for output in outputs if output.output_type == "execute_result"]
+    assert [sorted(one) for one in results] == [["image/png", "text/html", "text/plain"]] * 2
+    assert results[0]["text/plain"].startswith("Scene: 'asymmetric-recentered'")
+    assert "<table" in results[1]["text/html"]

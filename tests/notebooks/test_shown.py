@@ -1,0 +1,262 @@
+"""Results say in a line what they are, and notebooks show them with pictures and tables."""
+
+from __future__ import annotations
+
+import io
+import re
+import subprocess
+import sys
+from base64 import b64decode
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.support.views import view as scene_named
+from xfrustum import (
+    Aperture,
+    DoubleFrustum,
+    Eye,
+    HogelImage,
+    Judge,
+    Rasterizer,
+    Reference,
+    Scene,
+    budget,
+    check,
+    compare_images,
+    cost,
+    explain,
+    plan,
+    survey,
+    verify,
+    view,
+)
+from xfrustum.reports.cluster.run import Engine
+from xfrustum.reports.commands.budgeting import auto_budget
+from xfrustum.reports.scouting.automatic import auto_apertures
+from xfrustum.reports.survey.survey import Chosen
+from xfrustum.scenes import Plate
+from xfrustum.scenes.appearance.display import encoded
+from xfrustum.scenes.files.foreign_images import Encoding, StoredPixels, of_stored
+from xfrustum.scenes.notebook.pictures import MAX_SIDE_PX, png
+from xfrustum.scenes.notebook.shown import MAX_TABLE_ROWS, Figure, Shown, Table
+
+SETTINGS = DoubleFrustum(near=2.0)
+MAX_LINE = 420
+"""Largest number of characters of a line: what fits into two lines or three of a wide page."""
+
+
+def small_scene(name: str = "asymmetric", resolution: tuple[int, int] = (24, 18)) -> Scene:
+    scene = scene_named(name, resolution)
+    return replace(scene, plate=Plate(size=scene.plate.size, hogels=(4, 3)))
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Shown]:
+    scene = small_scene()
+    aperture, reference = scene.plate.middle, Reference(scene)
+    truth = reference.trace(aperture)
+    with Rasterizer(scene) as rasterizer:
+        drawn = rasterizer.render(aperture, SETTINGS)
+    rgb = np.zeros((18, 24, 3), dtype=np.uint8)
+    seen = view(scene, [Eye(position=(0, 0, 600), resolution=(16, 12))])
+    with Judge(scene) as judge:
+        hogel = next(judge.stream([aperture], [SETTINGS], images=True))
+    return {
+        "Scene": scene,
+        "SceneObject": scene.objects[0],
+        "HogelImage": truth,
+        "drawn": drawn,
+        "ForeignImage": of_stored(StoredPixels(rgb=rgb), truth.camera, Encoding.SRGB),
+        "Comparison": compare_images(truth, drawn, reference),
+        "BudgetReport": budget(scene, SETTINGS),
+        "SceneView": seen,
+        "EyeImage": seen.views[0].true,
+        "EffectsPlan": explain(scene),
+        "SceneCheck": check(scene),
+        "JudgedHogel": hogel,
+        "JudgedDrawing": hogel.drawings[0],
+    }
+
+
+NAMES = (
+    *("Scene", "SceneObject", "HogelImage", "drawn", "ForeignImage", "Comparison", "BudgetReport"),
+    *("SceneView", "EyeImage", "EffectsPlan", "SceneCheck", "JudgedHogel", "JudgedDrawing"),
+)
+
+
+class Structure(HTMLParser):
+    """What an HTML text is made of; every element that begins ends."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.pictures: list[bytes] = []
+        self.words: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag == "img":
+            kind, _, content = (dict(attrs)["src"] or "").partition(";base64,")
+            assert kind in ("data:image/png", "data:image/svg+xml")
+            self.pictures.append(b64decode(content, validate=True))
+        else:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def is_right_for_a_notebook(name: str, one: Shown) -> None:
+    line = repr(one)
+    assert "\n" not in line and "array(" not in line
+    assert len(line) <= MAX_LINE, line
+    if name[0].isupper():
+        assert line.startswith(f"{name}: ")
+    html = one._repr_html_()
+    shown = Structure(html)
+    assert set(shown.tags) <= {"div", "p", "b", "table", "tr", "th", "td", "figure", "figcaption", "img"}
+    assert line.partition(": ")[2] in "".join(shown.words)
+    # Neither ink nor paper is chosen: both are the page's, be it light or dark.
+    styles = " ".join(re.findall(r'style="([^"]*)"', html))
+    assert "background" not in styles and not re.search(r"(?<![-\w])color", styles)
+    first = one._repr_png_()
+    if first is not None:
+        assert first == shown.pictures[0]
+        assert max(Image.open(io.BytesIO(first)).size) <= MAX_SIDE_PX
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_result_says_what_it_is_and_is_shown(name: str, results: dict[str, Shown]) -> None:
+    is_right_for_a_notebook(name, results[name])
+
+
+def parts_of(value: object) -> Iterator[object]:
+    """Yield everything that a result is made of."""
+    yield value
+    if is_dataclass(value) and not isinstance(value, type):
+        for one in fields(value):
+            yield from parts_of(getattr(value, one.name))
+    elif isinstance(value, tuple | list):
+        for part in value:
+            yield from parts_of(part)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_that_a_result_is_made_of_writes_out_its_arrays(name: str, results: dict[str, Shown]) -> None:
+    made = [part for part in parts_of(results[name]) if is_dataclass(part)]
+    assert made
+    assert [type(part).__name__ for part in made if "array(" in repr(part)] == []
+
+
+def test_the_words_are_those_of_the_numbers(results: dict[str, Shown]) -> None:
+    truth, scene = results["HogelImage"], results["Scene"]
+    assert isinstance(truth, HogelImage) and isinstance(scene, Scene)
+    assert "a plate of 80 x 60 mm with 4 x 3 hogels of 24 x 18 pixels, each 60 x 60 degrees" in repr(scene)
+    assert f"{len(scene.objects)} objects, {len(scene.faces):,} triangles" in repr(scene)
+    assert f"truth of aperture 2,1 of 'asymmetric' by {truth.camera.renderer}; 24 x 18 pixels" in repr(truth)
+    assert f"{np.count_nonzero(truth.covered):,} (" in repr(truth)
+    assert "drawing with near 2 D24 standard" in repr(results["drawn"])
+    assert "aperture 2,1 with near 2 mm" in repr(results["BudgetReport"])
+    screen = repr(small_scene("asymmetric-recentered"))
+    assert "recentered on a screen of 160 x 120 mm at height 120 mm" in screen
+
+
+def test_the_picture_of_an_image_is_its_color_as_a_screen_shows_it(results: dict[str, Shown]) -> None:
+    truth = results["HogelImage"]
+    assert isinstance(truth, HogelImage) and truth.color is not None
+    content = truth._repr_png_()
+    assert content is not None
+    found = np.asarray(Image.open(io.BytesIO(content)))
+    side = found.shape[0] // 18
+    expected = np.rint(255 * encoded(truth.color)).astype(np.uint8)
+    assert found.shape == (18 * side, 24 * side, 3)
+    assert np.array_equal(found[side // 2 :: side, side // 2 :: side], expected)
+    assert expected.any()
+
+
+def test_a_scene_is_seen_by_the_viewer_and_from_the_side(results: dict[str, Shown]) -> None:
+    """A box to the right, above, and before the plate is there in both pictures; the plate is blue."""
+    scene = results["Scene"]
+    assert isinstance(scene, Scene)
+    box = next(part for part in scene.objects if part.name == "box")
+    moved = replace(box, vertices=box.vertices - box.vertices.mean(axis=0) + np.array([20.0, 15.0, 60.0]))
+    front, side = (
+        np.asarray(Image.open(io.BytesIO(figure.content))).astype(int)
+        for figure in replace(scene, objects=(moved,))._figures()
+    )
+    for picture, right in ((front, 0.75), (side, 0.7)):
+        gray = (picture[..., 0] == picture[..., 2]) & (picture[..., 0] > 95)
+        rows, columns = np.nonzero(gray)
+        assert len(rows) > 20
+        assert np.mean(columns) / picture.shape[1] == pytest.approx(right, abs=0.06)
+        assert np.mean(rows) / picture.shape[0] == pytest.approx(0.25, abs=0.12)
+        blue = picture[..., 2] > picture[..., 0] + 50
+        middle = np.argwhere(blue).mean(axis=0) / blue.shape
+        assert middle == pytest.approx([0.5, 0.5], abs=0.02)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Strange(Shown):
+    """A result whose words hold what HTML means otherwise."""
+
+    def _said(self) -> str:
+        return "<script>1 < 2 & 'so'</script>"
+
+    def _tables(self) -> list[Table]:
+        return [Table(rows=[("<b>", str(number)) for number in range(MAX_TABLE_ROWS + 3)])]
+
+    def _figures(self) -> list[Figure]:
+        return [Figure(caption='a "quoted" picture', content=png(np.zeros((1500, 2, 3), np.uint8)))]
+
+
+def test_words_are_escaped_tables_cut_and_large_pictures_reduced() -> None:
+    one = Strange()
+    is_right_for_a_notebook("Strange", one)
+    words = Structure(one._repr_html_()).words
+    assert words.count("<b>") == MAX_TABLE_ROWS and words[-1] == "and 3 more"
+    content = one._repr_png_()
+    assert content is not None and Image.open(io.BytesIO(content)).size[1] == 500
+
+
+def test_saying_what_it_is_loads_no_library_that_shows_it() -> None:
+    program = (
+        "import sys\nfrom xfrustum import open_scene\nsaid = repr(open_scene('asymmetric'))\n"
+        "assert said.startswith('Scene: '), said\n"
+        "heavy = ('PIL', 'xarray', 'pandas', 'matplotlib', 'IPython', 'jinja2')\n"
+        "print(*(name for name in heavy if name in sys.modules))\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout.strip(), ended.stderr) == (0, "", "")
+
+
+@pytest.mark.slow
+def test_plans_surveys_verdicts_costs_and_several_budgets_are_shown(tmp_path: Path) -> None:
+    scene = small_scene()
+    middle, auto = scene.plate.middle, auto_apertures(scene)
+
+    def always_the_middle(scene: Scene, aperture: Aperture) -> HogelImage:
+        del aperture
+        return Reference(scene).trace(middle)
+
+    surveyed = survey(scene, SETTINGS, tmp_path, Chosen(sample=4), engine=Engine(workers=1))
+    verdict, budgets = verify(scene, always_the_middle), auto_budget(scene, SETTINGS, auto)
+    is_right_for_a_notebook("Survey", surveyed)
+    is_right_for_a_notebook("Verification", verdict)
+    for made in (plan(scene), plan(scene, [middle]), cost(scene, repeat=2), budgets):
+        is_right_for_a_notebook(type(made).__name__, made)
+    assert surveyed._repr_png_() is not None
+    assert "hogels are beyond 0.5 px" in repr(surveyed)
+    assert "Not right" in repr(verdict)
+    assert repr(budgets).startswith(f"AutoBudget: {len(auto.chosen)} apertures; ")

@@ -1,0 +1,109 @@
+"""`plate --layout` writes a drawn plate in a layout: beside its Zarr group, or instead of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from tests.support.scene_file import film, named, part
+from xfrustum import DoubleFrustum, open_scene, write_plate
+from xfrustum.cli.main import main
+from xfrustum.reports.exchange.drawn import LaidOutPlate
+from xfrustum.reports.exchange.plate_group import PlateArray, read_group
+from xfrustum.scenes.files.layouts.catalogue import layouts_named
+from xfrustum.scenes.files.layouts.detection import looks_like
+from xfrustum.scenes.files.layouts.reading import LaidOutFiles
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Return a scene of a plate that is wider than its hogels are many."""
+    path = tmp_path / "boxes.toml"
+    objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
+    path.write_text(named("boxes") + film((40, 20), (4, 3), (6, 5), (60, 60), (60, 60)) + objects)
+    return path
+
+
+def plate(scene: Path, out: Path, *words: str) -> int:
+    return main(["plate", str(scene), "--near", "0.5", "--out", str(out), "--quiet", "--json", *words])
+
+
+def test_beside_the_group_lies_the_same_plate_as_views(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "plate.zarr"
+    assert plate(scene, out, "--layout", "views", "--ids") == 0
+    said: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert (said["out"], said["drawn"]) == (str(out), 12)
+    assert said["layout"] == {
+        **{"layout": "views", "out": str(tmp_path / "plate-views"), "files": 30},
+        **{"losses": [], "notes": []},
+    }
+    drawn, _ = read_group(out, PlateArray.COLOR)
+    files = LaidOutFiles(files=looks_like(tmp_path / "plate-views")[0])
+    assert files.plate.pixels.dtype == np.float16
+    assert np.array_equal(files.plate.pixels, drawn.pixels)
+    assert drawn.pixels.any()
+    assert "triangle" in zarr.open_group(out)
+
+
+def test_instead_of_the_group_there_are_pictures_alone_and_a_stopped_run_goes_on(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, opened = tmp_path / "pictures", open_scene(scene)
+    begun = LaidOutPlate(out=out, layout="burnett")
+    write_plate(opened, DoubleFrustum(near=0.5), begun.group, [opened.plate.aperture(3, 1)])
+    assert plate(scene, out, "--layout", "burnett") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["out"], said["found"], said["drawn"]) == (None, 1, 11)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["boxes.toml", "pictures"]
+    write_plate(opened, DoubleFrustum(near=0.5), tmp_path / "again.zarr")
+    expected, _ = read_group(tmp_path / "again.zarr", PlateArray.COLOR)
+    found = looks_like(out, layouts=layouts_named("burnett"))[0]
+    assert np.array_equal(LaidOutFiles(files=found).plate.pixels, expected.pixels)
+    assert (out / "Hogel_1x3.exr").exists()
+
+
+def test_triangle_numbers_alone_become_pictures_of_numbers(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "plate.zarr"
+    assert plate(scene, out, "--layout", "mosaic", "--channels", "triangle") == 0
+    expected, _ = read_group(out, PlateArray.TRIANGLE)
+    found = looks_like(tmp_path / "plate-mosaic", layouts=layouts_named("mosaic"))[0]
+    assert np.array_equal(LaidOutFiles(files=found).plate.pixels, expected.pixels)
+    assert expected.pixels.any()
+
+
+def test_a_quilt_states_the_shape_of_the_plate(scene: Path, tmp_path: Path) -> None:
+    assert plate(scene, tmp_path / "quilt.png", "--layout", "quilt", "--color", "uint8") == 0
+    assert [path.name for path in tmp_path.glob("quilt*")] == ["quilt_qs3x2a2.png"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "told"),
+    [
+        ("plate.zarr", ("--apertures", "0,0"), "leave out --apertures and --part"),
+        ("plate.zarr", ("--part", "1/2"), "leave out --apertures and --part"),
+        ("plate.zarr", ("--channels", "height"), "color or triangle"),
+        ("pictures", ("--ids",), "let the name end in .zarr"),
+        ("pictures", ("--judge",), "let the name end in .zarr"),
+        ("plate.zarr", ("--layout", "cubevi"), "40 pixels wide"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_anything_is_drawn(
+    name: str,
+    words: tuple[str, ...],
+    told: str,
+    scene: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert plate(scene, tmp_path / name, "--layout", "views", *words) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == [scene.name]
