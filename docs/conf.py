@@ -37,6 +37,8 @@ extensions = [
     "myst_parser",
     "sphinx_gallery.gen_gallery",
     "command_help",
+    "name_examples",
+    "pictures",
 ]
 templates_path = ["_templates"]
 suppress_warnings = ["config.cache"]  # the gallery's settings hold functions, which cannot be kept

@@ -1,6 +1,6 @@
 """Pictures of the gallery: every PIL image and every plotly figure that an example makes is shown where it was made.
 
-Plotly comes from one local file, which the first page that needs it writes into the site's static files.
+Plotly comes from one local file among the site's static files.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from typing import Any
 from PIL import Image
 from plotly.graph_objects import Figure
 from plotly.offline import get_plotlyjs
+from sphinx.application import Sphinx
 
 PLOTLY = "plotly.min.js"
 """Name of the one file of plotly among the static files."""
-
-_shown: set[int] = set()
 
 
 def _new(block: tuple[Any, ...], variables: dict[str, Any]) -> list[Any]:
@@ -41,7 +40,7 @@ def scraper(block: tuple[Any, ...], variables: dict[str, Any], settings: dict[st
             name = path.relative_to(Path(settings["src_dir"])).as_posix()
             parts.append(f".. image-sg:: /{name}\n   :alt: {_words(value)}\n   :srcset: /{name}\n   :class: xf-wide\n")
         else:
-            parts.append(_figure(value, path, settings))
+            parts.append(_figure(value))
     return "\n".join(parts)
 
 
@@ -49,13 +48,27 @@ def _words(picture: Image.Image) -> str:
     return str(picture.info.get("Description", "pictures of the example"))
 
 
-def _figure(figure: Figure, path: Path, settings: dict[str, Any]) -> str:
-    """Return a figure as an element of the page; its thumbnail is a picture of the curves' place alone."""
-    static = Path(settings["src_dir"]) / "docs" / "_static" / PLOTLY
-    if not static.exists():
-        static.write_text(get_plotlyjs(), encoding="utf-8")
+def _figure(figure: Figure) -> str:
+    """Return a figure as an element of a page of the gallery."""
     html = figure.to_html(
-        full_html=False, include_plotlyjs=f"../_static/{PLOTLY}", default_height="420px", config={"responsive": True}
+        full_html=False,
+        include_plotlyjs=f"../../_static/{PLOTLY}",
+        default_height="420px",
+        config={"responsive": True},
     )
     lines = "\n".join(f"   {line}" for line in html.splitlines())
     return f".. raw:: html\n\n{lines}\n"
+
+
+def _write_plotly(app: Sphinx, error: Exception | None) -> None:
+    """Write the one file of plotly beside the built pages."""
+    if error is None and app.builder.format == "html":
+        static = Path(app.outdir) / "_static"
+        static.mkdir(exist_ok=True)
+        (static / PLOTLY).write_text(get_plotlyjs(), encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write plotly when all pages are built."""
+    app.connect("build-finished", _write_plotly)
+    return {"parallel_read_safe": True}
