@@ -57,8 +57,8 @@ numpydoc_show_inherited_class_members = False
 numpydoc_class_members_toctree = False
 
 sphinx_gallery_conf = {
-    "examples_dirs": ["examples"],
-    "gallery_dirs": ["gallery"],
+    "examples_dirs": ["docs/examples"],
+    "gallery_dirs": ["docs/gallery"],
     "filename_pattern": r"/plot_",
     "image_scrapers": (pictures.scraper,),
     "reset_modules": (),

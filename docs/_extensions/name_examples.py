@@ -27,6 +27,8 @@ def examples() -> dict[str, tuple[str, str]]:
 def _add(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Append the example of a name to its docstring."""
     del app, what, thing, options
+    # |z| means the height's amount, and not the substitution that it would be in reStructuredText.
+    lines[:] = [re.sub(r"\|(\w+)\|", r"\\|\1\\|", line) for line in lines]
     found = examples().get(name)
     if found is not None and "Examples" not in lines:
         words, code = found

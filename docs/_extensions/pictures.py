@@ -33,8 +33,8 @@ def scraper(block: tuple[Any, ...], variables: dict[str, Any], settings: dict[st
     """Write new pictures beside the page and return the text that shows them, for Sphinx-Gallery."""
     parts: list[str] = []
     for value in _new(block, variables):
-        path = Path(next(variables["image_path_iterator"]))
         if isinstance(value, Image.Image):
+            path = Path(next(variables["image_path_iterator"]))
             path.parent.mkdir(parents=True, exist_ok=True)
             value.save(path)
             name = path.relative_to(Path(settings["src_dir"])).as_posix()

@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from xfrustum import DoubleFrustum, Eye, open_scene, view
+from xfrustum.reports.eye.sources import Drawing
 
 # %%
 # A scene with parts on both sides of the plate, seen from 600 mm. To make the gap visible n is a twenty-fifth of the reach.
@@ -19,7 +20,7 @@ from xfrustum import DoubleFrustum, Eye, open_scene, view
 scene = open_scene("asymmetric")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(48, 48)))
 eye = Eye(position=(40.0, 20.0, 600.0), resolution=(240, 180))
-seen = view(scene, [eye], DoubleFrustum(near=6.0))
+seen = view(scene, [eye], Drawing(scene, DoubleFrustum(near=6.0)))
 print(f"every point is seen {seen.gap:g} {scene.units} farther from the plate than it is")
 
 # %%

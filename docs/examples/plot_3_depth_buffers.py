@@ -24,7 +24,7 @@ with Judge(scene) as judge:
     hogel = next(iter(judge.stream([scene.plate.middle], settings, images=True)))
 
 # %%
-# Red pixels show the wrong surface. D16 loses half of the car: its depth rounds to the value that the buffer was cleared to.
+# Red pixels show the wrong surface. D16 loses most of the car: its depth rounds to the value that the buffer was cleared to.
 
 truth = hogel.truth
 gray = np.where(truth.covered[..., None], 0.75 * truth.color.clip(0, 1) ** (1 / 2.2) + 0.25, 1.0)

@@ -2,7 +2,7 @@
 Slabs and seams
 ===============
 
-Cuts at heights |z| divide both frusta into slabs. All but the first are drawn exactly from the aperture. What happens at the first cut
+Cuts at some distances from the plate divide both frusta into slabs. All but the first are drawn exactly from the aperture. What happens at the first cut
 depends on the fit.
 """
 

@@ -57,7 +57,7 @@ EXAMPLES: dict[str, str] = {
     "cost": "xfrustum cost asymmetric --repeat 1 --out cost",
     "verify": "xfrustum verify asymmetric --apertures '20,20;60,40' --command 'xfrustum raster asymmetric "
     "--near 0.001 --depth d32f --mapping reversed --aperture {i},{j} --out {out}'",
-    "camera": "xfrustum camera asymmetric --for json --out cameras",
+    "camera": "xfrustum camera asymmetric --for json --near 0.1 --out cameras",
     "plate": "xfrustum plate asymmetric --near 0.1 --apertures 0-7,30 --out row.zarr",
     "convert": "xfrustum convert row.zarr views --to views",
     "survey": "xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey",
