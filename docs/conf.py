@@ -1,7 +1,7 @@
 """The site's configuration: `make docs` builds it without a network, and every warning is an error.
 
-The folder of sources is that of the checkout, so that links between pages are the same here as for readers of the
-files; `include_patterns` chooses the pages.
+The folder of sources is the checkout, so that links between pages are those that readers of the files follow;
+`include_patterns` chooses the pages.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ import xfrustum  # noqa: E402
 
 project = "xfrustum"
 author = "The xfrustum maintainers"
-copyright = "2026, the xfrustum maintainers"  # noqa: A001 - Sphinx's name
+copyright = "2026, the xfrustum maintainers"
 version = release = str(xfrustum.__version__)
 
 root_doc = "docs/index"
 include_patterns = ["docs/**", "CHANGELOG.md", "CONTRIBUTING.md", "CONVENTIONS.md"]
 exclude_patterns = [
-    ".*", "build", "compare", "dist", "raster", "reference", "report", "reports", "scenes", "scripts", "src", "tests",
+    ".*", "build", "compare", "dist", "raster", "reference", "report", "reports", "scenes", "scripts", "src",
+    "tests",
     "docs/_*", "docs/examples",
 ]  # fmt: skip
 extensions = [
@@ -40,7 +41,9 @@ extensions = [
     "name_examples",
     "pictures",
 ]
-templates_path = ["_templates"]
+templates_path = [
+    str(HERE / "_templates")
+]  # autosummary looks from the folder of sources, all else from here
 suppress_warnings = ["config.cache"]  # the gallery's settings hold functions, which cannot be kept
 
 # Pages in Markdown.

@@ -13,14 +13,17 @@ from sphinx.application import Sphinx
 
 PAGE = Path(__file__).resolve().parents[1] / "api" / "examples.md"
 
-_SECTION = re.compile(r"^## (?P<name>\S+)\n(?P<words>.*?)```pycon\n(?P<code>.*?)```", re.MULTILINE | re.DOTALL)
+_SECTION = re.compile(
+    r"^## (?P<name>\S+)\n(?P<words>.*?)```pycon\n(?P<code>.*?)```", re.MULTILINE | re.DOTALL
+)
 
 
 def examples() -> dict[str, tuple[str, str]]:
     """Return words and code of each name, as `xfrustum.NAME`."""
     text = PAGE.read_text(encoding="utf-8")
     return {
-        f"xfrustum.{found['name']}": (found["words"].strip(), found["code"].rstrip()) for found in _SECTION.finditer(text)
+        f"xfrustum.{found['name']}": (found["words"].strip(), found["code"].rstrip())
+        for found in _SECTION.finditer(text)
     }
 
 
@@ -33,7 +36,16 @@ def _add(app: Sphinx, what: str, name: str, thing: object, options: object, line
     if found is not None and "Examples" not in lines:
         words, code = found
         note = "The example goes on from those before it on :doc:`/docs/api/examples`."
-        lines += ["", "Examples", "--------", *([words, ""] if words else []), *code.splitlines(), "", note, ""]
+        lines += [
+            "",
+            "Examples",
+            "--------",
+            *([words, ""] if words else []),
+            *code.splitlines(),
+            "",
+            note,
+            "",
+        ]
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

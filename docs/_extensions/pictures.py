@@ -1,4 +1,4 @@
-"""Pictures of the gallery: every PIL image and every plotly figure that an example makes is shown where it was made.
+"""Pictures of the gallery: every PIL image and plotly figure that an example makes, shown where it was made.
 
 Plotly comes from one local file among the site's static files.
 """
@@ -38,7 +38,9 @@ def scraper(block: tuple[Any, ...], variables: dict[str, Any], settings: dict[st
             path.parent.mkdir(parents=True, exist_ok=True)
             value.save(path)
             name = path.relative_to(Path(settings["src_dir"])).as_posix()
-            parts.append(f".. image-sg:: /{name}\n   :alt: {_words(value)}\n   :srcset: /{name}\n   :class: xf-wide\n")
+            parts.append(
+                f".. image-sg:: /{name}\n   :alt: {_words(value)}\n   :srcset: /{name}\n   :class: xf-wide\n"
+            )
         else:
             parts.append(_figure(value))
     return "\n".join(parts)

@@ -2,7 +2,8 @@
 A foreign renderer diagnosed
 ============================
 
-Somebody's renderer returns pictures that look right. Are they? ``verify`` takes files, a command, or, as here, a function.
+Somebody's renderer returns pictures that look right. Are they? ``verify`` takes
+files, a command, or, as here, a function.
 """
 
 from dataclasses import replace
@@ -13,7 +14,8 @@ from PIL import Image
 from xfrustum import DoubleFrustum, Rasterizer, Reference, open_scene, verify
 
 # %%
-# The renderer to be judged: it has a near offset that nobody mentioned, and its rows are upside down.
+# The renderer to be judged: it has a near offset that nobody mentioned, and its rows
+# are upside down.
 
 scene = open_scene("asymmetric")
 scene = replace(scene, frustum=replace(scene.frustum, resolution=(96, 96)))
@@ -23,7 +25,10 @@ rasterizer = Rasterizer(scene)
 def renderer(scene, aperture):
     """Return the hogel image of somebody else's program."""
     image = rasterizer.render(aperture, DoubleFrustum(near=1.0))
-    flipped = {name: getattr(image, name)[::-1] for name in ("triangle", "object", "position", "normal", "color")}
+    flipped = {
+        name: getattr(image, name)[::-1]
+        for name in ("triangle", "object", "position", "normal", "color")
+    }
     return replace(image, **flipped)
 
 
@@ -45,7 +50,9 @@ def shown(image):
 
 aperture = scene.plate.aperture(20, 20)
 pair = (Reference(scene).trace(aperture), renderer(scene, aperture))
-picture = Image.fromarray(np.hstack([shown(image) for image in pair])).resize((1200, 600), Image.Resampling.NEAREST)
+picture = Image.fromarray(np.hstack([shown(image) for image in pair])).resize(
+    (1200, 600), Image.Resampling.NEAREST
+)
 picture
 
 # %%
@@ -53,5 +60,5 @@ picture
 
 summary = found.summary()
 for which in ("as_found", "corrected"):
-    print(f"{which:9} {summary[which]['fraction']:.2%} of the pixels name another triangle")
+    print(f"{which:9} {summary[which]['fraction']:.2%} of the pixels are wrong")
 rasterizer.release()

@@ -101,6 +101,7 @@ def test_the_examples_of_names_run_one_after_the_other(
     assert found.failed == 0, "".join(told)
 
 
+@pytest.mark.slow
 def test_the_walk_of_one_pixel_ends_where_the_closed_form_says(capsys: pytest.CaptureFixture[str]) -> None:
     text = (CHECKOUT / "docs" / "how-it-is-built.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
