@@ -8,7 +8,7 @@ XFRUSTUM := .venv/bin/xfrustum
 READY := .venv/.ready
 
 # One of each: what a module may be, the geometry of lines and plates, a truth, a raster image, a comparison, a
-# verdict, and the command line's answers. README.md, "Tests", says what this leaves out.
+# verdict, and the command line's answers. CONTRIBUTING.md, "Test", says what this leaves out.
 QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_arguments.py \
 	tests/scenes/files/test_scene_file.py tests/reference/test_lines.py \
 	'tests/reference/test_reference.py::test_every_line_shows_what_brute_force_shows[asymmetric-resolution4-aperture4]' \
@@ -17,7 +17,7 @@ QUICK := tests/test_architecture.py tests/scenes/plate tests/scenes/model/test_a
 	'tests/compare/diagnosis/test_verify_faults.py::test_a_single_fault_is_named_with_its_size_and_no_other[near]' \
 	tests/cli/test_cli.py
 
-.PHONY: help report test test-quick test-all test-blender fuzz kill setup lock clean
+.PHONY: help report test test-quick test-all test-blender fuzz kill setup lock docs clean
 
 help:
 	@echo 'make report    error report of a built-in scene (SCENE=$(SCENE) OUT=$(OUT))'
@@ -28,11 +28,18 @@ help:
 	@echo 'make fuzz      10,000 damaged inputs of every kind (FUZZ_ARGS="--kind mesh --count 100")'
 	@echo 'make kill      signals at random moments of every command (KILL_ARGS="--count 5")'
 	@echo 'make setup     only the set-up: system packages where they are missing, and .venv'
+	@echo 'make docs      the documentation with its gallery: build/docs/index.html'
 	@echo 'make lock      write requirements.lock anew (LOCK=--upgrade for the newest versions)'
 	@echo 'make clean     remove what the commands above made, .venv included'
 
-report: setup
-	$(XFRUSTUM) report $(SCENE) --out $(OUT)
+report:
+	@echo "Error report of the scene '$(SCENE)': sets up where that was not done, then traces the truth of the middle"
+	@echo "aperture and draws it with 25 near planes and 5 depth buffers, about half a minute; the page is $(OUT)/index.html."
+	@$(MAKE) --no-print-directory setup
+	@$(XFRUSTUM) report $(SCENE) --out $(OUT)
+
+docs: setup
+	scripts/make_docs.sh
 
 test: PYTEST_ARGS ?=
 test-all: PYTEST_ARGS ?= -m ''
@@ -53,8 +60,9 @@ setup: $(READY)
 	@echo "Set up: $(XFRUSTUM)"
 
 $(READY): requirements.lock pyproject.toml $(wildcard scripts/*)
-	scripts/system_packages.sh
-	scripts/make_venv.sh
+	@echo 'Set-up:'
+	@scripts/system_packages.sh
+	@scripts/make_venv.sh
 	@touch $@
 
 test-blender: setup
@@ -71,5 +79,5 @@ lock:
 	scripts/lock.sh $(LOCK)
 
 clean:
-	rm -rf .venv build dist report .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv build dist report docs/api/names docs/gallery .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

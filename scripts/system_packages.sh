@@ -4,6 +4,7 @@
 # elsewhere names it and stops.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+source scripts/steps.sh
 
 missing() {
     local python
@@ -63,11 +64,10 @@ if [ "$(id -u)" -ne 0 ]; then
 fi
 command -v apt-get >/dev/null || name_packages $lacking
 
-"${as_root[@]}" apt-get update || name_packages $lacking
+step "list of the distribution's packages" "${as_root[@]}" apt-get update || name_packages $lacking
 packages=$(apt_packages $lacking)
-echo "Installing from the distribution:" $packages
-"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $packages ||
-    name_packages $lacking
+step "$(echo $packages)" "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+    apt-get install -y --no-install-recommends $packages || name_packages $lacking
 
 lacking=$(missing)
 [ -z "$lacking" ] || name_packages $lacking

@@ -1,8 +1,10 @@
 """The command line: from arguments to a command and its exit status.
 
 commands/    the commands, a module for each use
+completion   Completion of commands, options and scenes by the shell (bash, zsh, fish), as click offers it
 failure      An unexpected error: one line, exit status 70, and a traceback that can be sent in
 files        Errors of file systems in words: impossible names, and places without room
+help         The text of `--help`: commands by their use, and an example that ends the help of each command
 light        Options of the command line about light: effects, numbers of samples, light transport
 main         The command line: from arguments to a command and its exit status
 numbers      Numbers on the command line, whose errors name the option that they were given to

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from xfrustum.cli import completion as cli_completion
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
 from xfrustum.cli import termination as cli_termination
@@ -33,6 +34,7 @@ from xfrustum.cli.commands import verify as cli_verify
 from xfrustum.cli.commands import view as cli_view
 from xfrustum.cli.failure import report_unexpected
 from xfrustum.cli.files import ADVICE, check_encoding, in_words
+from xfrustum.cli.help import CommandsByUse
 from xfrustum.cli.numbers import Size
 from xfrustum.cli.streams import printable_output, say
 
@@ -52,7 +54,12 @@ BAD_INPUT = 2
 """Exit status where the user can mend what is wrong."""
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
+@click.group(
+    cls=CommandsByUse,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    invoke_without_command=True,
+    epilog="`xfrustum COMMAND --help` lists the options of a command and ends with an example.",
+)
 @click.version_option(package_name="xfrustum", message="%(version)s")
 @click.option(
     "--max-input-memory",
@@ -206,7 +213,7 @@ def report(
             "files": {"html": files.html, "json": files.json, "parquet": files.parquet},
             **files.content,
         },
-        lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
+        lambda: "\n".join((files.command, *files.notes, files.cost, str(files.html), files.sentence)),
     )
 
 
@@ -392,6 +399,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _invoke(arguments: list[str]) -> int:
     """Run a command and return its exit status; unlike click's own `main`, let all exceptions through."""
     check_encoding(arguments)
+    asked = cli_completion.instruction()
+    if asked is not None:
+        return cli_completion.answer(cli, asked)
     with printable_output():
         try:
             with cli.make_context("xfrustum", list(arguments)) as context:

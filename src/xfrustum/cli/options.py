@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from xfrustum.cli import completion
 from xfrustum.cli.numbers import AUTO, Positive
 from xfrustum.cli.streams import say
 from xfrustum.tolerances import TOLERANCE_PX
@@ -454,7 +455,7 @@ def tell(as_json: bool, summary: Callable[[], dict[str, Any]], text: Callable[[]
         click.echo(text())
 
 
-scene_argument = click.argument("scene")
+scene_argument = click.argument("scene", shell_complete=completion.scenes)
 aperture_option = click.option(
     "--aperture", type=Index(), help="Column,row on the plate.  [default: the middle]"
 )

@@ -1,0 +1,70 @@
+"""Sphinx directive `command-help`: the help of a command as the program prints it.
+
+With no argument it shows the list of commands; with `all`, one section for each command.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import click
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+from xfrustum.cli.help import USES
+from xfrustum.cli.main import cli
+
+WIDTH = 100
+"""Characters in a line of the help texts."""
+
+
+def help_of(words: list[str]) -> str:
+    """Return the help of a command, given by its name and that of a command in it."""
+    command: click.Command = cli
+    context = click.Context(cli, info_name="xfrustum", terminal_width=WIDTH, max_content_width=WIDTH)
+    for word in words:
+        command = getattr(command, "commands")[word]  # noqa: B009 - groups alone have it
+        context = click.Context(
+            command, info_name=word, parent=context, terminal_width=WIDTH, max_content_width=WIDTH
+        )
+    return command.get_help(context)
+
+
+def all_commands() -> list[list[str]]:
+    """Return the words of all commands by their use, and after each group those in it."""
+    found: list[list[str]] = []
+    names = [name for use in USES for name in use.commands]
+    for name in [*names, *sorted(set(cli.commands) - set(names))]:
+        found.append([name])
+        found += [[name, inner] for inner in getattr(cli.commands[name], "commands", {})]
+    return found
+
+
+class CommandHelp(SphinxDirective):
+    """The help of one command, or of all."""
+
+    optional_arguments: ClassVar[int] = 4
+
+    def run(self) -> list[nodes.Node]:
+        """Return the text as a literal block, or a section for each command."""
+        if self.arguments != ["all"]:
+            return [_block(help_of(self.arguments))]
+        sections: list[nodes.Node] = []
+        for words in all_commands():
+            name = " ".join(words)
+            section = nodes.section(ids=[nodes.make_id(f"options-{name}")], names=[])
+            section += nodes.title(name, name)
+            section += _block(help_of(words))
+            sections.append(section)
+        return sections
+
+
+def _block(text: str) -> nodes.literal_block:
+    return nodes.literal_block(text, text, language="none")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the directive."""
+    app.add_directive("command-help", CommandHelp)
+    return {"parallel_read_safe": True}

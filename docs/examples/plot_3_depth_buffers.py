@@ -1,0 +1,54 @@
+"""
+Depth buffers side by side
+==========================
+
+Five buffers draw the same picture with the same tiny near. Which pixels show the
+wrong surface because of depth?
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from PIL import Image
+
+from xfrustum import DoubleFrustum, Judge, open_scene
+
+# %%
+# At n = 1e-7 of the reach the near offset bends nothing, so that what is wrong is the
+# buffer's work.
+
+scene = open_scene("car")
+scene = replace(scene, frustum=replace(scene.frustum, resolution=(160, 160)))
+near = 1e-7 * scene.frustum.longest_reach
+buffers = [
+    ("d16", "standard"),
+    ("d24", "standard"),
+    ("d24", "reversed"),
+    ("d24", "logarithmic"),
+    ("d32f", "reversed"),
+]
+settings = [
+    DoubleFrustum(near=near, depth=depth, mapping=mapping) for depth, mapping in buffers
+]
+with Judge(scene) as judge:
+    hogel = next(iter(judge.stream([scene.plate.middle], settings, images=True)))
+
+# %%
+# Red pixels show the wrong surface. D16 loses most of the car: its depth rounds to the
+# value that the buffer was cleared to.
+
+truth = hogel.truth
+gray = np.where(
+    truth.covered[..., None], 0.75 * truth.color.clip(0, 1) ** (1 / 2.2) + 0.25, 1.0
+)
+pictures = []
+for drawing in hogel.drawings:
+    wrong = drawing.comparison.maps.surface
+    pictures.append(np.where(wrong[..., None], (0.88, 0.19, 0.19), gray))
+    print(
+        f"{drawing.settings.depth_label:18} {drawing.comparison.surface.fraction:.4%}"
+    )
+picture = Image.fromarray((255 * np.hstack(pictures)).astype("uint8")).resize(
+    (1600, 320), Image.Resampling.NEAREST
+)
+picture

@@ -1,0 +1,129 @@
+"""Documents: links lead somewhere, every public name is documented, and examples run. `make docs` builds the site."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import inspect
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from markdown_it import MarkdownIt
+
+import xfrustum
+from xfrustum.reports.plate.blocks import close
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+PAGES = sorted(
+    path
+    for path in (*CHECKOUT.glob("*.md"), *(CHECKOUT / "docs").rglob("*.md"))
+    if "gallery" not in path.relative_to(CHECKOUT).parts
+)
+NAMES_PAGE = CHECKOUT / "docs" / "api" / "examples.md"
+INDEX = (CHECKOUT / "docs" / "api" / "index.rst").read_text(encoding="utf-8")
+PACKAGES = ("scenes", "reference", "raster", "compare")
+
+MADE_BY_THE_BUILD = ("docs/gallery/index.rst",)
+"""Targets of links that `make docs` makes."""
+
+
+def public_names() -> list[str]:
+    """Return every public name once: those of `xfrustum`, and what its packages export besides."""
+    named = list(xfrustum.__all__)
+    for package in PACKAGES:
+        exported = importlib.import_module(f"xfrustum.{package}").__all__
+        named += [f"{package}.{name}" for name in exported if name not in xfrustum.__all__]
+    return named
+
+
+def thing(name: str) -> Any:
+    package, _, last = name.rpartition(".")
+    return getattr(importlib.import_module(f"xfrustum.{package}" if package else "xfrustum"), last)
+
+
+def links(page: Path) -> list[str]:
+    """Return the targets of links and pictures of a page, without those of other hosts."""
+    found = []
+    for token in MarkdownIt().parse(page.read_text(encoding="utf-8")):
+        for child in token.children or ():
+            target = child.attrGet("href") or child.attrGet("src")
+            if isinstance(target, str) and not re.match(r"[a-z]+:", target):
+                found.append(target)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(CHECKOUT).as_posix())
+def test_links_of_a_page_lead_to_files(page: Path) -> None:
+    missing = []
+    for link in links(page):
+        target = (page.parent / link.partition("#")[0]).resolve() if not link.startswith("#") else page
+        if not target.exists() and target.relative_to(CHECKOUT).as_posix() not in MADE_BY_THE_BUILD:
+            missing.append(link)
+    assert missing == []
+
+
+def test_the_list_of_the_api_has_every_public_name_once() -> None:
+    listed = re.findall(r"^   ((?:scenes\.|reference\.|raster\.|compare\.)?\w+)$", INDEX, re.MULTILINE)
+    assert sorted(name for name in listed if name != "examples") == sorted(public_names())
+
+
+@pytest.mark.parametrize("name", public_names())
+def test_a_public_name_is_described(name: str) -> None:
+    found = thing(name)
+    if inspect.isclass(found) or inspect.isfunction(found):
+        assert inspect.getdoc(found)
+    else:  # a constant, whose description follows it in the module
+        assert isinstance(found, str | int | tuple)
+
+
+def test_every_public_name_has_an_example() -> None:
+    shown = re.findall(r"^## (\S+)$", NAMES_PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(shown) == sorted(public_names())
+
+
+@pytest.mark.slow
+def test_the_examples_of_names_run_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```pycon\n(.*?)```", NAMES_PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    test = doctest.DocTestParser().get_doctest("\n".join(blocks), {}, "examples.md", str(NAMES_PAGE), 0)
+    told: list[str] = []
+    try:
+        found = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=told.append)
+    finally:
+        close()
+    assert found.attempted > len(blocks)
+    assert found.failed == 0, "".join(told)
+
+
+@pytest.mark.slow
+def test_the_walk_of_one_pixel_ends_where_the_closed_form_says(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (CHECKOUT / "docs" / "how-it-is-built.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(compile(block, "how-it-is-built.md", "exec"), names)
+    assert names["measured"][0] == pytest.approx(names["predicted"], rel=1e-3)
+    assert "by the closed form" in capsys.readouterr().out
+
+
+def test_one_version_is_stated_everywhere() -> None:
+    stated = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["project"]["version"]
+    citation = re.search(r"^version: (\S+)$", (CHECKOUT / "CITATION.cff").read_text(), re.MULTILINE)
+    released = re.findall(r"^## \[(\d\S*)\]", (CHECKOUT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert citation is not None
+    assert stated == citation.group(1) == released[0]
+
+
+def test_the_gallery_has_examples_with_titles_that_end_in_pictures() -> None:
+    examples = sorted((CHECKOUT / "docs" / "examples").glob("plot_*.py"))
+    assert len(examples) >= 8
+    for path in examples:
+        text = path.read_text(encoding="utf-8")
+        title = (ast.get_docstring(ast.parse(text)) or "").splitlines()
+        assert title[1] == "=" * len(title[0]), path.name
+        assert "\npicture\n" in text, path.name
