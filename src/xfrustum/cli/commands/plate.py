@@ -250,7 +250,7 @@ def plate(
     from xfrustum.scenes.model.plate_content import Channel, ColorType, PlateContent
 
     spans = [(None, None)] if blocks is None else blocks
-    placed = None if layout is None else _laid_out(layout, out, blocks, part)
+    placed = None if layout is None else _laid_out(layout, out, blocks, where.part)
     chosen = blocks_of_apertures(opened.plate, spans)
     options.look_at(opened, chosen, black_is_right=True)
     content = PlateContent(
