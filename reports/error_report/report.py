@@ -15,6 +15,7 @@ from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
+from xfrustum.reports.error_report.inspection import inspection_of
 from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.error_report.report_records import ReportRecord
 from xfrustum.reports.error_report.shading import ShadingReport
@@ -27,6 +28,7 @@ from xfrustum.reports.error_report.sweep import (
     sweep,
 )
 from xfrustum.reports.error_report.tables import headline, recommended_command, report_record, write_parquet
+from xfrustum.reports.inspection.page import PAGE, write_inspection
 from xfrustum.reports.measurements.best import Recommendation, best_setting
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
@@ -42,7 +44,9 @@ class ReportFiles:
     Attributes
     ----------
     html, json, parquet
-        Paths of the three files.
+        Paths of the page, the JSON object and the measurements.
+    inspection
+        Path of the inspection page.
     best
         The best setting, and its numbers at the worst aperture.
     sentence
@@ -61,6 +65,7 @@ class ReportFiles:
     html: Path
     json: Path
     parquet: Path
+    inspection: Path
     best: Recommendation
     sentence: str
     content: dict[str, Any]
@@ -69,8 +74,8 @@ class ReportFiles:
     command: str
 
 
-FILES = ("index.html", "report.json", "measurements.parquet")
-"""Names of the files that a report writes."""
+FILES = ("index.html", "report.json", "measurements.parquet", PAGE)
+"""Names of the files that a report writes; hogels too large for the inspection page have files beside them."""
 
 
 def default_folder(scene: Scene) -> Path:
@@ -148,6 +153,7 @@ def _report_files(
         html=folder / FILES[0],
         json=folder / FILES[1],
         parquet=folder / FILES[2],
+        inspection=folder / PAGE,
         best=best_setting(measured.rows),
         sentence=headline(measured),
         content=json_object(record),
@@ -204,9 +210,10 @@ def _settings(
 
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
-    """Write the three files; return what report.json holds."""
+    """Write the files; return what report.json holds."""
     record = report_record(measured, shading)
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
+    write_inspection(folder, inspection_of(measured))
     write_json(folder / "report.json", record)
     write_parquet(measured, folder / "measurements.parquet")
     return record

@@ -21,7 +21,9 @@ from xfrustum.reports.error_report.measuring import (
     SettingMeasurer,
     TracedAperture,
 )
-from xfrustum.reports.measurements.best import keeping_tolerance
+from xfrustum.reports.inspection.drawn import inspected_drawings
+from xfrustum.reports.inspection.hogels import MAX_HOGELS, InspectedHogel
+from xfrustum.reports.measurements.best import best_setting, keeping_tolerance
 from xfrustum.reports.measurements.measurement import (
     Measurement,
     RasterParts,
@@ -118,6 +120,8 @@ def sweep(
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
         measurer = SettingMeasurer(judge, reduction)
         measured = _run(measurer, apertures, settings, watch, progress)
+        with watch.stage("inspection"):
+            inspected = _inspected(judge, measured.rows)
         with watch.stage("repeat"):
             frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
         opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
@@ -137,7 +141,15 @@ def sweep(
         parts_s=StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in measured.rows))),
         wall_s=wall_s,
         frames_s=frames,
+        inspected=inspected,
     )
+
+
+def _inspected(judge: Judge, rows: Sequence[Measurement]) -> tuple[InspectedHogel, ...]:
+    """Return the hogels in which the best setting is worst, drawn anew with it."""
+    best = best_setting(rows).settings
+    drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
+    return tuple(inspected_drawings(judge, [row.aperture for row in drawn[:MAX_HOGELS]], best))
 
 
 def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:

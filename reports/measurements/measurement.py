@@ -17,6 +17,7 @@ from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
 from xfrustum.reports.common.timing import Timing
+from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -163,12 +164,23 @@ class TracersAlonePictured:
     pictures: Mapping[str, bytes]
 
 
+_APART = ("pictures", "inspection", "repeat", "light", "alone")
+"""Stages that are no part of measuring."""
+
+_BESIDES = {
+    "inspection": "the inspection page",
+    "repeat": "frames drawn again for their time",
+    "light": "light",
+}
+"""Those of these stages that are named in words where they were done."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SweepCost:
     """What measuring took beside what it cannot do without: its frames with read-back and its truths.
 
-    Pictures, which belong to the page, repeated frames, which belong to the ranking by time, and light, which
-    has a section of its own, are timed separately: they are not measuring.
+    Pictures and channels, which belong to the pages, repeated frames, which belong to the ranking by time,
+    and light, which has a section of its own, are timed separately: they are not measuring.
 
     Attributes
     ----------
@@ -217,7 +229,8 @@ class Sweep:
         Libraries and hardware that produced the numbers.
     times_s
         Wall seconds per stage, which add up to `wall_s`. `exact` compares the frames with exact depth, beside
-        which those of all depth buffers are compared, `pictures` encodes those of the page, `repeat`
+        which those of all depth buffers are compared, `pictures` encodes those of the page,
+        `inspection` draws and packs the hogels of the inspection page, `repeat`
         draws frames again to time them, `light` measures the light of a shaded scene, and `other` is the
         rest.
     parts_s
@@ -228,6 +241,8 @@ class Sweep:
         By setting: times of repeated frames with read-back at the first aperture, where they were timed.
     auto
         The scout from which the apertures were chosen; None where they were given.
+    inspected
+        Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
     """
 
     scene: Scene
@@ -245,6 +260,7 @@ class Sweep:
     wall_s: float
     frames_s: Mapping[DoubleFrustum, Timing]
     auto: AutoApertures | None = None
+    inspected: tuple[InspectedHogel, ...] = ()
 
     def with_stage(self, name: str, seconds: float) -> Sweep:
         """Return the sweep with one more stage, which was done after all others."""
@@ -279,7 +295,7 @@ class Sweep:
     def cost(self) -> SweepCost:
         """The price of measuring, beside that of its frames and truths."""
         needed = self.times_s["raster"] + self.times_s["trace"]
-        apart = sum(self.times_s.get(stage, 0.0) for stage in ("pictures", "repeat", "light", "alone"))
+        apart = sum(self.times_s.get(stage, 0.0) for stage in _APART)
         measuring = self.wall_s - apart
         return SweepCost(
             wall_s=measuring,
@@ -303,7 +319,7 @@ class Sweep:
             traced = "the picture" if count == 1 else f"{count} pictures"
             truths = f"{traced} by {self.decided_by} alone"
         besides = [f"the page's pictures {cost.pictures_s:.2f} s"]
-        for stage, words in (("repeat", "frames drawn again for their time"), ("light", "light")):
+        for stage, words in _BESIDES.items():
             if stage in self.times_s:
                 besides.append(f"{words} {self.times_s[stage]:.2f} s")
         return (

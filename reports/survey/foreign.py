@@ -14,7 +14,7 @@ from xfrustum.reports.cluster.job import Job, Session
 from xfrustum.reports.cluster.parts import Parts
 from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.reports.common.records import table_of
-from xfrustum.reports.survey.hogels import Pictures
+from xfrustum.reports.survey.hogels import ShownHogel
 from xfrustum.reports.survey.rows import ForeignRow
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import HogelVerifier
@@ -123,7 +123,10 @@ class ForeignSession(Session):
         rows = [ForeignRow.of(self._verifier.hogel(aperture)) for aperture in job.blocks.apertures(number)]
         job.parts.write(number, table_of(ForeignRow, rows))
 
-    def pictures(self, column: int, row: int, setting: int) -> Pictures:
-        """Return truth, image and errors of one hogel, as data URLs; none where it is missing."""
+    def shown(self, column: int, row: int, setting: int) -> ShownHogel:
+        """Return truth, image and errors of one hogel, as pictures and as channels."""
         del setting  # there is one
-        return self._verifier.pictures(self._verifier.aperture(column, row))
+        found = self._verifier.pictured(self._verifier.aperture(column, row))
+        if found is None:
+            return ShownHogel(pictures={}, inspected=None)
+        return ShownHogel(pictures=found.pictures, inspected=found.inspected)

@@ -27,7 +27,7 @@ from xfrustum.reports.verification.commands import Command
 from xfrustum.reports.verification.laid_out import LaidOut, laid_out, with_layout_named
 from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
-from xfrustum.reports.verification.worst_hogels import WorstHogels
+from xfrustum.reports.verification.worst_hogels import Pictured, WorstHogels
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
@@ -63,6 +63,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     max_color: float | None = None,
     compare: Compared | str = Compared.COLOR,
     timeout_s: float = 60.0,
+    channels: bool = False,
     progress: bool = False,
 ) -> Verification:
     """Judge the hogel images of any renderer, and say what is wrong with it.
@@ -89,8 +90,9 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None.
     compare
         What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
-    timeout_s, progress
-        Seconds that each run of the command may take; and whether to draw a bar.
+    timeout_s, channels, progress
+        Seconds that each run of the command may take; whether to keep all channels of the worst hogels, which
+        inspection pages show; and whether to draw a bar.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     with _source(reference, source, command, encoding, timeout_s, layout) as opened_source:
         opened_source.check(asked)
 
-        run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits)
+        run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits, channels=channels)
         return run.in_any_layout(nominal, tuple(accept), progress=progress)
 
 
@@ -219,6 +221,7 @@ class _Run:
     source: Source
     asked: Sequence[Aperture]
     limits: Limits
+    channels: bool = False
     kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
 
     def in_any_layout(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
@@ -233,7 +236,7 @@ class _Run:
         sample = sampled(self.asked, self.reference.scene)
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
             question = self.question(sample, nominal, accept, bar.update)
-            worst, hogels = WorstHogels(), []
+            worst, hogels = WorstHogels(channels=self.channels), []
             most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
             with workers("judging") as pool:
                 judge = partial(self._hogel, question)
@@ -380,13 +383,13 @@ class HogelVerifier:
         """Judge one hogel."""
         return self._run.judged(self._question, aperture)[0]
 
-    def pictures(self, aperture: Aperture) -> dict[str, str]:
-        """Return pictures of one hogel as data URLs; none where it is missing."""
-        worst = WorstHogels()
+    def pictured(self, aperture: Aperture) -> Pictured | None:
+        """Return one hogel in pictures and with all its channels; None where it is missing."""
+        worst = WorstHogels(channels=True)
         figures = self._run.judged(self._question, aperture)[1]
         if figures is not None:
             worst.add(aperture, *figures)
-        return worst.kept[0].pictures if worst.kept else {}
+        return worst.kept[0] if worst.kept else None
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:

@@ -10,6 +10,8 @@ import numpy as np
 from PIL import Image
 
 from xfrustum.compare.judging.judged import Figures
+from xfrustum.reports.inspection.foreign import inspected_figures
+from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.plate.plate import Aperture
@@ -27,7 +29,10 @@ errors."""
 
 @dataclass(frozen=True, kw_only=True)
 class Pictured:
-    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
+    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts.
+
+    `inspected` has all its channels; None where they were not asked for.
+    """
 
     aperture: Aperture
     words: str
@@ -35,12 +40,14 @@ class Pictured:
     fraction: float
     corrected_fraction: float
     pictures: dict[str, str]
+    inspected: InspectedHogel | None = None
 
 
 @dataclass(kw_only=True)
 class WorstHogels:
-    """The worst so far, worst first."""
+    """The worst so far, worst first; with all their channels if these are wanted."""
 
+    channels: bool = False
     kept: list[Pictured] = field(default_factory=list)
 
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
@@ -60,6 +67,7 @@ class WorstHogels:
                 "error": _encoded(_errors(as_found)),
                 "rest": _encoded(_errors(corrected)),
             },
+            inspected=inspected_figures(aperture, as_found, corrected) if self.channels else None,
         )
         self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[
             :MAX_SHOWN_HOGELS

@@ -35,6 +35,7 @@ from xfrustum.cli.failure import report_unexpected
 from xfrustum.cli.files import ADVICE, check_encoding, in_words
 from xfrustum.cli.numbers import Size
 from xfrustum.cli.streams import printable_output, say
+from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
@@ -145,6 +146,7 @@ _decided_by_option = click.option(
 @_decided_by_option
 @cli_light.light_options(*cli_light.ALL)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
+@tev_option
 @options.quiet_option
 @options.json_option
 def report(
@@ -162,10 +164,11 @@ def report(
     decided_by: str,
     light: Light,
     out: Path | None,
+    tev: str | None,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Sweep near planes and depth formats; write index.html, report.json, measurements.parquet.
+    """Sweep near planes and depth formats; write index.html, inspect.html, report.json, measurements.parquet.
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
     measured at two corners of the plate too. With --apertures auto, a look through hundreds of apertures
@@ -175,6 +178,7 @@ def report(
     opened = light.applied(options.open_scene(scene))
     from xfrustum.reports.error_report.report import make_report
 
+    check_tev(tev)
     chosen = options.several_or_auto(opened, apertures, quiet=quiet)
     files = make_report(
         opened,
@@ -195,11 +199,17 @@ def report(
     options.tell(
         as_json,
         lambda: {
-            "files": {"html": files.html, "json": files.json, "parquet": files.parquet},
+            "files": {
+                "html": files.html,
+                "json": files.json,
+                "parquet": files.parquet,
+                "inspection": files.inspection,
+            },
             **files.content,
         },
         lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
     )
+    send_to_tev(tev, files.inspection, opened.name)
 
 
 def _check_no_other_tracer(tracer: str | None, decided_by: str) -> None:

@@ -11,6 +11,7 @@ from xfrustum.cli import options
 from xfrustum.cli.commands.checks import LIMIT_EXCEEDED
 from xfrustum.cli.commands.convert import layout_option
 from xfrustum.cli.numbers import Positive
+from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
 from xfrustum.tolerances import TOLERANCE_PX
 
 
@@ -121,8 +122,11 @@ class LimitInPixels(click.ParamType["float | None"]):
     show_default=True,
     help="Seconds that one run may take.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for index.html, inspect.html, verification.json."
+)
 @click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
+@tev_option
 @options.quiet_option
 @options.json_option
 def verify(
@@ -131,6 +135,7 @@ def verify(
     accept: tuple[str, ...] | None,
     out: Path | None,
     junit: Path | None,
+    tev: str | None,
     quiet: bool,
     as_json: bool,
     **asked: Any,
@@ -140,20 +145,25 @@ def verify(
     SOURCE is a pattern of files, {i} the column and {j} the row: 'DIR/hogel_{i}x{j}.png'; or a folder or a
     picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit.
     """
+    if tev is not None and out is None:
+        raise click.UsageError("--tev sends the images of inspect.html: give --out too")
     opened = options.open_scene(scene)
+    check_tev(tev)
     from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
-    from xfrustum.reports.verification.files import FILES, table, write_junit, write_verification
+    from xfrustum.reports.verification.files import FILES, INSPECTION, table, write_junit, write_verification
     from xfrustum.reports.verification.verification import verify as verified
 
     if junit is not None:
         check_writable_file(junit, "--junit")
     if out is not None:
         check_writable_folder(out, FILES)
-    found = verified(opened, accept=accept or (), progress=not quiet, **asked)
+    found = verified(opened, accept=accept or (), channels=out is not None, progress=not quiet, **asked)
     options.warn_of(opened)
     if out is not None:
         write_verification(found, out)
     if junit is not None:
         write_junit(found, junit)
     options.tell(as_json, found.summary, lambda: table(found))
+    if out is not None and found.inspected:
+        send_to_tev(tev, out / INSPECTION, opened.name)
     return 0 if found.passed else LIMIT_EXCEEDED
