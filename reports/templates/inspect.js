@@ -14,7 +14,7 @@ const VIEWS = [
   ["id.triangle", "triangle", ["id.triangle"]], ["id.object", "object", ["id.object"]], ["P.Z", "height, P.Z", ["P.Z"]], ["P.X", "P.X", ["P.X"]],
   ["P.Y", "P.Y", ["P.Y"]], ["N", "normal", ["N.X", "N.Y", "N.Z"]], ["certainty", "certainty", ["certainty"]],
 ];
-const state = { hogel: 0, channel: "color", mode: "wipe", wipe: 0.5, scale: 1, x: 0, y: 0, fitted: true, at: null, held: false };
+const state = { hogel: 0, channel: "", mode: "wipe", wipe: 0.5, scale: 1, x: 0, y: 0, fitted: true, at: null, held: false };
 const hogels = new Map(), files = new Map();
 let shown = null, noted = 0, pending = false;
 
@@ -367,7 +367,7 @@ async function look(number) {
   if (resized || state.fitted) fit();
   if (state.at) state.at = inside(state.at);
   choose(state.channel);
-  tell();
+  document.body.dataset.shown = page.hogels[number].aperture.join(",");
 }
 
 function wait(text) {
@@ -378,7 +378,13 @@ function wait(text) {
 function views() {
   const there = VIEWS.filter((view) => layersOf(view).length);
   get("channel").replaceChildren(...there.map(([name, text]) => new Option(text, name)));
-  if (!there.some(([name]) => name === state.channel)) state.channel = there[0][0];
+  if (!there.some(([name]) => name === state.channel)) state.channel = usual();
+}
+
+// The channel that shows most of what truth and image have in common.
+function usual() {
+  const both = ["color", "P.Z", "id.triangle", "id.object"].filter((name) => compared(name));
+  return both[0] ?? get("channel").options[0].value;
 }
 
 function choose(channel) {
@@ -400,7 +406,7 @@ function next(step) {
 
 function mode(name) {
   state.mode = name;
-  if (!compared()) state.channel = get("channel").options[0].value;
+  if (!compared()) state.channel = usual();
   choose(state.channel);
 }
 

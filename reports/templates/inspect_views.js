@@ -8,8 +8,8 @@ function viewOf(name) {
   return VIEWS.find((view) => view[0] === name);
 }
 
-function compared() {
-  const there = layersOf(viewOf(state.channel));
+function compared(name = state.channel) {
+  const there = layersOf(viewOf(name));
   return there.includes("truth") && there.includes("image");
 }
 

@@ -1,4 +1,4 @@
-"""A small scene with an inspection page of each command, and the OpenEXR files that their values must equal."""
+"""A small scene, an inspection page of each command, and the OpenEXR files that all values must equal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from xfrustum.cli.main import main
 
 SCENE = (
     named("two parts", "mm")
-    + film((40.0, 30.0), hogels=(3, 2), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0))
+    + film((40.0, 30.0), hogels=(2, 1), resolution=(40, 28), fov_deg=(60.0, 44.0), reach=(50.0, 60.0))
     + part("torus", 12.0, (3.0, 1.0, 25.0), rotate_deg=(20.0, 30.0, 0.0))
     + part("box", 30.0, (-4.0, 2.0, -35.0), rotate_deg=(10.0, 40.0, 0.0))
 )
@@ -52,16 +52,12 @@ def inspected(tmp_path_factory: pytest.TempPathFactory) -> Inspected:
     scene, pages = folder / "parts.toml", {name: folder / name for name in ("report", "verify", "survey")}
     scene.write_text(SCENE)
     setting = ["--near", NEAR, "--depth", "d24"]
-    for i in range(3):
-        for j in range(2):
-            at = ["--aperture", f"{i},{j}", "--quiet"]
-            assert main(["trace", str(scene), *at, "--out", str(folder / f"truth-{i}-{j}.exr")]) == 0
-            at.remove("--quiet")
-            assert (
-                main(["raster", str(scene), *at, *setting, "--out", str(folder / f"image-{i}-{j}.exr")]) == 0
-            )
+    for i in range(2):
+        words = [str(scene), "--aperture", f"{i},0"]
+        assert main(["trace", *words, "--quiet", "--out", str(folder / f"truth-{i}-0.exr")]) == 0
+        assert main(["raster", *words, *setting, "--out", str(folder / f"image-{i}-0.exr")]) == 0
     out = ["--quiet", "--out"]
-    report = ["report", str(scene), *setting, "--apertures", "0,0;2,1", *out, str(pages["report"])]
+    report = ["report", str(scene), *setting, "--apertures", "0,0;1,0", *out, str(pages["report"])]
     assert main(report) == 0
     verify = ["verify", str(scene), str(folder / "image-{i}-{j}.exr"), *out, str(pages["verify"])]
     assert main(verify) == 1

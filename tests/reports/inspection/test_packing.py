@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ def channels(draw: st.DrawFn) -> tuple[list[str], list[NDArray[Any]]]:
     return kinds, [values.view(kind) for kind, values in zip(kinds, bits, strict=True)]
 
 
+@settings(max_examples=25)
 @given(channels())
 def test_every_bit_comes_back(some: tuple[list[str], list[NDArray[Any]]]) -> None:
     kinds, values = some

@@ -111,7 +111,7 @@ def test_where_no_viewer_answers_the_files_are_there_and_one_line_says_how_to_st
     inspected: Inspected, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     address, images = f"localhost:{free_port()}", str(inspected.scene.parent / "image-{i}-{j}.exr")
-    arguments = ["verify", str(inspected.scene), images, "--apertures", "1,1", "--quiet"]
+    arguments = ["verify", str(inspected.scene), images, "--apertures", "1,0", "--quiet"]
     assert main([*arguments, "--out", str(tmp_path / "out"), "--tev", address]) == 2
     told = capsys.readouterr()
     assert "Not right" in told.out
