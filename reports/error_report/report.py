@@ -75,7 +75,7 @@ class ReportFiles:
 
 
 FILES = ("index.html", "report.json", "measurements.parquet", PAGE)
-"""Names of the files that a report writes; hogels too large for the inspection page have files beside them."""
+"""Names of the files that a report writes; what is too large for its inspection page has files of its own."""
 
 
 def default_folder(scene: Scene) -> Path:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.files.openexr.channels import CERTAINTY, COLOR, HEIGHT, OBJECT, POSITION, TRIANGLE
 from xfrustum.scenes.files.openexr.writer import stored_planes
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
+from xfrustum.scenes.model.scene import Scene
 
 TRUTH, IMAGE, ERROR = "truth", "image", "error"
 """Names of the layers of a hogel."""
@@ -95,6 +97,11 @@ def image_layer(name: str, words: str, image: HogelImage, *, said: bool = False)
         words=words,
         channels=tuple(_stored(one, planes[one]) for one in (*first, *others)),
     )
+
+
+def with_normals(image: HogelImage, scene: Scene) -> HogelImage:
+    """Return an image with the normals of its triangles: all renderers that name triangles share them."""
+    return image if image.normal is not None else replace(image, normal=normals_of(scene, image.triangle))
 
 
 def _stored(name: str, values: NDArray[Any]) -> Channel:

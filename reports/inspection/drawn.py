@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from functools import partial
 
 from xfrustum.compare.attribution.budget import Budget
 from xfrustum.compare.judging.engine import JudgedFrame, Wanted
@@ -22,8 +23,10 @@ from xfrustum.reports.inspection.channels import (
     classes,
     displacement_channels,
     image_layer,
+    with_normals,
 )
 from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
@@ -35,13 +38,14 @@ def inspected_drawings(
     judge: Judge, apertures: Sequence[Aperture], setting: DoubleFrustum
 ) -> Iterator[InspectedHogel]:
     """Yield the hogels of some apertures, drawn with a setting."""
-    with closing(judge.engine(WANTED, inspected_frame).frames(apertures, (setting,))) as frames:
+    finish = partial(inspected_frame, judge.scene)
+    with closing(judge.engine(WANTED, finish).frames(apertures, (setting,))) as frames:
         for one in frames:
             yield one.found
 
 
-def inspected_frame(frame: JudgedFrame) -> InspectedHogel:
-    """Return a frame with its truth and its errors; its engine was asked for causes."""
+def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
+    """Return a frame of a scene with its truth and its errors; its engine was asked for causes."""
     maps, budget = frame.comparison.maps, frame.budget
     assert budget is not None, "the engine was asked for causes"
     settings = frame.settings
@@ -50,8 +54,8 @@ def inspected_frame(frame: JudgedFrame) -> InspectedHogel:
         frame.hogel.aperture,
         _badness(frame),
         [
-            image_layer(TRUTH, "truth", frame.hogel.truth),
-            image_layer(IMAGE, drawing, frame.image),
+            image_layer(TRUTH, "truth", with_normals(frame.hogel.truth, scene)),
+            image_layer(IMAGE, drawing, with_normals(frame.image, scene)),
             Layer(name=ERROR, words="errors of the image", channels=_errors(maps, budget)),
         ],
     )

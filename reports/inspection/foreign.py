@@ -20,14 +20,18 @@ from xfrustum.reports.inspection.channels import (
     classes,
     displacement_channels,
     image_layer,
+    with_normals,
 )
 from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.model.hogel_image import HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 
-def inspected_figures(aperture: Aperture, as_found: Figures, corrected: Figures) -> InspectedHogel:
-    """Return a hogel, judged as it was found and after correction."""
+def inspected_figures(
+    scene: Scene, aperture: Aperture, as_found: Figures, corrected: Figures
+) -> InspectedHogel:
+    """Return a hogel of a scene, judged as it was found and after correction."""
     words = f"{as_found.limited_words} {percent(as_found.judged_fraction)}"
     if corrected is not as_found:
         words += f", corrected {percent(corrected.judged_fraction)}"
@@ -35,7 +39,7 @@ def inspected_figures(aperture: Aperture, as_found: Figures, corrected: Figures)
         aperture,
         words,
         [
-            image_layer(TRUTH, "what it should show", as_found.answer),
+            image_layer(TRUTH, "what it should show", with_normals(as_found.answer, scene)),
             image_layer(IMAGE, "image, upright", as_found.image, said=True),
             Layer(name=ERROR, words="errors of the image", channels=_errors(as_found, corrected)),
         ],

@@ -98,8 +98,8 @@ class PageData:
         Length unit of the scene.
     plate
         Columns and rows of the plate.
-    map_words, cells
-        What the map shows, and rows of its cells; None where nothing is known.
+    map_words, in_percent, cells
+        What the map shows, whether that is a share, and rows of its cells; None where nothing is known.
     nonce
         Word by which the browser knows the files beside the page.
     """
@@ -109,6 +109,7 @@ class PageData:
     units: str
     plate: tuple[int, int]
     map_words: str
+    in_percent: bool
     cells: tuple[tuple[float | None, ...], ...]
     nonce: str
 
@@ -167,6 +168,7 @@ def _rendered(
         units=shown.scene.units,
         plate=shown.scene.plate.hogels,
         map_words=shown.plate_map.words,
+        in_percent=shown.plate_map.in_percent,
         cells=tuple(
             tuple(None if np.isnan(x) else float(f"{x:.4g}") for x in row) for row in shown.plate_map.cells
         ),

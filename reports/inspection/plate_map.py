@@ -22,13 +22,18 @@ class PlateMap:
     Attributes
     ----------
     words
-        What the number is.
+        What the number is: a share, if that is their first word.
     cells
         (rows, columns) of cells, the largest value in each; NaN where no hogel is known.
     """
 
     words: str
     cells: Floats
+
+    @property
+    def in_percent(self) -> bool:
+        """Whether the number is told in percent."""
+        return self.words.startswith("Share")
 
     @classmethod
     def of(cls, plate: Plate, words: str, values: Iterable[tuple[int, int, float]]) -> PlateMap:

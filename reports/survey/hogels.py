@@ -6,6 +6,7 @@ import base64
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from xfrustum.compare.judging.engine import JudgedFrame
@@ -114,12 +115,14 @@ class HogelsSession(Session):
         """Return truth, drawing and errors of one hogel, as pictures and as channels."""
         aperture = self._judge.scene.plate.aperture(column, row)
         with closing(
-            self._judge.engine(WANTED, _shown).frames([aperture], (self._job.settings[setting],))
+            self._judge.engine(WANTED, partial(_shown, self._judge.scene)).frames(
+                [aperture], (self._job.settings[setting],)
+            )
         ) as frames:
             return next(iter(frames)).found
 
 
-def _shown(frame: JudgedFrame) -> ShownHogel:
+def _shown(scene: Scene, frame: JudgedFrame) -> ShownHogel:
     truth, maps = frame.hogel.truth, frame.comparison.maps
     reduction = -(-max(truth.camera.resolution) // MAX_PICTURE_PX)
     assert maps.surface is not None, "a judge has the scene at hand"
@@ -131,7 +134,7 @@ def _shown(frame: JudgedFrame) -> ShownHogel:
     }
     return ShownHogel(
         pictures={name: data_url(content) for name, content in encoded.items()},
-        inspected=inspected_frame(frame),
+        inspected=inspected_frame(scene, frame),
     )
 
 

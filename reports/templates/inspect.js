@@ -146,7 +146,7 @@ function drawNow() {
   if (both.length > 1) {
     pen.fillStyle = "#ffd43b";
     pen.fillRect(cut - dots(), 0, 2 * dots(), canvas.height);
-    pen.fillRect(cut - 4 * dots(), canvas.height / 2 - 14 * dots(), 8 * dots(), 28 * dots());
+    pen.fillRect(cut - 4 * dots(), canvas.height - 60 * dots(), 8 * dots(), 36 * dots());
   }
   get("tag-left").textContent = both[0] === "difference" ? "|image - truth|" : words(both[0]);
   get("tag-right").textContent = both.length > 1 ? words(both[1]) : "";
@@ -257,7 +257,8 @@ function cell(layer, name, i) {
 function apart(name, i) {
   const one = shown.channels.truth?.[name]?.[i], other = shown.channels.image?.[name]?.[i];
   if (one === undefined || other === undefined) return [element("td"), false];
-  const same = one === other || (Number.isNaN(one) && Number.isNaN(other));
+  if (Number.isNaN(one) && Number.isNaN(other)) return [element("td"), false];
+  const same = one === other;
   const text = same ? "0" : shown.heads["truth/" + name].kind === "float32" ? short(other - one) : "another";
   return [element("td", text === "NaN" ? "-" : text), !same];
 }
@@ -282,7 +283,11 @@ function tell() {
   for (const name of names) {
     const made = line(name), [moved, differs] = apart(name, i), pair = ["truth", "image"].map((layer) => cell(layer, name, i));
     if (differs) pair[1].className = "differs";
-    made.append(...pair, moved);
+    if (shown.heads["image/" + name]) made.append(...pair, moved);
+    else {
+      pair[0].colSpan = 3;
+      made.append(pair[0]);
+    }
   }
   for (const { name } of heads.find((layer) => layer.name === "error")?.channels ?? []) {
     const made = cell("error", name, i);
@@ -312,16 +317,15 @@ function plate() {
   }));
   page.hogels.forEach(({ aperture }, number) => {
     const place = placeOf(aperture), wide = Math.max(size, 9), chosen = number === state.hogel;
-    const x = (place[0] + 0.5) * size - wide / 2, y = (place[1] + 0.5) * size - wide / 2;
+    const [x, y] = place.map((one, axis) => Math.min(Math.max((one + 0.5) * size - wide / 2, 3), (axis ? map.height : map.width) - wide - 3));
     brush.lineWidth = 4;
     brush.strokeStyle = "#fff";
     brush.strokeRect(x, y, wide, wide);
     brush.lineWidth = 2;
     brush.strokeStyle = chosen ? "#e03131" : "#000";
     brush.strokeRect(x, y, wide, wide);
-    if (chosen) brush.fillStyle = "#e03131";
   });
-  get("map-words").textContent = `${page.plate[0]} x ${page.plate[1]} hogels as the viewer faces them. ${page.map_words}: ${high ? `yellow is ${short(high)}, dark 0` : "0 everywhere"}; gray: not known. Squares: hogels to look at.`;
+  get("map-words").textContent = `${page.plate[0]} x ${page.plate[1]} hogels as the viewer faces them. ${page.map_words}: ${high ? `yellow is ${page.in_percent ? short(100 * high) + " %" : short(high)}, dark 0` : "0 everywhere"}; gray: not known. Squares: hogels to look at.`;
 }
 
 function placeOf([column, row]) {

@@ -236,7 +236,7 @@ class _Run:
         sample = sampled(self.asked, self.reference.scene)
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
             question = self.question(sample, nominal, accept, bar.update)
-            worst, hogels = WorstHogels(channels=self.channels), []
+            worst, hogels = WorstHogels(scene=self.reference.scene if self.channels else None), []
             most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
             with workers("judging") as pool:
                 judge = partial(self._hogel, question)
@@ -385,7 +385,7 @@ class HogelVerifier:
 
     def pictured(self, aperture: Aperture) -> Pictured | None:
         """Return one hogel in pictures and with all its channels; None where it is missing."""
-        worst = WorstHogels(channels=True)
+        worst = WorstHogels(scene=self._run.reference.scene)
         figures = self._run.judged(self._question, aperture)[1]
         if figures is not None:
             worst.add(aperture, *figures)

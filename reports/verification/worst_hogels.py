@@ -14,6 +14,7 @@ from xfrustum.reports.inspection.foreign import inspected_figures
 from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 MAX_SHOWN_HOGELS = 6
@@ -45,9 +46,9 @@ class Pictured:
 
 @dataclass(kw_only=True)
 class WorstHogels:
-    """The worst so far, worst first; with all their channels if these are wanted."""
+    """The worst so far, worst first; with all their channels where the scene of these is given."""
 
-    channels: bool = False
+    scene: Scene | None = None
     kept: list[Pictured] = field(default_factory=list)
 
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
@@ -67,7 +68,9 @@ class WorstHogels:
                 "error": _encoded(_errors(as_found)),
                 "rest": _encoded(_errors(corrected)),
             },
-            inspected=inspected_figures(aperture, as_found, corrected) if self.channels else None,
+            inspected=None
+            if self.scene is None
+            else inspected_figures(self.scene, aperture, as_found, corrected),
         )
         self.kept = sorted((*self.kept, pictured), key=lambda one: one.badness, reverse=True)[
             :MAX_SHOWN_HOGELS

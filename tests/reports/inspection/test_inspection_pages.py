@@ -18,8 +18,18 @@ from xfrustum.reports.inspection.plate_map import MAX_MAP_CELLS, PlateMap
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Plate
 
-SURFACES = {"id.triangle", "id.object", "P.X", "P.Y", "P.Z", "certainty"}
-COMMANDS = {"report": SURFACES | {"R", "G", "B"}, "verify": SURFACES, "survey": SURFACES | {"R", "G", "B"}}
+SURFACES, COLOR, NORMALS = (
+    {"id.triangle", "id.object", "P.X", "P.Y", "P.Z"},
+    set("RGB"),
+    {"N.X", "N.Y", "N.Z"},
+)
+COMMANDS = {
+    "report": SURFACES | COLOR | NORMALS,
+    # What verify is asked for is a surface, not its color; what it reads of an image is not its normals.
+    "verify": SURFACES,
+    "survey": SURFACES | COLOR | NORMALS,
+}
+"""Channels that truth and image must both have."""
 
 
 def hogels(inspected: Inspected, command: str) -> list[InspectedHogel]:
@@ -32,8 +42,8 @@ def test_the_page_holds_the_bits_of_the_files(inspected: Inspected, command: str
     assert sorted(hogel.aperture for hogel in found) == [(0, 0), (1, 0)]
     for hogel in found:
         values = hogel.values()
-        assert COMMANDS[command] <= values["truth"].keys()
-        assert COMMANDS[command] - {"certainty"} <= values["image"].keys()
+        assert COMMANDS[command] | NORMALS | {"certainty"} <= values["truth"].keys()
+        assert COMMANDS[command] <= values["image"].keys()
         for layer in ("truth", "image"):
             stored = inspected.exr(hogel.aperture, layer)
             for name, channel in values[layer].items():
