@@ -11,11 +11,11 @@ from typing import Any
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.plain import CERTIFIED, Decision
+from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.timing import Stopwatch
-from xfrustum.reports.error_report.inspection import inspection_of
 from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.error_report.report_records import ReportRecord
 from xfrustum.reports.error_report.shading import ShadingReport
@@ -28,7 +28,8 @@ from xfrustum.reports.error_report.sweep import (
     sweep,
 )
 from xfrustum.reports.error_report.tables import headline, recommended_command, report_record, write_parquet
-from xfrustum.reports.inspection.page import PAGE, write_inspection
+from xfrustum.reports.inspection.page import PAGE, Inspection, write_inspection
+from xfrustum.reports.inspection.plate_map import PlateMap
 from xfrustum.reports.measurements.best import Recommendation, best_setting
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
@@ -72,6 +73,11 @@ class ReportFiles:
     notes: tuple[str, ...]
     cost: str
     command: str
+
+    @property
+    def places(self) -> dict[str, Path]:
+        """Paths of all files by their kind."""
+        return {"html": self.html, "json": self.json, "parquet": self.parquet, "inspection": self.inspection}
 
 
 FILES = ("index.html", "report.json", "measurements.parquet", PAGE)
@@ -213,7 +219,21 @@ def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> Repo
     """Write the files; return what report.json holds."""
     record = report_record(measured, shading)
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
-    write_inspection(folder, inspection_of(measured))
+    write_inspection(folder, _inspection(measured))
     write_json(folder / "report.json", record)
     write_parquet(measured, folder / "measurements.parquet")
     return record
+
+
+def _inspection(sweep: Sweep) -> Inspection:
+    """Return what the inspection page of a sweep shows."""
+    best = best_setting(sweep.rows).settings
+    shares = [(*row.aperture.index, row.surface_fraction) for row in sweep.rows if row.settings == best]
+    drawn = f"near {digits(best.near)}, {best.depth_label}"
+    return Inspection(
+        command="report",
+        scene=sweep.scene,
+        told=(f"The apertures of the report, drawn with its best setting: {drawn}.",),
+        hogels=sweep.inspected,
+        plate_map=PlateMap.of(sweep.scene.plate, "Share of wrong surfaces", shares),
+    )

@@ -120,10 +120,9 @@ def sweep(
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
         measurer = SettingMeasurer(judge, reduction)
         measured = _run(measurer, apertures, settings, watch, progress)
-        with watch.stage("inspection"):
-            inspected = _inspected(judge, measured.rows)
         with watch.stage("repeat"):
             frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
+        inspected = _inspected(judge, measured.rows, watch)
         opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
     wall_s = time.perf_counter() - begun
     return Sweep(
@@ -145,11 +144,12 @@ def sweep(
     )
 
 
-def _inspected(judge: Judge, rows: Sequence[Measurement]) -> tuple[InspectedHogel, ...]:
+def _inspected(judge: Judge, rows: Sequence[Measurement], watch: Stopwatch) -> tuple[InspectedHogel, ...]:
     """Return the hogels in which the best setting is worst, drawn anew with it."""
     best = best_setting(rows).settings
     drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
-    return tuple(inspected_drawings(judge, [row.aperture for row in drawn[:MAX_HOGELS]], best))
+    with watch.stage("inspection"):
+        return tuple(inspected_drawings(judge, [row.aperture for row in drawn[:MAX_HOGELS]], best))
 
 
 def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:

@@ -91,8 +91,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     compare
         What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
     timeout_s, channels, progress
-        Seconds that each run of the command may take; whether to keep all channels of the worst hogels, which
-        inspection pages show; and whether to draw a bar.
+        Seconds a run of the command may take; whether to keep channels of the worst hogels, and draw a bar.
 
     Raises
     ------
@@ -107,7 +106,6 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     reference = Reference(opened)
     with _source(reference, source, command, encoding, timeout_s, layout) as opened_source:
         opened_source.check(asked)
-
         run = _Run(reference=reference, source=opened_source, asked=asked, limits=limits, channels=channels)
         return run.in_any_layout(nominal, tuple(accept), progress=progress)
 

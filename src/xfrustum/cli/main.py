@@ -198,15 +198,7 @@ def report(
     )
     options.tell(
         as_json,
-        lambda: {
-            "files": {
-                "html": files.html,
-                "json": files.json,
-                "parquet": files.parquet,
-                "inspection": files.inspection,
-            },
-            **files.content,
-        },
+        lambda: {"files": files.places, **files.content},
         lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
     )
     send_to_tev(tev, files.inspection, opened.name)
