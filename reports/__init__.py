@@ -12,6 +12,7 @@ exchange/         The exchange with other programs: plates in layouts of files, 
 error_report/     The error report: every setting of a scene drawn, judged and timed; page, JSON and
                   Parquet
 eye/              What a viewer sees, as a page and as files
+inspection/       Inspection pages: every channel of truth and image at every pixel, and where they differ
 measurements/     What is measured of a setting, and which setting is best
 noticeable_study/ The study of what viewers notice of the near offset and of depth buffers
 plate/            Plates drawn into stores, by any number of processes

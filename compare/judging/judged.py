@@ -163,6 +163,8 @@ class Figures:
         colors are not compared.
     causes
         Number of wrong pixels by cause; None where that was not asked.
+    cause_masks
+        These pixels; None likewise.
     answer
         Image that should be shown.
     image
@@ -182,6 +184,7 @@ class Figures:
     measured_by: MeasuredBy
     radiance: int | None
     causes: dict[str, int] | None
+    cause_masks: Causes | None
     answer: HogelImage
     image: HogelImage
     error: Mask
@@ -281,6 +284,7 @@ def judge(
         measured_by=measured_by,
         radiance=None if radiance is None else int(radiance.sum()),
         causes=None if causes is None else causes.counts(),
+        cause_masks=causes,
         answer=answer,
         image=upright,
         error=(seen.differs if surface is None else surface) | (False if radiance is None else radiance),

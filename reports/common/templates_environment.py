@@ -28,7 +28,7 @@ _POLICY_MARK = "@@content-security-policy@@"
 template has it before any text from outside."""
 
 
-def html_page(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
+def html_page(template: str, filters: Filters, values: Mapping[str, Any], nonce: str | None = None) -> str:
     """Return a page that needs nothing else, online or offline.
 
     Beside the values, templates can use `policy()`, to be put first in the head; `plotly()`, the element with
@@ -43,6 +43,9 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any]) -> str
         Filters beside those of Jinja, by name.
     values
         What the template shows; all text is escaped.
+    nonce
+        Word in base64 by which the browser knows files of scripts beside the page, which our scripts load;
+        nobody whose text is on the page can guess it. None where there are no such files.
     """
     hashes: list[str] = []
 
@@ -62,7 +65,7 @@ def html_page(template: str, filters: Filters, values: Mapping[str, Any]) -> str
         data=_data_element,
     )
     text = environment.get_template(template).render(values)
-    return text.replace(_POLICY_MARK, _policy(hashes), 1)
+    return text.replace(_POLICY_MARK, _policy(hashes, nonce), 1)
 
 
 def svg_picture(template: str, filters: Filters, values: Mapping[str, Any]) -> str:
@@ -90,10 +93,10 @@ def _data_element(identifier: str, value: Any) -> Markup:
     )
 
 
-def _policy(hashes: list[str]) -> str:
-    """Return the policy of a page that has scripts of these hashes."""
+def _policy(hashes: list[str], nonce: str | None) -> str:
+    """Return the policy of a page that has scripts of these hashes, and files beside it of this nonce."""
     # Plotly makes style elements and attributes, and offers a plot as a picture from a data or blob address.
-    scripts = " ".join(hashes) or "'none'"
+    scripts = " ".join([*hashes, *([] if nonce is None else [f"'nonce-{nonce}'"])]) or "'none'"
     return "; ".join(
         (
             "default-src 'none'",

@@ -12,6 +12,7 @@ from typing import Any
 from xfrustum.compare.extent import require_seen
 from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reference.plain import CERTIFIED, Decision
+from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
 from xfrustum.reports.common.outputs import Staging
@@ -28,6 +29,8 @@ from xfrustum.reports.error_report.sweep import (
     sweep,
 )
 from xfrustum.reports.error_report.tables import headline, recommended_command, report_record, write_parquet
+from xfrustum.reports.inspection.page import PAGE, Inspection, write_inspection
+from xfrustum.reports.inspection.plate_map import PlateMap
 from xfrustum.reports.measurements.best import Recommendation, best_setting
 from xfrustum.reports.measurements.measurement import Sweep
 from xfrustum.scenes.errors import InputError
@@ -43,7 +46,9 @@ class ReportFiles:
     Attributes
     ----------
     html, json, parquet
-        Paths of the three files.
+        Paths of the page, the JSON object and the measurements.
+    inspection
+        Path of the inspection page.
     best
         The best setting, and its numbers at the worst aperture.
     sentence
@@ -62,6 +67,7 @@ class ReportFiles:
     html: Path
     json: Path
     parquet: Path
+    inspection: Path
     best: Recommendation
     sentence: str
     content: dict[str, Any]
@@ -69,9 +75,14 @@ class ReportFiles:
     cost: str
     command: str
 
+    @property
+    def places(self) -> dict[str, Path]:
+        """Paths of all files by their kind."""
+        return {"html": self.html, "json": self.json, "parquet": self.parquet, "inspection": self.inspection}
 
-FILES = ("index.html", "report.json", "measurements.parquet")
-"""Names of the files that a report writes."""
+
+FILES = ("index.html", "report.json", "measurements.parquet", PAGE)
+"""Names of the files that a report writes; what is too large for its inspection page has files of its own."""
 
 
 def default_folder(scene: Scene) -> Path:
@@ -155,6 +166,7 @@ def _report_files(
         html=folder / FILES[0],
         json=folder / FILES[1],
         parquet=folder / FILES[2],
+        inspection=folder / PAGE,
         best=best_setting(measured.rows),
         sentence=headline(measured),
         content=json_object(record),
@@ -216,10 +228,25 @@ def _settings(
 
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
-    """Write the three files; return what report.json holds."""
+    """Write the files; return what report.json holds."""
     begun = time.process_time()
     (folder / "index.html").write_text(render_page(measured, shading), encoding="utf-8")
     record = report_record(measured.with_cpu("page", time.process_time() - begun), shading)
+    write_inspection(folder, _inspection(measured))
     write_json(folder / "report.json", record)
     write_parquet(measured, folder / "measurements.parquet")
     return record
+
+
+def _inspection(sweep: Sweep) -> Inspection:
+    """Return what the inspection page of a sweep shows."""
+    best = best_setting(sweep.rows).settings
+    shares = [(*row.aperture.index, row.surface_fraction) for row in sweep.rows if row.settings == best]
+    drawn = f"near {digits(best.near)}, {best.depth_label}"
+    return Inspection(
+        command="report",
+        scene=sweep.scene,
+        told=(f"The apertures of the report, drawn with its best setting: {drawn}.",),
+        hogels=sweep.inspected,
+        plate_map=PlateMap.of(sweep.scene.plate, "Share of wrong surfaces", shares),
+    )

@@ -21,7 +21,9 @@ from xfrustum.reports.error_report.measuring import (
     SettingMeasurer,
     TracedAperture,
 )
-from xfrustum.reports.measurements.best import keeping_tolerance
+from xfrustum.reports.inspection.drawn import inspected_drawings
+from xfrustum.reports.inspection.hogels import MAX_HOGELS, InspectedHogel
+from xfrustum.reports.measurements.best import best_setting, keeping_tolerance
 from xfrustum.reports.measurements.measurement import (
     Measurement,
     RasterParts,
@@ -125,6 +127,8 @@ def sweep(
         measured_s, measured_cpu_s = time.perf_counter() - begun, time.process_time() - cpu_begun
         with watch.stage("repeat"):
             frames = _repeated(measurer, measured.rows, measured_s)
+        repeated_cpu_s = time.process_time() - cpu_begun
+        inspected = _inspected(judge, measured.rows, watch)
         opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
     wall_s = time.perf_counter() - begun
     return Sweep(
@@ -142,16 +146,28 @@ def sweep(
         parts_s=StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in measured.rows))),
         wall_s=wall_s,
         frames_s=frames,
-        cpu_s=_cpu_seconds(measurer, measured_cpu_s, time.process_time() - cpu_begun),
+        cpu_s=_cpu_seconds(measurer, (measured_cpu_s, repeated_cpu_s, time.process_time() - cpu_begun)),
         charged=causes,
+        inspected=inspected,
     )
 
 
-def _cpu_seconds(measurer: SettingMeasurer, measured_s: float, all_s: float) -> dict[str, float]:
-    """Return the CPU seconds of a sweep, given those up to its last row and those of everything."""
+def _cpu_seconds(measurer: SettingMeasurer, until_s: tuple[float, float, float]) -> dict[str, float]:
+    """Return the CPU seconds of a sweep, given those up to its last row, its last frame and its end."""
     known = measurer.cpu_seconds
-    stages = {name: known[name] for name in ("raster", "trace", "pictures", "alone") if name in known}
-    return {**stages, "repeat": all_s - measured_s, "all": all_s}
+    measured, repeated, everything = until_s
+    stages: dict[str, float] = {
+        name: known[name] for name in ("raster", "trace", "pictures", "alone") if name in known
+    }
+    return {**stages, "repeat": repeated - measured, "inspection": everything - repeated, "all": everything}
+
+
+def _inspected(judge: Judge, rows: Sequence[Measurement], watch: Stopwatch) -> tuple[InspectedHogel, ...]:
+    """Return the hogels in which the best setting is worst, drawn anew with it."""
+    best = best_setting(rows).settings
+    drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
+    with watch.stage("inspection"):
+        return tuple(inspected_drawings(judge, [row.aperture for row in drawn[:MAX_HOGELS]], best))
 
 
 def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:

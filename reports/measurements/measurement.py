@@ -17,6 +17,7 @@ from xfrustum.reference.alone import AloneNumbers
 from xfrustum.reference.plain import CERTIFIED
 from xfrustum.reports.common.geometry import CameraGeometry, geometries_of
 from xfrustum.reports.common.timing import Timing
+from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
@@ -166,12 +167,20 @@ class TracersAlonePictured:
     pictures: Mapping[str, bytes]
 
 
-BESIDES = ("pictures", "alone", "repeat", "light")
-"""Stages that are not measuring: the pictures of the page, the pixels that a tracer alone would have got wrong,
-which says nothing of a row, frames drawn again to rank them by time, and the section on light."""
+BESIDES = ("pictures", "inspection", "alone", "repeat", "light")
+"""Stages that are not measuring: the pictures of the page, the hogels of the inspection page, the pixels that a
+tracer alone would have got wrong, which says nothing of a row, frames drawn again to rank them by time, and the
+section on light."""
 
-WITHIN_SWEEP = ("pictures", "alone", "repeat")
+WITHIN_SWEEP = ("pictures", "inspection", "alone", "repeat")
 """Those of `BESIDES` that a sweep itself does."""
+
+_NAMED_BESIDES = {
+    "inspection": "the inspection page",
+    "repeat": "frames drawn again for their time",
+    "light": "light",
+}
+"""Those of `BESIDES` that are named in words where they were done."""
 
 LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
 """What a report without causes leaves out: the causes of wrong pixels, and predictions by closed forms; and what
@@ -259,7 +268,8 @@ class Sweep:
         Libraries and hardware that produced the numbers.
     times_s
         Wall seconds per stage, which add up to `wall_s`. `exact` compares the frames with exact depth, beside
-        which those of all depth buffers are compared, `pictures` encodes those of the page, `repeat`
+        which those of all depth buffers are compared, `pictures` encodes those of the page,
+        `inspection` draws and packs the hogels of the inspection page, `repeat`
         draws frames again to time them, `light` measures the light of a shaded scene, and `other` is the
         rest.
     parts_s
@@ -275,6 +285,8 @@ class Sweep:
         Whether wrong pixels were charged to causes, and errors predicted.
     auto
         The scout from which the apertures were chosen; None where they were given.
+    inspected
+        Hogels of some apertures, the worst first, drawn with the best setting, with all their channels.
     """
 
     scene: Scene
@@ -294,6 +306,7 @@ class Sweep:
     cpu_s: Mapping[str, float]
     charged: bool = True
     auto: AutoApertures | None = None
+    inspected: tuple[InspectedHogel, ...] = ()
 
     def with_stage(self, name: str, seconds: float, cpu_s: float) -> Sweep:
         """Return the sweep with one more stage, which was done after all others, and its CPU seconds."""
@@ -388,7 +401,7 @@ class Sweep:
             traced = "the picture" if count == 1 else f"{count} pictures"
             truths = f"{traced} by {self.decided_by} alone"
         besides = [f"the page's pictures {cost.pictures_s:.2f} s"]
-        for stage, words in (("repeat", "frames drawn again for their time"), ("light", "light")):
+        for stage, words in _NAMED_BESIDES.items():
             if stage in self.times_s:
                 besides.append(f"{words} {self.times_s[stage]:.2f} s")
         return (

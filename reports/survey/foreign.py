@@ -10,7 +10,7 @@ from pathlib import Path
 from xfrustum.reports.cluster.job import Session
 from xfrustum.reports.cluster.rows_job import RowsJob
 from xfrustum.reports.common.records import table_of
-from xfrustum.reports.survey.hogels import Pictures
+from xfrustum.reports.survey.hogels import ShownHogel
 from xfrustum.reports.survey.rows import ForeignRow
 from xfrustum.reports.verification.file_state import require_same_images, state_of_files
 from xfrustum.reports.verification.verdict import Limits
@@ -144,7 +144,10 @@ class ForeignSession(Session):
         rows = [ForeignRow.of(self._verifier.hogel(aperture)) for aperture in job.blocks.apertures(number)]
         job.parts.write(number, table_of(ForeignRow, rows))
 
-    def pictures(self, column: int, row: int, setting: int) -> Pictures:
-        """Return truth, image and errors of one hogel, as data URLs; none where it is missing."""
+    def shown(self, column: int, row: int, setting: int) -> ShownHogel:
+        """Return truth, image and errors of one hogel, as pictures and as channels."""
         del setting  # there is one
-        return self._verifier.pictures(self._verifier.aperture(column, row))
+        found = self._verifier.pictured(self._verifier.aperture(column, row))
+        if found is None:
+            return ShownHogel(pictures={}, inspected=None)
+        return ShownHogel(pictures=found.pictures, inspected=found.inspected)

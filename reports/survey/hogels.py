@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
+from xfrustum.compare.judging.engine import JudgedFrame
 from xfrustum.compare.judging.judge import Judge
-from xfrustum.compare.metrics.comparison import Comparison
 from xfrustum.reports.cluster.job import Session
 from xfrustum.reports.cluster.processes import device_index
 from xfrustum.reports.cluster.rows_job import RowsJob
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.error_report.images import SURFACE_COLOR, displacement_map, mask, media_type, picture
+from xfrustum.reports.inspection.drawn import WANTED, inspected_frame
+from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.reports.survey.rows import Device, DrawnRow, JudgedWith
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
@@ -24,6 +27,22 @@ MAX_PICTURE_PX = 512
 
 Pictures = dict[str, str]
 """Data URLs of the pictures of one hogel, by what they show."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownHogel:
+    """What a page shows of one hogel.
+
+    Attributes
+    ----------
+    pictures
+        Its pictures; none where it is missing.
+    inspected
+        All its channels; None where it is missing.
+    """
+
+    pictures: Pictures
+    inspected: InspectedHogel | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,29 +97,36 @@ class HogelsSession(Session):
         ]
         job.parts.write(number, table_of(DrawnRow, rows))
 
-    def pictures(self, column: int, row: int, setting: int) -> Pictures:
-        """Return truth, drawing and errors of one hogel, as data URLs."""
+    def shown(self, column: int, row: int, setting: int) -> ShownHogel:
+        """Return truth, drawing and errors of one hogel, as pictures and as channels."""
         aperture = self._judge.scene.plate.aperture(column, row)
-        settings = (self._job.settings[setting],)
-        (hogel,) = self._judge.stream([aperture], settings, images=True)
-        (drawing,) = hogel.drawings
-        comparison = drawing.comparison
-        assert hogel.truth is not None and drawing.image is not None and isinstance(comparison, Comparison)
-        reduction = -(-max(self._judge.scene.frustum.resolution) // MAX_PICTURE_PX)
-        wrong = comparison.maps.surface
-        assert wrong is not None, "a judge has the scene at hand"
-        encoded = {
-            "truth": picture(hogel.truth, reduction),
-            "drawing": picture(drawing.image, reduction),
-            "displacement": displacement_map(comparison.maps.displacement, reduction),
-            "wrong surfaces": mask(wrong, SURFACE_COLOR, reduction),
-        }
-        return {name: data_url(content) for name, content in encoded.items()}
+        with closing(
+            self._judge.engine(WANTED, partial(_shown, self._judge.scene)).frames(
+                [aperture], (self._job.settings[setting],)
+            )
+        ) as frames:
+            return next(iter(frames)).found
 
 
-def worst_pictures(session: Any, column: int, row: int, setting: int) -> Pictures:
-    """Return the pictures of one hogel; the question that a team of workers is asked."""
-    found: Pictures = session.pictures(column, row, setting)
+def _shown(scene: Scene, frame: JudgedFrame) -> ShownHogel:
+    truth, maps = frame.hogel.truth, frame.comparison.maps
+    reduction = -(-max(truth.camera.resolution) // MAX_PICTURE_PX)
+    assert maps.surface is not None, "a judge has the scene at hand"
+    encoded = {
+        "truth": picture(truth, reduction),
+        "drawing": picture(frame.image, reduction),
+        "displacement": displacement_map(maps.displacement, reduction),
+        "wrong surfaces": mask(maps.surface, SURFACE_COLOR, reduction),
+    }
+    return ShownHogel(
+        pictures={name: data_url(content) for name, content in encoded.items()},
+        inspected=inspected_frame(scene, frame),
+    )
+
+
+def worst_hogel(session: Any, column: int, row: int, setting: int) -> ShownHogel:
+    """Return what a page shows of one hogel; the question that a team of workers is asked."""
+    found: ShownHogel = session.shown(column, row, setting)
     return found
 
 

@@ -6,26 +6,35 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.provenance import versions
 from xfrustum.reports.common.raster_command import raster_command
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.inspection import page as inspection
+from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.reports.inspection.plate_map import PlateMap
 from xfrustum.reports.survey.answer import Survey, percent_up
-from xfrustum.reports.survey.figures import depth_figure, distribution_figure, map_figures
+from xfrustum.reports.survey.figures import depth_figure, distribution_figure, map_figures, words_of
 from xfrustum.reports.survey.hogels import Pictures
-from xfrustum.reports.survey.tally import WorstHogel
+from xfrustum.reports.survey.tally import FRACTION, P99, SURFACE, WorstHogel
 
-FILES = PAGE, DATA = "index.html", "survey.json"
+FILES = PAGE, DATA, INSPECTION = "index.html", "survey.json", inspection.PAGE
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pictured:
-    """One of the worst hogels with its pictures, data URLs by what they show; none where it is missing."""
+    """One of the worst hogels with its pictures, data URLs by what they show; none where it is missing.
+
+    `inspected` has all its channels; None where it is missing.
+    """
 
     worst: WorstHogel
     pictures: Pictures
+    inspected: InspectedHogel | None = None
 
 
 def _readable(value: float) -> str:
@@ -34,7 +43,7 @@ def _readable(value: float) -> str:
 
 
 def write_survey(found: Survey, pictured: Sequence[Pictured], out: Path) -> tuple[Path, ...]:
-    """Write the page and the JSON object, all or nothing.
+    """Write the page, the JSON object and the inspection page, all or nothing.
 
     Raises
     ------
@@ -44,7 +53,23 @@ def write_survey(found: Survey, pictured: Sequence[Pictured], out: Path) -> tupl
     with Staging(out, FILES) as staging:
         (staging.folder / PAGE).write_text(render_page(found, pictured), encoding="utf-8")
         write_json(staging.folder / DATA, found.record)
+        inspection.write_inspection(staging.folder, _inspection(found, pictured))
         return staging.commit()
+
+
+def _inspection(found: Survey, pictured: Sequence[Pictured]) -> inspection.Inspection:
+    """Return what the inspection page shows: the worst hogels of the best setting."""
+    settings, tally = found.settings[found.best], found.tallies[found.best]
+    name = next((one for one in (P99, SURFACE, FRACTION) if one in tally.maps), None)
+    drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
+    cells = np.full(found.scene.plate.hogels[::-1], np.nan) if name is None else tally.maps[name]
+    return inspection.Inspection(
+        command="survey",
+        scene=found.scene,
+        told=(f"The worst of the {found.extent.judged:,} hogels that were judged: {drawn}.",),
+        hogels=[one.inspected for one in pictured if one.inspected is not None],
+        plate_map=PlateMap(words="" if name is None else words_of(name).capitalize(), cells=cells),
+    )
 
 
 def render_page(found: Survey, pictured: Sequence[Pictured]) -> str:

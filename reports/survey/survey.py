@@ -27,7 +27,7 @@ from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.outputs import check_writable_folder
 from xfrustum.reports.survey.answer import Extent, Survey
 from xfrustum.reports.survey.foreign import ForeignJob, ForeignPlate
-from xfrustum.reports.survey.hogels import HogelsJob, Pictures, worst_pictures
+from xfrustum.reports.survey.hogels import HogelsJob, ShownHogel, worst_hogel
 from xfrustum.reports.survey.page import FILES, Pictured, write_survey
 from xfrustum.reports.survey.tally import Tally, tallies
 from xfrustum.scenes.arguments import one_of, real
@@ -269,6 +269,6 @@ class _Run:
         """Return the worst hogels of the best setting with their pictures, drawn anew."""
         pictured = []
         for worst in found.tallies[found.best].worst:
-            pictures: Pictures = team.ask(self.job, worst_pictures, *worst.aperture, found.best)
-            pictured.append(Pictured(worst=worst, pictures=pictures))
+            shown: ShownHogel = team.ask(self.job, worst_hogel, *worst.aperture, found.best)
+            pictured.append(Pictured(worst=worst, pictures=shown.pictures, inspected=shown.inspected))
         return pictured

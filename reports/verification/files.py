@@ -7,20 +7,23 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
+from xfrustum.compare.judging.judged import HogelNumbers
 from xfrustum.reports.common.outputs import Staging, write_output
 from xfrustum.reports.common.provenance import machine, versions
 from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.inspection import page as inspection
+from xfrustum.reports.inspection.plate_map import PlateMap
 from xfrustum.reports.verification.figures import PlateNumbers, figures_words, percent, totals
 from xfrustum.reports.verification.verdict import Verification
 
-FILES = PAGE, DATA = "index.html", "verification.json"
+FILES = PAGE, DATA, INSPECTION = "index.html", "verification.json", inspection.PAGE
 
 MAX_LISTED = 10
 """Missing hogels that the terminal names one by one."""
 
 
 def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
-    """Write the page and the JSON object, all or nothing.
+    """Write the page and the JSON object, and the inspection page if channels were kept, all or nothing.
 
     Raises
     ------
@@ -31,7 +34,26 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
         (staging.folder / PAGE).write_text(render_page(found), encoding="utf-8")
         text = json.dumps(found.summary(), allow_nan=False, indent=1)
         (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
+        if found.inspected:
+            inspection.write_inspection(staging.folder, _inspection(found))
         return staging.commit()
+
+
+def _inspection(found: Verification) -> inspection.Inspection:
+    """Return what the inspection page shows: the worst hogels, beside what they should be."""
+    known = [(hogel.aperture, hogel.as_found) for hogel in found.hogels if hogel.as_found is not None]
+    shares = [(*aperture.index, _limited_share(numbers)) for aperture, numbers in known]
+    return inspection.Inspection(
+        command="verify",
+        scene=found.scene,
+        told=(f"The worst hogels of {found.source}, as they were found.",),
+        hogels=found.inspected,
+        plate_map=PlateMap.of(found.scene.plate, "Share of wrong pixels", shares),
+    )
+
+
+def _limited_share(numbers: HogelNumbers) -> float:
+    return numbers.fraction if numbers.surface is None else numbers.surface.fraction
 
 
 def render_page(found: Verification) -> str:

@@ -12,6 +12,7 @@ from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
 from xfrustum.reports.common.summaries import Summarized
+from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.reports.verification.figures import COLORS, DISPLACEMENT, PlateNumbers, percent, totals
 from xfrustum.reports.verification.worst_hogels import WorstHogels
 from xfrustum.scenes.arguments import real
@@ -246,6 +247,11 @@ class Verification(Shown, Summarized[VerificationRecord]):
     def passed(self) -> bool:
         """Whether every hogel is there and keeps to the limits."""
         return all(hogel.passed for hogel in self.hogels)
+
+    @property
+    def inspected(self) -> list[InspectedHogel]:
+        """The worst hogels with all their channels; none unless channels were kept."""
+        return [one.inspected for one in self.worst.kept if one.inspected is not None]
 
     @property
     def checks(self) -> tuple[Check, ...]:

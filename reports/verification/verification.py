@@ -27,7 +27,7 @@ from xfrustum.reports.verification.commands import Command
 from xfrustum.reports.verification.laid_out import LaidOut, is_place, laid_out, with_layout_named
 from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
-from xfrustum.reports.verification.worst_hogels import WorstHogels
+from xfrustum.reports.verification.worst_hogels import Pictured, WorstHogels
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
@@ -64,6 +64,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     max_color: float | None = None,
     compare: Compared | str = Compared.COLOR,
     timeout_s: float = 60.0,
+    channels: bool = False,
     progress: bool = False,
 ) -> Verification:
     """Judge the hogel images of any renderer, and say what is wrong with it.
@@ -90,8 +91,8 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
         Difference of linear radiance beyond which a color is wrong; `COLOR_TOLERANCE` where None.
     compare
         What plain pictures are judged by: `color`, or `geometry`: where they show something, and outlines.
-    timeout_s, progress
-        Seconds that each run of the command may take; and whether to draw a bar.
+    timeout_s, channels, progress
+        Seconds a run of the command may take; whether to keep channels of the worst hogels, and draw a bar.
 
     Raises
     ------
@@ -106,8 +107,7 @@ def verify(  # noqa: PLR0913 - one keyword for each option of the command
     reference = Reference(opened)
     with opened_source(reference, source, command, encoding, timeout_s, layout) as images:
         images.check(asked)
-
-        run = Run(reference=reference, source=images, asked=asked, limits=limits)
+        run = Run(reference=reference, source=images, asked=asked, limits=limits, channels=channels)
         return run.in_any_layout(nominal, tuple(accept), progress=progress)
 
 
@@ -218,6 +218,7 @@ class Run:
     source: Source
     asked: Sequence[Aperture]
     limits: Limits
+    channels: bool = False
     kept: dict[Aperture, HogelImage | Problem] = field(default_factory=dict)
 
     def in_any_layout(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
@@ -233,7 +234,7 @@ class Run:
         sample = sampled(self.asked, self.reference.scene)
         with progress_bar(len(self.asked) + len(sample), "verify", "hogel", shown=progress) as bar:
             question = self.question(sample, nominal, accept, bar.update)
-            worst, hogels = WorstHogels(), []
+            worst, hogels = WorstHogels(scene=self.reference.scene if self.channels else None), []
             for hogel in self.hogels(question, self.asked, worst):
                 hogels.append(hogel)
                 bar.update()
@@ -397,13 +398,13 @@ class HogelVerifier:
         """Judge one hogel."""
         return self._run.judged(self._question, aperture)[0]
 
-    def pictures(self, aperture: Aperture) -> dict[str, str]:
-        """Return pictures of one hogel as data URLs; none where it is missing."""
-        worst = WorstHogels()
+    def pictured(self, aperture: Aperture) -> Pictured | None:
+        """Return one hogel in pictures and with all its channels; None where it is missing."""
+        worst = WorstHogels(scene=self._run.reference.scene)
         figures = self._run.judged(self._question, aperture)[1]
         if figures is not None:
             worst.add(aperture, *figures)
-        return worst.kept[0].pictures if worst.kept else {}
+        return worst.kept[0] if worst.kept else None
 
 
 def sampled(apertures: Sequence[Aperture], scene: Scene) -> list[Aperture]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import base64
 import io
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from PIL import Image
 
 from xfrustum.compare.judging.judged import Figures
+from xfrustum.reports.inspection.foreign import inspected_figures
+from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
+from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
 MAX_SHOWN_HOGELS = 6
@@ -27,7 +30,10 @@ errors."""
 
 @dataclass(frozen=True, kw_only=True)
 class Pictured:
-    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts."""
+    """One hogel in pictures, each a data URL, with how bad it is, and in words what that counts.
+
+    `inspected` has all its channels; None where they were not asked for.
+    """
 
     aperture: Aperture
     words: str
@@ -35,19 +41,24 @@ class Pictured:
     fraction: float
     corrected_fraction: float
     pictures: dict[str, str]
+    inspected: InspectedHogel | None = None
 
 
 @dataclass(kw_only=True)
 class WorstHogels:
-    """The worst so far, worst first."""
+    """The worst so far, worst first; with all their channels where the scene of these is given."""
 
+    scene: Scene | None = None
     kept: list[Pictured] = field(default_factory=list)
 
     def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
         """Keep a hogel if it is among the worst: as found, then corrected."""
         badness = (as_found.judged_fraction, corrected.judged_fraction)
         if self._is_worst(badness):
-            self.keep(_pictured(aperture, badness, as_found, corrected))
+            inspected = (
+                None if self.scene is None else inspected_figures(self.scene, aperture, as_found, corrected)
+            )
+            self.keep(replace(_pictured(aperture, badness, as_found, corrected), inspected=inspected))
 
     def keep(self, pictured: Pictured) -> None:
         """Keep the pictures of a hogel if it is among the worst; of equals those that came first stay."""

@@ -221,6 +221,7 @@ def test_report_says_the_best_setting_and_where_the_page_is(
         "html": "report/two-boxes/index.html",
         "json": "report/two-boxes/report.json",
         "parquet": "report/two-boxes/measurements.parquet",
+        "inspection": "report/two-boxes/inspect.html",
     }
     assert isinstance(told["rows"], list) and len(told["rows"]) == 8
 

@@ -128,7 +128,7 @@ class ImageWriter(AllOrNothing):
             raise ValueError(
                 f"a band of {width} x {rows} at row {first_row} leaves {self._camera.resolution}"
             )
-        planes = _planes(band)
+        planes = stored_planes(band)
         pixels = {name: np.ascontiguousarray(planes[name]).tobytes() for name in self._channels}
         try:
             self._file.writePixels(pixels, rows)
@@ -185,8 +185,8 @@ def write_image(path: str | Path, image: HogelImage) -> None:
         writer.write_rows(0, image)
 
 
-def _planes(image: HogelImage) -> dict[str, NDArray[Any]]:
-    """Return every channel that the image has as (H, W) in its stored type."""
+def stored_planes(image: HogelImage) -> dict[str, NDArray[Any]]:
+    """Return every channel that an image has, by its name, (H, W), with the type and bits of a file."""
     planes: dict[str, NDArray[Any]] = {
         HEIGHT: image.height.astype(np.float32),
         TRIANGLE: (image.triangle + 1).astype(np.uint32),

@@ -10,5 +10,6 @@ main         The command line: from arguments to a command and its exit status
 numbers      Numbers on the command line, whose errors name the option that they were given to
 options      Options that commands share: apertures, near planes, settings of the double frustum
 streams      Standard output and standard error, also where they are closed, full or broken
+tev          The option `--tev`: what an inspection page holds, sent to a running viewer
 termination  Ctrl-C and SIGTERM end a command cleanly, whatever it is doing when they come
 """

@@ -37,6 +37,7 @@ from xfrustum.cli.files import ADVICE, check_encoding, in_words
 from xfrustum.cli.help import CommandsByUse
 from xfrustum.cli.numbers import Size
 from xfrustum.cli.streams import printable_output, say
+from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
@@ -157,6 +158,7 @@ _decided_by_option = click.option(
     help="Whether wrong pixels are charged to causes, and errors predicted.  [default: causes]",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: report/NAME]")
+@tev_option
 @options.quiet_option
 @options.json_option
 def report(
@@ -175,10 +177,11 @@ def report(
     light: Light,
     causes: bool,
     out: Path | None,
+    tev: str | None,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Sweep near planes and depth formats; write index.html, report.json, measurements.parquet.
+    """Sweep near planes and depth formats; write index.html, inspect.html, report.json, measurements.parquet.
 
     Every combination of near, depth buffer, pivot, fit, offset and cuts is measured. A recentered frustum is
     measured at two corners of the plate too. With --apertures auto, a look through hundreds of apertures
@@ -189,6 +192,7 @@ def report(
     opened = light.applied(options.open_scene(scene))
     from xfrustum.reports.error_report.report import make_report
 
+    check_tev(tev)
     chosen = options.several_or_auto(opened, apertures, quiet=quiet)
     files = make_report(
         opened,
@@ -209,12 +213,10 @@ def report(
     )
     options.tell(
         as_json,
-        lambda: {
-            "files": {"html": files.html, "json": files.json, "parquet": files.parquet},
-            **files.content,
-        },
+        lambda: {"files": files.places, **files.content},
         lambda: "\n".join((files.command, *files.notes, files.cost, str(files.html), files.sentence)),
     )
+    send_to_tev(tev, files.inspection, opened.name)
 
 
 def _check_no_other_tracer(tracer: str | None, decided_by: str) -> None:

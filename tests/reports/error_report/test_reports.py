@@ -40,7 +40,7 @@ SETTING = ("near", "depth", "mapping", "pivot")
 
 DEPTHS = ((DepthFormat.D24, DepthMapping.STANDARD), (DepthFormat.D32F, DepthMapping.REVERSED))
 HEIGHTS = (1e-6, 1e-2)
-FILES = ["index.html", "measurements.parquet", "report.json"]
+FILES = ["index.html", "inspect.html", "measurements.parquet", "report.json"]
 
 
 def small(name: str, resolution: tuple[int, int] = (64, 48)) -> Scene:
@@ -293,7 +293,7 @@ def test_the_page_is_one_file_that_asks_for_nothing(files: ReportFiles) -> None:
     own = re.sub(r"<script>.*?</script>", "", html, count=1, flags=re.DOTALL)
     assert len(html) - len(own) > 1e6, "plotly.js is inside"
     assert not re.search(r"https?:|//cdn|@import|url\(", own)
-    assert not re.search(r'(src|href)\s*=\s*"(?!data:)', own)
+    assert not re.search(r'(src|href)\s*=\s*"(?!data:|inspect\.html")', own)
     assert html.count("get_plotlyjs") == 0 and html.count("* plotly.js v") == 1
 
 

@@ -16,6 +16,7 @@ from xfrustum.cli.commands.verify import Conventions, Share
 from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.options import Command
 from xfrustum.cli.streams import say
+from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
 
 if TYPE_CHECKING:
     from xfrustum.reports.survey.foreign import ForeignPlate
@@ -96,6 +97,7 @@ def several_double_frusta_options(command: Command) -> Command:
 @click.option("--accept", type=Conventions(), help="Conventions of --images that are no faults; see verify.")
 @engine_options()
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder.")
+@tev_option
 @options.quiet_option
 @options.json_option
 def survey(
@@ -115,19 +117,23 @@ def survey(
     accept: tuple[str, ...] | None,
     where: Where,
     out: Path,
+    tev: str | None,
     quiet: bool,
     as_json: bool,
 ) -> int:
     """Judge hogels all over a plate: which share is beyond a tolerance, where, and why.
 
-    Writes survey.parquet, one row for each hogel and setting, survey.json, and a page with maps. Stopped at
-    any moment and called again with the same --out, it goes on where it was; any number of processes may do
-    one survey at once. Exit status 1 if the share is above --until; without it, if --tolerance-px was given,
-    or --images, and any judged hogel is beyond.
+    Writes survey.parquet, one row for each hogel and setting, survey.json, index.html, and inspect.html.
+    Stopped at any moment and called again with the same --out, it goes on where it was; any number of
+    processes may do one survey at once. Exit status 1 if the share is above --until; without it, if
+    --tolerance-px was given, or --images, and any judged hogel is beyond.
     """
     opened = options.open_scene(scene)
 
+    from xfrustum.reports.survey.page import INSPECTION
     from xfrustum.reports.survey.survey import survey as surveyed
+
+    check_tev(tev)
 
     if resolution is not None:
         opened = replace(opened, frustum=replace(opened.frustum, resolution=resolution))
@@ -145,6 +151,8 @@ def survey(
     )
     options.warn_of(opened)
     options.tell(as_json, found.summary, lambda: f"{found.table()}\n{out}")
+    if found.extent.complete:
+        send_to_tev(tev, out / INSPECTION, opened.name)
     limited = until is not None or images is not None or options.is_given("tolerance_px")
     return LIMIT_EXCEEDED if limited and found.extent.complete and found.exceeded else 0
 

@@ -16,6 +16,7 @@ from xfrustum.cli.commands.convert import layout_option
 from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.numbers import Positive
 from xfrustum.cli.streams import say
+from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
 from xfrustum.tolerances import TOLERANCE_PX
 
 if TYPE_CHECKING:
@@ -275,9 +276,12 @@ def _status(found: Verification, held: Baseline | None) -> int:
     help="Seconds that one run may take.",
 )
 @engine_options("this process", draws=False)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for index.html and verification.json.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for index.html, inspect.html, verification.json."
+)
 @click.option("--junit", type=click.Path(path_type=Path), help="JUnit XML file for continuous integration.")
 @baseline_options
+@tev_option
 @options.quiet_option
 @options.json_option
 def verify(
@@ -289,6 +293,7 @@ def verify(
     out: Path | None,
     junit: Path | None,
     baseline: BaselineAsked | None,
+    tev: str | None,
     quiet: bool,
     as_json: bool,
     **asked: Any,
@@ -299,9 +304,12 @@ def verify(
     picture in one of the layouts (docs/layouts.md). Exit status 1 if any hogel is missing or exceeds a limit;
     with --baseline, once measures are accepted, if any got worse or a stated limit is exceeded.
     """
+    if tev is not None and out is None:
+        raise click.UsageError("--tev sends the images of inspect.html: give --out too")
     opened = options.open_scene(scene)
+    check_tev(tev)
     from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
-    from xfrustum.reports.verification.files import FILES, write_junit, write_verification
+    from xfrustum.reports.verification.files import FILES, INSPECTION, write_junit, write_verification
     from xfrustum.reports.verification.verification import verify as verified
 
     if junit is not None:
@@ -314,13 +322,16 @@ def verify(
         Store(folder=baseline.folder).check()
     accepted = accept or ()
     if where.asked:
-        on_engine = _verified_on(opened, where, out, near=near, accept=accepted, progress=not quiet, **asked)
+        on_engine = _verified_on(
+            opened, where, out, near=near, accept=accepted, tev=tev, progress=not quiet, **asked
+        )
         if on_engine is None:
             say("note: this part is judged; the last one to be finished writes the verification")
             return 0
         found = on_engine
     else:
-        found = verified(opened, near=near, accept=accepted, progress=not quiet, **asked)
+        channels = out is not None
+        found = verified(opened, near=near, accept=accepted, channels=channels, progress=not quiet, **asked)
     options.warn_of(opened)
     if out is not None:
         write_verification(found, out)
@@ -328,6 +339,8 @@ def verify(
         write_junit(found, junit)
     held = None if baseline is None else _held(found, baseline, near, accepted)
     options.tell(as_json, lambda: _summary(found, held), lambda: _text(found, held))
+    if out is not None and found.inspected:
+        send_to_tev(tev, out / INSPECTION, opened.name)
     return _status(found, held)
 
 
@@ -337,6 +350,7 @@ def _verified_on(
     out: Path | None,
     *,
     layout: str | None,
+    tev: str | None,
     max_wrong: float,
     max_displacement_px: float | None,
     compare: str,
@@ -350,8 +364,9 @@ def _verified_on(
     from xfrustum.reports.verification.verification import limits_of
     from xfrustum.scenes.files.foreign_images import Encoding
 
-    if layout is not None:
-        raise click.UsageError("--layout is read by this process: leave out --workers and the like")
+    for option, value in (("--layout", layout), ("--tev", tev)):
+        if value is not None:
+            raise click.UsageError(f"{option} is for this process: leave out --workers and the like")
     encoding = renderer.pop("encoding")
     return verify_on(
         where.engine(),

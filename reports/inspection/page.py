@@ -1,0 +1,242 @@
+"""The inspection page: one file of bounded size, files beside it for what is larger, and both read back."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from xfrustum.reports.common.templates_environment import html_page
+from xfrustum.reports.inspection.hogels import MAX_HOGELS, MAX_INSPECTED_PIXELS, InspectedHogel, LayerHead
+from xfrustum.reports.inspection.plate_map import PlateMap
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.model.scene import Scene
+
+PAGE = "inspect.html"
+"""Name of the page."""
+
+MAX_PAGE_BYTES = 18_000_000
+"""Largest size of the page. It shall pass through a mail server as an attachment: the usual limit is 25 MB,
+of which base64, in which attachments travel, leaves three fourths. Hogels that do not fit lie in files beside
+the page, one each."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inspection:
+    """What a page shows.
+
+    Attributes
+    ----------
+    command
+        Name of the command that has found it out: report, verify or survey.
+    scene
+        Scene that is shown.
+    told
+        Sentences about the hogels: what was drawn, and which they are.
+    hogels
+        The hogels, the worst first; no more than `MAX_HOGELS` are shown.
+    plate_map
+        How bad the hogels of the plate are.
+    """
+
+    command: str
+    scene: Scene
+    told: tuple[str, ...]
+    hogels: Sequence[InspectedHogel]
+    plate_map: PlateMap
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageHogel:
+    """One hogel as the page's script reads it.
+
+    Attributes
+    ----------
+    aperture, size, words, layers
+        As in `InspectedHogel`.
+    key
+        Digest of the stream; empty where there is none.
+    file
+        Name of the file beside the page; None where the stream is on the page.
+    """
+
+    aperture: tuple[int, int]
+    size: tuple[int, int]
+    words: str
+    layers: tuple[LayerHead, ...]
+    key: str
+    file: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectPlace:
+    """An object of the scene by its name, and the number of its first triangle."""
+
+    name: str
+    first: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageData:
+    """What the page's script reads.
+
+    Attributes
+    ----------
+    hogels
+        Hogels that are shown, the worst first.
+    objects
+        Objects of the scene in their order.
+    units
+        Length unit of the scene.
+    plate
+        Columns and rows of the plate.
+    map_words, in_percent, cells
+        What the map shows, whether that is a share, and rows of its cells; None where nothing is known.
+    nonce
+        Word by which the browser knows the files beside the page.
+    """
+
+    hogels: tuple[PageHogel, ...]
+    objects: tuple[ObjectPlace, ...]
+    units: str
+    plate: tuple[int, int]
+    map_words: str
+    in_percent: bool
+    cells: tuple[tuple[float | None, ...], ...]
+    nonce: str
+
+
+def write_inspection(folder: Path, shown: Inspection) -> None:
+    """Write the page into a folder, and the files beside it that it needs."""
+    hogels = tuple(shown.hogels)[:MAX_HOGELS]
+    streams = [base64.b64encode(one.stream).decode() for one in hogels]
+    keys = [hashlib.sha256(text.encode()).hexdigest()[:16] if text else "" for text in streams]
+    room = MAX_PAGE_BYTES - len(_rendered(shown, hogels, keys, {}).encode())
+    within: dict[str, str] = {}
+    for key, text in zip(keys, streams, strict=True):
+        if key and len(_payload(key, text)) <= room:
+            within[key] = text
+            room -= len(_payload(key, text))
+    (folder / PAGE).write_text(_rendered(shown, hogels, keys, within), encoding="utf-8")
+    for one, key, text in zip(hogels, keys, streams, strict=True):
+        if key and key not in within:
+            (folder / _file_name(one)).write_text(_beside(key, text), encoding="ascii")
+
+
+def _payload(key: str, text: str) -> str:
+    """Return the element that holds a stream, or more than that."""
+    return f'<script type="application/json" id="stream-{key}">"{text}"</script>\n'
+
+
+def _beside(key: str, text: str) -> str:
+    """Return a file beside the page: pages on a disk may run scripts from there, and read nothing else."""
+    return f'takeStream("{key}","{text}");\n'
+
+
+_BESIDE = re.compile(r'takeStream\("([0-9a-f]+)","([\w+/=]*)"\);')
+
+
+def _file_name(hogel: InspectedHogel) -> str:
+    return "inspect-{}x{}.js".format(*hogel.aperture)
+
+
+def _rendered(
+    shown: Inspection, hogels: Sequence[InspectedHogel], keys: Sequence[str], within: dict[str, str]
+) -> str:
+    nonce = base64.b64encode(hashlib.sha256("".join(keys).encode()).digest()[:18]).decode()
+    data = PageData(
+        hogels=tuple(
+            PageHogel(
+                aperture=one.aperture,
+                size=one.size,
+                words=one.words,
+                layers=one.layers,
+                key=key,
+                file=_file_name(one) if key and key not in within else None,
+            )
+            for one, key in zip(hogels, keys, strict=True)
+        ),
+        objects=_objects(shown.scene),
+        units=shown.scene.units,
+        plate=shown.scene.plate.hogels,
+        map_words=shown.plate_map.words,
+        in_percent=shown.plate_map.in_percent,
+        cells=tuple(
+            tuple(None if np.isnan(x) else float(f"{x:.4g}") for x in row) for row in shown.plate_map.cells
+        ),
+        nonce=nonce,
+    )
+    values = {
+        "shown": shown,
+        "page_data": data,
+        "hogels": hogels,
+        "left_out": len(shown.hogels) - len(hogels),
+        "streams": within,
+        "megapixels": MAX_INSPECTED_PIXELS / 1e6,
+    }
+    return html_page("inspect.html.j2", {}, values, nonce=nonce)
+
+
+def _objects(scene: Scene) -> tuple[ObjectPlace, ...]:
+    first, listed = 0, []
+    for part in scene.objects:
+        listed.append(ObjectPlace(name=part.name, first=first))
+        first += len(part.faces)
+    return tuple(listed)
+
+
+_HOGELS = TypeAdapter(list[PageHogel])
+
+
+def read_inspection(page: Path) -> list[InspectedHogel]:
+    """Return the hogels of a page, with the bits that they were written with.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is no inspection page, or a file beside it is missing.
+    """
+    try:
+        text = page.read_text(encoding="utf-8")
+        data: dict[str, Any] = json.loads(_element(text, "data"))
+        found = _HOGELS.validate_python(data["hogels"])
+        return [
+            InspectedHogel(
+                aperture=one.aperture,
+                size=one.size,
+                words=one.words,
+                layers=one.layers,
+                stream=base64.b64decode(_stream(page, text, one)),
+            )
+            for one in found
+        ]
+    except OSError as error:
+        raise InputError(f"{page}: cannot be read ({error.strerror}); write it again") from error
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{page}: is no inspection page that this version has written") from error
+
+
+def _stream(page: Path, text: str, hogel: PageHogel) -> str:
+    if not hogel.key:
+        return ""
+    if hogel.file is None:
+        return str(json.loads(_element(text, f"stream-{hogel.key}")))
+    found = _BESIDE.match((page.parent / hogel.file).read_text(encoding="ascii"))
+    if found is None or found[1] != hogel.key:
+        raise ValueError(f"{hogel.file} belongs to another page")
+    return found[2]
+
+
+def _element(text: str, identifier: str) -> str:
+    """Return the content of an element with JSON, in which no `<` stands."""
+    start = f'<script type="application/json" id="{identifier}">'
+    begin = text.index(start) + len(start)
+    return text[begin : text.index("</script>", begin)]

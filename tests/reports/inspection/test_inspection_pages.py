@@ -1,0 +1,134 @@
+"""Inspection pages hold the channels of the OpenEXR files, bit for bit, in files of bounded size."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.reports.inspection.conftest import Inspected
+from xfrustum import open_scene
+from xfrustum.reports.inspection import page as inspection_page
+from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.reports.inspection.page import PAGE, Inspection, read_inspection, write_inspection
+from xfrustum.reports.inspection.plate_map import MAX_MAP_CELLS, PlateMap
+from xfrustum.scenes.errors import InputError
+from xfrustum.scenes.plate.plate import Plate
+
+SURFACES, COLOR, NORMALS = (
+    {"id.triangle", "id.object", "P.X", "P.Y", "P.Z"},
+    set("RGB"),
+    {"N.X", "N.Y", "N.Z"},
+)
+COMMANDS = {
+    "report": SURFACES | COLOR | NORMALS,
+    # What verify is asked for is a surface, not its color; what it reads of an image is not its normals.
+    "verify": SURFACES,
+    "survey": SURFACES | COLOR | NORMALS,
+}
+"""Channels that truth and image must both have."""
+
+
+def hogels(inspected: Inspected, command: str) -> list[InspectedHogel]:
+    return read_inspection(inspected.pages[command] / PAGE)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_page_holds_the_bits_of_the_files(inspected: Inspected, command: str) -> None:
+    found = hogels(inspected, command)
+    assert sorted(hogel.aperture for hogel in found) == [(0, 0), (1, 0)]
+    for hogel in found:
+        values = hogel.values()
+        assert COMMANDS[command] | NORMALS | {"certainty"} <= values["truth"].keys()
+        assert COMMANDS[command] <= values["image"].keys()
+        for layer in ("truth", "image"):
+            stored = inspected.exr(hogel.aperture, layer)
+            for name, channel in values[layer].items():
+                assert channel.dtype == stored[name].dtype, (layer, name)
+                assert channel.tobytes() == stored[name].tobytes(), (layer, name)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_errors_are_those_of_the_two_images(inspected: Inspected, command: str) -> None:
+    for hogel in hogels(inspected, command):
+        values = hogel.values()
+        truth, image, error = values["truth"], values["image"], values["error"]
+        labels = {one.name: np.array(one.labels) for layer in hogel.layers for one in layer.channels}
+        state = labels["state"][error["state"]]
+        wrong = np.char.startswith(state, "wrong")
+        assert 0 < wrong.sum() < wrong.size
+        other = truth["id.triangle"] != image["id.triangle"]
+        tie = labels["certainty"][truth["certainty"]] == "tie, not judged"
+        assert not (other & (state == "right") & ~tie).any() or command == "verify"
+        assert (np.char.startswith(state, "tie") == tie).all()
+        assert (
+            np.isfinite(error["displacement.X"]) == (image["P.Z"] != 0) & (image["id.triangle"] > 0)
+        ).all()
+        if command != "verify":
+            assert ((labels["cause"][error["cause"]] == "none") == ~wrong).all()
+
+
+def test_a_page_that_would_be_too_large_leaves_hogels_in_files_beside_it(
+    inspected: Inspected, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = hogels(inspected, "verify")
+    scene = open_scene(inspected.scene)
+    nothing_known = PlateMap.of(scene.plate, "nothing", [])
+    shown = Inspection(command="verify", scene=scene, told=(), hogels=whole, plate_map=nothing_known)
+    write_inspection(tmp_path, shown)
+    size = (tmp_path / PAGE).stat().st_size
+    assert [path.name for path in tmp_path.iterdir()] == [PAGE]
+    bound = size - len(whole[-1].stream)
+    monkeypatch.setattr(inspection_page, "MAX_PAGE_BYTES", bound)
+    write_inspection(tmp_path, shown)
+    beside = [path for path in tmp_path.iterdir() if path.name != PAGE]
+    assert len(beside) == 1
+    assert (tmp_path / PAGE).stat().st_size <= bound
+    assert [one.stream for one in read_inspection(tmp_path / PAGE)] == [one.stream for one in whole]
+    beside[0].write_text('takeStream("0123","AAAA");\n')
+    with pytest.raises(InputError, match="no inspection page"):
+        read_inspection(tmp_path / PAGE)
+    beside[0].unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        read_inspection(tmp_path / PAGE)
+
+
+def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(inspected: Inspected) -> None:
+    page = (inspected.pages["report"] / PAGE).read_text()
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
+    assert policy is not None
+    (nonce,) = re.findall(r"'nonce-([^']+)'", policy[1])
+    assert page.count(nonce) == 2, "in the policy, and in the data of our own script"
+    assert "unsafe" not in policy[1].split(";")[1]
+
+
+def test_hogels_with_too_many_pixels_are_listed_without_values(inspected: Inspected, tmp_path: Path) -> None:
+    (hogel, *_) = hogels(inspected, "report")
+    scene = open_scene(inspected.scene)
+    shown = Inspection(
+        command="report",
+        scene=scene,
+        told=(),
+        hogels=[replace(hogel, stream=b"")],
+        plate_map=PlateMap.of(scene.plate, "nothing", []),
+    )
+    write_inspection(tmp_path, shown)
+    (found,) = read_inspection(tmp_path / PAGE)
+    assert found.values() == {} and found.words == hogel.words
+
+
+def test_every_page_of_results_links_to_its_inspection(inspected: Inspected) -> None:
+    for folder in inspected.pages.values():
+        assert 'href="inspect.html"' in (folder / "index.html").read_text()
+        assert 'href="index.html"' in (folder / PAGE).read_text()
+
+
+def test_a_cell_of_a_large_plate_shows_the_worst_of_its_hogels() -> None:
+    plate = Plate(size=(100.0, 50.0), hogels=(10 * MAX_MAP_CELLS, 60))
+    cells = PlateMap.of(plate, "share", [(0, 0, 0.1), (9, 0, 0.3), (10, 0, 0.2), (1199, 59, 0.0)]).cells
+    assert cells.shape == (60, MAX_MAP_CELLS)
+    assert cells[0, 0] == 0.3 and cells[0, 1] == 0.2 and cells[59, -1] == 0.0
+    assert np.isnan(cells).sum() == cells.size - 3
