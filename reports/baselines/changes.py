@@ -201,12 +201,9 @@ def _hogels(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Com
     compared, fresh = [], []
     for hogel in now:
         editions = accepted.get(hogel.place, ())
+        newest = editions[0].kept if editions else ()
         # What counts another kind of wrong pixels is another measure.
-        alike = (
-            all(one.by in (hogel.by, None) or hogel.by is None for one in editions[0].kept)
-            if editions
-            else True
-        )
+        alike = len({one.by for one in (hogel, *newest)} - {None}) <= 1
         for name in NAMES:
             value = hogel.measures.value(name)
             known = [_known(name, [one.measures for one in edition.kept]) for edition in editions]

@@ -27,7 +27,7 @@ def sentence(held: Baseline) -> str:
     accepted = ", and accepted now" if held.run.approved else ""
     if held.run.change is Change.NEW:
         if held.run.approved:
-            return "Baseline: nothing was accepted before that could be compared; it is now."
+            return "Baseline: these measures are the first that are accepted."
         return "Baseline: nothing is accepted yet that could be compared; --approve accepts what is here now."
     if held.run.change is Change.SAME:
         return f"Baseline: as accepted ({held.tolerance_words}){accepted}."

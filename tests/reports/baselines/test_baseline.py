@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def _quickly(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 def held(
     folder: Path,
-    wrong: dict[tuple[int, int], int | None] | dict[tuple[int, int], int],
+    wrong: Mapping[tuple[int, int], int | None],
     p99: float = 0.1,
     *,
     approve: bool = False,
@@ -53,7 +54,7 @@ def held(
         tolerance=None if tolerance is None else Stated.of(tolerance),
         repository=folder,
     )
-    return baseline(verification(wrong, p99), folder / "kept", options)  # type: ignore[arg-type]
+    return baseline(verification(wrong, p99), folder / "kept", options)
 
 
 def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Path) -> None:
