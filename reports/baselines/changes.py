@@ -78,6 +78,11 @@ SHOWN_AS_ZERO_PX = 1e-5
 """Displacement, in pixels, below which nobody wants to read digits; `tolerance.ROUNDING_PX` is less."""
 
 
+def is_shown(measure: str, value: float | None) -> bool:
+    """Return whether a value is known, and other than zero as people read it."""
+    return bool(value) if is_count(measure) else (value or 0.0) >= SHOWN_AS_ZERO_PX
+
+
 def in_units(measure: str, value: float | None) -> str:
     """Return the value of a measure as people read it."""
     if value is None:
