@@ -78,6 +78,11 @@ SHOWN_AS_ZERO_PX = 1e-5
 """Displacement, in pixels, below which nobody wants to read digits; `tolerance.ROUNDING_PX` is less."""
 
 
+def is_shown(measure: str, value: float | None) -> bool:
+    """Return whether a value is known, and other than zero as people read it."""
+    return bool(value) if is_count(measure) else (value or 0.0) >= SHOWN_AS_ZERO_PX
+
+
 def in_units(measure: str, value: float | None) -> str:
     """Return the value of a measure as people read it."""
     if value is None:
@@ -201,12 +206,9 @@ def _hogels(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Com
     compared, fresh = [], []
     for hogel in now:
         editions = accepted.get(hogel.place, ())
+        newest = editions[0].kept if editions else ()
         # What counts another kind of wrong pixels is another measure.
-        alike = (
-            all(one.by in (hogel.by, None) or hogel.by is None for one in editions[0].kept)
-            if editions
-            else True
-        )
+        alike = len({one.by for one in (hogel, *newest)} - {None}) <= 1
         for name in NAMES:
             value = hogel.measures.value(name)
             known = [_known(name, [one.measures for one in edition.kept]) for edition in editions]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
-from xfrustum.reports.baselines.changes import SHOWN_AS_ZERO_PX, in_units
+from xfrustum.reports.baselines.changes import in_units, is_shown
 from xfrustum.reports.baselines.measures import NAMES, WORDS, is_count
 from xfrustum.reports.baselines.records import StoredRun
 from xfrustum.reports.common.figure_style import style
@@ -26,9 +26,7 @@ CURVE_PX = 250
 
 def measured_names(runs: Sequence[StoredRun]) -> tuple[str, ...]:
     """Return the measures that are not zero, or unknown, in all runs."""
-    return tuple(
-        name for name in NAMES if any((one.plate.now.value(name) or 0.0) >= SHOWN_AS_ZERO_PX for one in runs)
-    )
+    return tuple(name for name in NAMES if any(is_shown(name, one.plate.now.value(name)) for one in runs))
 
 
 def curve(name: str, runs: Sequence[StoredRun]) -> go.Figure:

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from xfrustum.reports.baselines.baseline import Baseline
-from xfrustum.reports.baselines.changes import Change, MeasureChange, in_units
+from xfrustum.reports.baselines.changes import Change, MeasureChange, in_units, is_shown
 from xfrustum.reports.baselines.measures import WORDS
 from xfrustum.reports.verification.files import sentence as verdict_sentence
 from xfrustum.reports.verification.verdict import Verification
@@ -27,7 +27,7 @@ def sentence(held: Baseline) -> str:
     accepted = ", and accepted now" if held.run.approved else ""
     if held.run.change is Change.NEW:
         if held.run.approved:
-            return "Baseline: nothing was accepted before that could be compared; it is now."
+            return "Baseline: these measures are the first that are accepted."
         return "Baseline: nothing is accepted yet that could be compared; --approve accepts what is here now."
     if held.run.change is Change.SAME:
         return f"Baseline: as accepted ({held.tolerance_words}){accepted}."
@@ -67,7 +67,11 @@ def notes(held: Baseline) -> list[str]:
 
 def markdown(held: Baseline, found: Verification) -> str:
     """Return a sentence and a table of measures as Markdown."""
-    plate = [one for one in held.changes.plate if one.now or one.accepted]
+    plate = [
+        one
+        for one in held.changes.plate
+        if is_shown(one.measure, one.now) or is_shown(one.measure, one.accepted)
+    ]
     changed = [
         one
         for change in (Change.WORSE, Change.BETTER)
@@ -77,11 +81,14 @@ def markdown(held: Baseline, found: Verification) -> str:
     rows = [_row(one) for one in (*plate, *changed[:MAX_ROWS])]
     text = [f"### xfrustum verify: {_plain(held.run.scene)}", "", _plain(sentence(held)), ""]
     text += [_plain(verdict_sentence(found)), ""]
-    text += ["| measure | where | accepted | limit | now | |", "| --- | --- | ---: | ---: | ---: | --- |"]
-    text += rows or ["| everything | plate | 0 | 0 | 0 | same |"]
+    text += [
+        "| measure | where | accepted | limit | now | change |",
+        "| --- | --- | ---: | ---: | ---: | --- |",
+    ]
+    text += rows or [f"| all measures | plate | | | 0 | {held.run.change} |"]
     if len(changed) > MAX_ROWS:
         text += ["", f"{len(changed) - MAX_ROWS} more changes of hogels are in the history."]
-    commit = "no commit" if held.run.commit is None else f"commit {held.run.commit[:10]}"
+    commit = "no commit" if held.run.commit is None else f"commit {held.run.commit[:7]}"
     made = f"{commit}, {held.run.key.renderer} on {held.run.key.device}, xfrustum {held.run.xfrustum}"
     return "\n".join([*text, "", _plain(made), ""])
 

@@ -271,7 +271,7 @@ def test_a_job_in_the_background_ignores_ctrl_c_as_its_shell_told_it_to(tmp_path
     assert process.returncode == 70 and "went on" in said
 
 
-def traces_stopped_at_random_moments(count: int, seed: int, folder: Path) -> None:
+def assert_stopped_traces_leave_nothing(count: int, seed: int, folder: Path) -> None:
     """Stop a cheap command over and over, and see what it leaves."""
     random_number = random.Random(seed)
     (folder / "boxes.toml").write_text(SCENE)
@@ -303,12 +303,12 @@ def traces_stopped_at_random_moments(count: int, seed: int, folder: Path) -> Non
 
 @pytest.mark.slow
 def test_a_trace_stopped_at_any_moment_says_so_and_leaves_nothing(tmp_path: Path) -> None:
-    traces_stopped_at_random_moments(3, 13, tmp_path)
+    assert_stopped_traces_leave_nothing(3, 13, tmp_path)
 
 
 @pytest.mark.slow
 def test_forty_traces_stopped_at_any_moment_say_so_and_leave_nothing(tmp_path: Path) -> None:
-    traces_stopped_at_random_moments(40, 14, tmp_path)
+    assert_stopped_traces_leave_nothing(40, 14, tmp_path)
 
 
 @pytest.mark.parametrize("stop", ENDED)

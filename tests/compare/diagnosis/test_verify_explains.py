@@ -48,7 +48,7 @@ def by_name(found: Verification) -> dict[str, Fault]:
     return {fault.fault: fault for fault in found.diagnosis.faults}
 
 
-def check(found: Verification, expected: Mapping[str, tuple[float, tuple[str, ...]]]) -> None:
+def assert_named(found: Verification, expected: Mapping[str, tuple[float, tuple[str, ...]]]) -> None:
     """Check names, values within their intervals, alternatives, and that the rest of the images is right."""
     named = by_name(found)
     assert set(named) == set(expected)
@@ -73,21 +73,21 @@ def test_apertures_at_the_corners_of_hogels_are_named_as_such() -> None:
         # Half a pitch to the left and up: 80 x 60 mm in 5 x 5 hogels.
         found = verified(name, aperture_offset=(-8.0, 6.0))
         expected = {"aperture-offset-x": (-8.0, others[:1]), "aperture-offset-y": (6.0, others[1:])}
-        check(found, expected)
+        assert_named(found, expected)
         assert all("corners of hogels" in fault.words for fault in found.diagnosis.faults)
 
 
 @pytest.mark.slow
 def test_a_moved_scene_is_told_from_moved_apertures_where_the_screen_stays() -> None:
-    check(verified(CENTERED, offset=(0.3, 0, 0)), {"scene-offset-x": (0.3, ("aperture-offset-x",))})
-    check(verified(RECENTERED, offset=(0.3, 0, 0)), {"scene-offset-x": (0.3, ())})
-    check(verified(CENTERED, offset=(0, 0, 0.5)), {"scene-offset-z": (0.5, ())})
+    assert_named(verified(CENTERED, offset=(0.3, 0, 0)), {"scene-offset-x": (0.3, ("aperture-offset-x",))})
+    assert_named(verified(RECENTERED, offset=(0.3, 0, 0)), {"scene-offset-x": (0.3, ())})
+    assert_named(verified(CENTERED, offset=(0, 0, 0.5)), {"scene-offset-z": (0.5, ())})
 
 
 @pytest.mark.slow
 def test_a_scene_in_wrong_units_is_a_plate_in_wrong_units_where_no_screen_stays() -> None:
-    check(verified(CENTERED, scale=1.1), {"scene-scale": (1.1, ("pitch-x", "pitch-y"))})
-    check(verified(RECENTERED, scale=1.1), {"scene-scale": (1.1, ())})
+    assert_named(verified(CENTERED, scale=1.1), {"scene-scale": (1.1, ("pitch-x", "pitch-y"))})
+    assert_named(verified(RECENTERED, scale=1.1), {"scene-scale": (1.1, ())})
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_a_moved_scene_and_a_near_offset_are_both_named() -> None:
     expected: dict[str, tuple[float, tuple[str, ...]]] = {
         name: (value, ()) for name, value in (("scene-offset-x", 1.0), ("scene-offset-y", -2.0))
     }
-    check(verified(RECENTERED, offset=(1.0, -2.0, 0.0), near=1.0), {**expected, "near": (1.0, ())})
+    assert_named(verified(RECENTERED, offset=(1.0, -2.0, 0.0), near=1.0), {**expected, "near": (1.0, ())})
 
 
 def test_a_scene_so_small_that_one_hogel_sees_it_is_known_by_its_units() -> None:

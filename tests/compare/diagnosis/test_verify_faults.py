@@ -73,7 +73,7 @@ def verified(
         return xfrustum.verify(world, renderer, near=stated, apertures=apertures)
 
 
-def check(found: Verification, *names: str) -> None:
+def assert_named(found: Verification, *names: str) -> None:
     named = {fault.fault: fault for fault in found.diagnosis.faults}
     expected: dict[str, float | str] = {}
     for name in names:
@@ -99,19 +99,19 @@ def check(found: Verification, *names: str) -> None:
 
 @pytest.mark.parametrize("name", kept((name for name in FAULTS if name != "nearest"), EVERY_TIME))
 def test_a_single_fault_is_named_with_its_size_and_no_other(name: str) -> None:
-    check(verified(name, apertures=SOME), name)
+    assert_named(verified(name, apertures=SOME), name)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["nearest"])
 def test_the_nearest_surface_of_the_viewers_half_is_told_from_the_farthest(name: str) -> None:
-    check(verified(name), name)
+    assert_named(verified(name), name)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pair", OF_PAIRS, ids=" and ".join)
 def test_two_faults_are_told_apart(pair: tuple[str, str]) -> None:
-    check(verified(*pair), *pair)
+    assert_named(verified(*pair), *pair)
 
 
 @pytest.mark.parametrize("scene", ["asymmetric-recentered", "asymmetric"])

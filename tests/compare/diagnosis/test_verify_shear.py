@@ -45,7 +45,7 @@ def put_in(scene: Scene, fault: str) -> tuple[dict[str, Any], dict[str, float | 
     return each[fault]
 
 
-def check(found: Verification, expected: dict[str, float | str]) -> None:
+def assert_named(found: Verification, expected: dict[str, float | str]) -> None:
     """Check that these faults are named and no others, each with its size, and that nothing else is wrong."""
     named = {fault.fault: fault for fault in found.diagnosis.faults}
     assert set(named) == set(expected)
@@ -67,23 +67,25 @@ def check(found: Verification, expected: dict[str, float | str]) -> None:
     assert found.summary()["corrected"]["causes"]["unexplained"] == 0
 
 
-def verified(scene: Scene, fault: str, near: float | None, apertures: list[tuple[int, int]] = SOME) -> None:
+def assert_shear_is_named(
+    scene: Scene, fault: str, near: float | None, apertures: list[tuple[int, int]] = SOME
+) -> None:
     faults, expected = put_in(scene, fault)
     with Faulty(scene=scene, near=near, **faults) as renderer:
         found = xfrustum.verify(scene, renderer, apertures=apertures)
-    check(found, {**expected, **({"near": near} if near else {})})
+    assert_named(found, {**expected, **({"near": near} if near else {})})
 
 
 @pytest.mark.parametrize("fault", thinned(FAULTS, 4))
 def test_a_wrong_shear_is_named_and_no_other_fault(fault: str) -> None:
-    verified(small("asymmetric-recentered", SIZE), fault, None, SOME[:3])
+    assert_shear_is_named(small("asymmetric-recentered", SIZE), fault, None, SOME[:3])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["car-recentered", "teapot-recentered"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_wrong_shear_is_named_before_and_behind_other_screens(name: str, fault: str) -> None:
-    verified(small(name, MORE), fault, None)
+    assert_shear_is_named(small(name, MORE), fault, None)
 
 
 @pytest.mark.slow
@@ -91,7 +93,7 @@ def test_a_wrong_shear_is_named_before_and_behind_other_screens(name: str, fault
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_wrong_shear_and_a_near_offset_are_told_apart(name: str, fault: str) -> None:
     scene = small(name, MORE)
-    verified(scene, fault, NEAR_PER_REACH * scene.frustum.longest_reach)
+    assert_shear_is_named(scene, fault, NEAR_PER_REACH * scene.frustum.longest_reach)
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def all_rows(corners: Floats, frustum: Frustum, aperture: Aperture) -> tuple[Exa
     return first_by_brute_force(corners, pencil, range(pencil.resolution[1])), pencil
 
 
-def check_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
+def assert_decided_as_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
     """Cramer's rule on every triangle and every line, without boxes, gives the same answer."""
     found, pencil = all_rows(corners, frustum, aperture)
     ties: dict[tuple[int, int], list[int]] = {}
@@ -60,7 +60,7 @@ def check_by_fractions(corners: Floats, frustum: Frustum, aperture: Aperture) ->
 @several
 @given(triangles(coordinates=ANYTHING), frusta(), apertures())
 def test_integers_decide_as_fractions_do(corners: Floats, frustum: Frustum, aperture: Aperture) -> None:
-    check_by_fractions(corners, frustum, aperture)
+    assert_decided_as_by_fractions(corners, frustum, aperture)
 
 
 @several
@@ -71,7 +71,7 @@ def test_integers_decide_coincidences_as_fractions_do(
     pencil = crossed_frustum(frustum, aperture)
     lines = pencil.directions().reshape(-1, 3)
     corners = data.draw(coincidences(np.array(pencil.center), lines))
-    check_by_fractions(corners, frustum, aperture)
+    assert_decided_as_by_fractions(corners, frustum, aperture)
 
 
 @several

@@ -136,7 +136,8 @@ def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFru
 @pytest.mark.parametrize("effect", Effect)
 def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", (32, 24))
-    same_as_one_by_one(scene, DoubleFrustum(near=0.1), [scene.plate.middle], ALL_EFFECTS - {effect})
+    chosen = DoubleFrustum(near=0.1)
+    assert same_as_one_by_one(scene, chosen, [scene.plate.middle], ALL_EFFECTS - {effect}) > 0.05
 
 
 @pytest.mark.parametrize(
@@ -299,7 +300,8 @@ def test_culling_loses_no_pixel_of_triangles_of_any_size(
     """Triangles far larger than everything, across the plate and behind the camera, are kept as well."""
     scene = soup(scattered(seed, 60, size), frustum)
     apertures = [scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))]
-    same_as_one_by_one(scene, reversed_d32f(near), apertures)
+    # Small triangles may cover no pixel of an image; that both are alike is what is asserted.
+    assert same_as_one_by_one(scene, reversed_d32f(near), apertures) >= 0
 
 
 def test_what_one_camera_cannot_see_is_not_drawn() -> None:

@@ -90,7 +90,9 @@ class TestAgainstRationalNumbers:
         scene, aperture = asked
         image = Reference(scene).trace(aperture)
         s_range = (-scene.frustum.reach[0], scene.frustum.reach[1])
-        self.check(scene, image, [(np.array([aperture.x, aperture.y, 0.0]), s_range)], aperture)
+        self.assert_first_surfaces(
+            scene, image, [(np.array([aperture.x, aperture.y, 0.0]), s_range)], aperture
+        )
 
     @settings(max_examples=60, deadline=None, derandomize=True)
     @given(rounded_scenes())
@@ -120,9 +122,9 @@ class TestAgainstRationalNumbers:
         middle = np.array([aperture.x, aperture.y, 0.0])
         image = Reference(scene).trace_model(aperture, DoubleFrustum(near=near))
         cameras = [(middle - away, (-near - viewer, -near)), (middle + away, (near, near + back))]
-        self.check(scene, image, cameras, aperture)
+        self.assert_first_surfaces(scene, image, cameras, aperture)
 
-    def check(
+    def assert_first_surfaces(
         self,
         scene: Scene,
         image: HogelImage,

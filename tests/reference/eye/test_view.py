@@ -117,7 +117,7 @@ def brute_force(triangles: Floats, center: Floats, line: Floats, s_range: tuple[
     return int(numbers[winners[0]]) if winners else NOTHING
 
 
-def held_to_brute_force(scene: Scene, eye: Eye, rays: int) -> None:
+def assert_rays_meet_what_brute_force_finds(scene: Scene, eye: Eye, rays: int) -> None:
     """Hold rays of both views to rational brute force over all triangles."""
     eyes = EyeReference(scene)
     true, replayed, pixels = (
@@ -142,13 +142,15 @@ def held_to_brute_force(scene: Scene, eye: Eye, rays: int) -> None:
 
 
 def test_rays_see_what_brute_force_in_rationals_finds() -> None:
-    held_to_brute_force(view("asymmetric", (64, 48)), EYE, rays=20)
+    assert_rays_meet_what_brute_force_finds(view("asymmetric", (64, 48)), EYE, rays=20)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["crossing", "asymmetric", "asymmetric-recentered"])
 def test_many_rays_see_what_brute_force_in_rationals_finds(name: str) -> None:
-    held_to_brute_force(view(name, (96, 96)), replace(EYE, resolution=(120, 90)), rays=500)
+    assert_rays_meet_what_brute_force_finds(
+        view(name, (96, 96)), replace(EYE, resolution=(120, 90)), rays=500
+    )
 
 
 def test_a_tent_is_a_mean_of_four_pixels_and_a_pupil_a_mean_of_its_points() -> None:

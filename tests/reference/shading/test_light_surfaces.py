@@ -136,7 +136,7 @@ class TestEffects:
     @pytest.mark.parametrize("name", ["car", "asymmetric-recentered", "crossing", "truck", "beetle"])
     def test_all_effects_give_the_same_bits_as_the_needed_ones(self, name: str) -> None:
         scene = view(name, (48, 36))
-        same_bits(scene)
+        assert_same_bits(scene)
 
     coefficient = st.sampled_from([(0.0, 0.0, 0.0), (0.5, 0.5, 0.5), (0.2, 0.4, 0.7)])
 
@@ -169,7 +169,9 @@ class TestEffects:
             part = replace(part, vertex_normals=ones * np.nan)
         frustum = replace(CENTERED, resolution=(16, 12))
         gray = card((5.0, 3.0, 40.0), (6.0, 8.0))
-        same_bits(lit(part, gray, frustum=frustum, lights=lights, environment=environment, paint=material))
+        assert_same_bits(
+            lit(part, gray, frustum=frustum, lights=lights, environment=environment, paint=material)
+        )
 
     def test_leaving_out_what_shows_changes_the_picture(self) -> None:
         part = ball((2.0, 1.0, -45.0), 14.0, "paint", subdivisions=1)
@@ -189,7 +191,7 @@ class TestEffects:
             assert not np.array_equal(whole, without), effect  # type: ignore[arg-type]
 
 
-def same_bits(scene: Scene) -> None:
+def assert_same_bits(scene: Scene) -> None:
     auto, everything = (Reference(scene, effects=e).trace(scene.plate.middle) for e in (None, ALL_EFFECTS))
     np.testing.assert_array_equal(auto.color, everything.color)
     assert auto.color is not None

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -19,6 +22,8 @@ from xfrustum.reports.baselines.store import ACCEPTED, HISTORY, Store
 from xfrustum.reports.baselines.summary import append_step_summary, lines, markdown, sentence
 from xfrustum.reports.baselines.tolerance import Stated
 from xfrustum.scenes.errors import InputError
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 RIGHT = {(0, 0): 3, (1, 0): 0, (2, 0): 5}
 WORSE = {(0, 0): 3, (1, 0): 8, (2, 0): 5}
@@ -38,7 +43,7 @@ def _quickly(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 def held(
     folder: Path,
-    wrong: dict[tuple[int, int], int | None] | dict[tuple[int, int], int],
+    wrong: Mapping[tuple[int, int], int | None],
     p99: float = 0.1,
     *,
     approve: bool = False,
@@ -53,7 +58,7 @@ def held(
         tolerance=None if tolerance is None else Stated.of(tolerance),
         repository=folder,
     )
-    return baseline(verification(wrong, p99), folder / "kept", options)  # type: ignore[arg-type]
+    return baseline(verification(wrong, p99), folder / "kept", options)
 
 
 def test_over_five_commits_a_regression_is_found_named_and_approved(tmp_path: Path) -> None:
@@ -231,6 +236,38 @@ def test_no_name_becomes_markup(tmp_path: Path, pictured: None) -> None:
     found = held(tmp_path, RIGHT, device=evil)
     assert r"a\|b \<img src=x\> \`c\` \[d\](e)" in markdown(found, verification(RIGHT))
     assert "<img src=x" not in found.page.read_text()
+
+
+def test_where_nothing_is_wrong_the_table_says_that_in_one_line(tmp_path: Path) -> None:
+    right = verification({(0, 0): 0}, p99=1e-15)
+    found = baseline(right, tmp_path / "kept", BaselineOptions(device="toy", approve=True))
+    assert "| all measures | plate | | | 0 | new |" in markdown(found, right).splitlines()
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium, which is not installed")
+@pytest.mark.slow
+def test_a_browser_draws_the_curves_of_the_history(tmp_path: Path, pictured: None) -> None:
+    held(tmp_path, RIGHT, approve=True)
+    page = held(tmp_path, WORSE).page
+    quiet = "--disable-quic --no-first-run --disable-background-networking --disable-component-update"
+    shown = subprocess.run(
+        [
+            str(BROWSER),
+            *f"--headless --no-sandbox --disable-gpu --virtual-time-budget=8000 {quiet}".split(),
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--enable-logging=stderr",
+            "--dump-dom",
+            page.absolute().as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    assert "Content Security Policy" not in shown.stderr
+    # Surfaces, pixels, and three displacements; the others are zero.
+    assert shown.stdout.count('class="js-plotly-plot"') == 5
+    assert "<title>History of asymmetric</title>" in shown.stdout
 
 
 def test_the_json_object_names_what_changed(tmp_path: Path) -> None:

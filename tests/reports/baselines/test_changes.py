@@ -94,7 +94,7 @@ def test_a_hogel_that_nobody_accepted_is_new() -> None:
 
 
 def test_an_unchanged_renderer_with_noise_fails_about_as_rarely_as_is_said() -> None:
-    """Of 200 verifications of 8 hogels with normal noise, 1 % or fewer fail.
+    """Failures among 200 verifications of 8 hogels with normal noise are 1 %, or fewer.
 
     Their number is binomial: where each fails with a probability of 1 %, more than 8 of 200 do with one of
     2e-4.
@@ -147,8 +147,10 @@ def test_noise_that_was_learnt_stays_when_a_change_is_accepted() -> None:
 def test_the_limit_lies_above_all_that_was_accepted_where_it_can_be_known(
     values: list[float], compared: int
 ) -> None:
-    """Of n values none is farther from the mean than (n - 1)/sqrt(n) deviations (Samuelson), which is less
-    than t sqrt(1 + 1/n) at 99 % for all n up to eight."""
+    """No value of n is farther from their mean than (n - 1)/sqrt(n) deviations (Samuelson's inequality).
+
+    That is less than t sqrt(1 + 1/n) at 99 % for all n up to eight.
+    """
     allowed = learnt("wrong_surfaces", values, Noise.of([values]), compared)
     assert allowed.low <= min(values) and max(values) <= allowed.high
     more = learnt("wrong_surfaces", values, Noise.of([values]), compared + 1)

@@ -141,7 +141,7 @@ def test_the_first_run_says_so_and_the_exit_status_follows_what_was_accepted(
     assert "Baseline: nothing is accepted yet that could be compared; --approve accepts" in text
     status, text = told("--approve")
     assert status == 0
-    assert "nothing was accepted before that could be compared; it is now" in text
+    assert "these measures are the first that are accepted" in text
     status, text = told()
     assert status == 0
     assert "Baseline: as accepted (compared exactly, with one accepted run)." in text

@@ -29,7 +29,7 @@ def survey_of(scene: Path, pattern: Path, out: Path, *more: str) -> int:
     return main([*words, "--workers", "1"])
 
 
-def agree(rows: list[dict[str, Any]], verified: Verification) -> None:
+def assert_alike(rows: list[dict[str, Any]], verified: Verification) -> None:
     """Compare the rows of a survey with the hogels of a verification, number by number."""
     by_place = {(row["column"], row["row"]): row for row in rows}
     assert len(by_place) == len(rows) == len(verified.hogels)
@@ -62,7 +62,7 @@ def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
     assert survey_of(path, pattern, out) == 1
     verified = verify(scene, str(pattern))
     rows = rows_of(out)
-    agree(rows, verified)
+    assert_alike(rows, verified)
     said = json.loads((out / "survey.json").read_text())
     assert said["beyond"] == sum(not hogel.passed for hogel in verified.hogels) > 1
     # A hogel that is missing is worse than any that is wrong.
@@ -130,4 +130,4 @@ def test_surveys_of_the_plates_beside_the_checkout_say_what_verify_says(
     pattern = foreign / folder / "Hogel_{i}x{j}.png"
     survey_of(foreign / "scene.toml", pattern, tmp_path / "s", "--encoding", "triangle-id")
     verified = verify(open_scene(foreign / "scene.toml"), str(pattern), encoding="triangle-id")
-    agree(rows_of(tmp_path / "s"), verified)
+    assert_alike(rows_of(tmp_path / "s"), verified)
