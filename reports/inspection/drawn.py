@@ -70,10 +70,11 @@ def _badness(frame: JudgedFrame) -> str:
 
 def _errors(maps: ErrorMaps, budget: Budget) -> tuple[Channel, ...]:
     """Return what judging has found out, and the causes that it is charged to."""
-    surface, shape = maps.surface, maps.judged.shape
-    assert surface is not None, "a judge has the scene at hand"
+    surface, outside, shape = maps.surface, maps.outside, maps.judged.shape
+    assert surface is not None and outside is not None, "a judge has the scene at hand"
     states = {
         "tie, not judged": ~maps.judged,
+        "wrong surface, whose point belongs outside the film": outside,
         "wrong surface": surface,
         "right surface, another triangle": maps.triangle,
     }

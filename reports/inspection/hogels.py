@@ -20,7 +20,7 @@ bytes, and half of them, the upper ones, are always zero and take no room."""
 
 
 MAX_HOGELS = 12
-"""Largest number of hogels of a page: at 512 x 512 pixels each takes about 3 MB."""
+"""Largest number of hogels of a page and its files: at 512 x 512 pixels each takes from 1 to 8 MB."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ const MODES = { wipe: "wipe", truth: "truth", image: "image", difference: "diffe
 const NOTHING = [44, 48, 54], RED = [224, 49, 49], MAX_ZOOM = 160, GRID_ZOOM = 10, TEXT_ZOOM = 64, WIPE_REACH = 9, KEPT_HOGELS = 2;
 const VIRIDIS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 const HEAT = [[20, 11, 52], [120, 28, 109], [207, 68, 70], [251, 155, 6], [252, 255, 164]];
-const STATES = { "right": null, "not judged": [150, 90, 200], "tie, not judged": [150, 90, 200], "wrong": RED, "wrong surface": RED, "right surface, another triangle": [245, 135, 0] };
+const STATES = { "right": null, "not judged": [150, 90, 200], "tie, not judged": [150, 90, 200], "wrong": RED, "wrong surface": RED, "wrong surface, whose point belongs outside the film": [214, 51, 132], "right surface, another triangle": [245, 135, 0] };
 // Okabe and Ito's palette, which all tell apart, in the order of the labels.
 const CLASSES = [null, [0, 114, 178], [230, 159, 0], [0, 158, 115], [204, 121, 167], [213, 94, 0], [86, 180, 233], [240, 228, 66]];
 const VIEWS = [
@@ -232,7 +232,7 @@ function explain(legend) {
 // --- The values of a pixel.
 
 function objectOf(number) {
-  return page.objects[number - 1]?.name ?? "";
+  return page.objects[number - 1]?.name.split("/").pop() ?? "";
 }
 
 function meaning(layer, name, value) {
@@ -307,12 +307,14 @@ function plate() {
   const map = get("map"), size = cellSize(), rows = page.cells.length, columns = page.cells[0].length, brush = map.getContext("2d");
   map.width = columns * size;
   map.height = rows * size;
-  const high = Math.max(0, ...page.cells.flat().filter((value) => value !== null));
+  const values = page.cells.flat().filter((value) => value > 0), high = Math.max(0, ...values), low = Math.min(high, ...values);
+  // Where one hogel is far worse than others, only a logarithm shows these.
+  const logarithmic = high > 100 * low, level = (value) => (logarithmic ? Math.log(value / low) / Math.log(high / low) : value / high);
   brush.fillStyle = css([205, 209, 214]);
   brush.fillRect(0, 0, map.width, map.height);
   page.cells.forEach((line, row) => line.forEach((value, column) => {
     if (value === null) return;
-    brush.fillStyle = css(levels(VIRIDIS, high ? value / high : 0));
+    brush.fillStyle = css(levels(VIRIDIS, value > 0 ? level(value) : 0));
     brush.fillRect(column * size, row * size, size, size);
   }));
   page.hogels.forEach(({ aperture }, number) => {
@@ -325,7 +327,9 @@ function plate() {
     brush.strokeStyle = chosen ? "#e03131" : "#000";
     brush.strokeRect(x, y, wide, wide);
   });
-  get("map-words").textContent = `${page.plate[0]} x ${page.plate[1]} hogels as the viewer faces them. ${page.map_words}: ${high ? `yellow is ${page.in_percent ? short(100 * high) + " %" : short(high)}, dark 0` : "0 everywhere"}; gray: not known. Squares: hogels to look at.`;
+  const told = (value) => (page.in_percent ? `${short(100 * value)} %` : short(value));
+  const scale = logarithmic ? `yellow is ${told(high)}, dark ${told(low)} or less, on a logarithmic scale` : high ? `yellow is ${told(high)}, dark 0` : "0 everywhere";
+  get("map-words").textContent = `${page.plate[0]} x ${page.plate[1]} hogels as the viewer faces them. ${page.map_words}: ${scale}; gray: not known. Squares: hogels to look at.`;
 }
 
 function placeOf([column, row]) {

@@ -188,3 +188,32 @@ def test_a_hogel_in_a_file_beside_the_page_is_read_when_it_is_looked_at(
     point_at(opened, (20, 14), hogels[1].size)
     stored = hogels[1].values()["image"]
     assert same_bits(values_shown(opened, "image")["P.X"], stored["P.X"][14, 20])
+
+
+def test_zooming_keeps_the_pixel_under_the_mouse_and_a_click_holds_it(
+    inspected: Inspected, opened: Any
+) -> None:
+    path = inspected.pages["survey"] / PAGE
+    hogel = read_inspection(path)[0]
+    opened.goto(path.as_uri())
+    wait_for(opened, hogel)
+    point_at(opened, (31, 9), hogel.size)
+    opened.mouse.wheel(0, -480)
+    opened.wait_for_selector("#zoom:not(:text-is('fit'))")
+    assert opened.inner_text("#where") == "pixel 31, 9"
+    opened.mouse.down()
+    opened.mouse.up()
+    opened.mouse.move(0, 0)
+    assert opened.inner_text("#where") == "pixel 31, 9" and "held" in opened.inner_text("#pinned")
+
+
+def test_an_address_shows_somebody_else_the_same_pixel(inspected: Inspected, opened: Any) -> None:
+    path = inspected.pages["report"] / PAGE
+    hogel = read_inspection(path)[1]
+    place = "{},{}".format(*hogel.aperture)
+    opened.goto(f"{path.as_uri()}#hogel={place}&channel=P.X&mode=image&pixel=12,20&zoom=24")
+    wait_for(opened, hogel)
+    opened.wait_for_selector("#where:text-is('pixel 12, 20')")
+    assert opened.input_value("#channel") == "P.X"
+    assert opened.inner_text('#modes [aria-pressed="true"]') == "image"
+    assert same_bits(values_shown(opened, "truth")["P.Z"], hogel.values()["truth"]["P.Z"][20, 12])
