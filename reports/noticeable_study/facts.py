@@ -12,7 +12,7 @@ from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC, Viewer
 from xfrustum.reports.noticeable_study.grid import DepthBuffer
 from xfrustum.reports.noticeable_study.rows import NoticedRow
 from xfrustum.scenes.plate.double_frustum import Pivot
-from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+from xfrustum.tolerances import TOLERANCE_PX
 
 Rows = Sequence[NoticedRow]
 
@@ -201,6 +201,11 @@ class Windows:
     pixel_cases: int
     starved_below: float | None
 
+    @property
+    def never_split(self) -> bool:
+        """Whether one pair of frusta is enough for an eye in all cases."""
+        return self.eye == self.eye_cases
+
 
 def windows(rows: Rows) -> list[Windows]:
     """Return where one pair of frusta is enough, by depth buffer."""
@@ -320,9 +325,19 @@ def shear_factor(rows: Rows) -> dict[str, tuple[float, float]]:
     return found
 
 
-def wrong_by_depth(rows: Rows) -> int:
-    """Return how many replays were wrong by depth beyond what is allowed."""
-    return sum((row.replayed_depth_wrong or 0.0) > MAX_DEPTH_WRONG for row in rows)
+def crack_alone(rows: Rows) -> int:
+    """Return the number of cells in which a viewer notices the crack, and not the change of depth."""
+    return sum(row.crack_seen and not row.stereo_seen for row in rows)
+
+
+def replay_ratios(rows: Rows) -> dict[str, tuple[float, float, int]]:
+    """Return, by scene and pivot, the range of replayed changes over closed forms, and how many there are."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        if row.replayed_stereo_arcsec is not None and row.stereo_arcsec >= SEEN_ARCSEC:
+            ratio = row.replayed_stereo_arcsec / row.stereo_arcsec
+            found.setdefault(f"{row.scene}, {row.pivot}", []).append(ratio)
+    return {case: (min(ratios), max(ratios), len(ratios)) for case, ratios in found.items()}
 
 
 def usual_distance(rows: Rows, wanted: float) -> float:
