@@ -52,6 +52,7 @@ def document(rows: Rows, origin: Origin, *, pictured: bool = False) -> str:
         "thresholds": facts.thresholds(own),
         "crack_alone": facts.crack_alone(own),
         "ratios": facts.replay_ratios(own),
+        "hopeful": facts.hopeful(own),
         "pictured": pictured,
         "replays": facts.replays(own),
         "windows": facts.windows(own),

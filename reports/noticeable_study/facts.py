@@ -12,7 +12,7 @@ from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC, Viewer
 from xfrustum.reports.noticeable_study.grid import DepthBuffer
 from xfrustum.reports.noticeable_study.rows import NoticedRow
 from xfrustum.scenes.plate.double_frustum import Pivot
-from xfrustum.tolerances import TOLERANCE_PX
+from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 Rows = Sequence[NoticedRow]
 
@@ -325,9 +325,17 @@ def shear_factor(rows: Rows) -> dict[str, tuple[float, float]]:
     return found
 
 
-def crack_alone(rows: Rows) -> int:
-    """Return the number of cells in which a viewer notices the crack, and not the change of depth."""
-    return sum(row.crack_seen and not row.stereo_seen for row in rows)
+def crack_alone(rows: Rows) -> list[str]:
+    """Return where a viewer notices the crack, and not the change of depth: scene, pivot, near, distance."""
+    found = {
+        (row.scene, row.pivot, row.near, row.distance)
+        for row in rows
+        if row.crack_seen and not row.stereo_seen
+    }
+    return [
+        f"`{scene}`, pivot `{pivot}`, n = {near:g} mm from {distance:g} mm"
+        for scene, pivot, near, distance in sorted(found)
+    ]
 
 
 def replay_ratios(rows: Rows) -> dict[str, tuple[float, float, int]]:
@@ -338,6 +346,16 @@ def replay_ratios(rows: Rows) -> dict[str, tuple[float, float, int]]:
             ratio = row.replayed_stereo_arcsec / row.stereo_arcsec
             found.setdefault(f"{row.scene}, {row.pivot}", []).append(ratio)
     return {case: (min(ratios), max(ratios), len(ratios)) for case, ratios in found.items()}
+
+
+def hopeful(rows: Rows) -> dict[DepthBuffer, int]:
+    """Return in how many replays more is wrong by depth than is allowed, though sheets are ordered."""
+    found: dict[DepthBuffer, int] = {}
+    for row in rows:
+        ordered = row.ordered_separation <= row.resolved_separation
+        if ordered and (row.replayed_depth_wrong or 0.0) > MAX_DEPTH_WRONG:
+            found[row.buffer] = found.get(row.buffer, 0) + 1
+    return found
 
 
 def usual_distance(rows: Rows, wanted: float) -> float:
