@@ -139,8 +139,9 @@ def settings_picture(scene: Scene, plans: Mapping[str, DoubleFrustum]) -> Image.
 def plan_cell(words: str, reference: EyeReference, view: Views) -> tuple[str, Bytes]:
     """Return words and picture of what a plan shows to an eye."""
     assert view.drawn is not None
-    loss = renderer_loss(reference, view, numbered=True).numbers()
-    return f"{words}, FLIP {loss.flip or 0.0:.2g}", shown(view.drawn)
+    maps = renderer_loss(reference, view, numbered=True)
+    flip = maps.numbers().flip or 0.0
+    return f"{words}, FLIP {flip:.2g}, {words_of(maps)} wrong", shown(view.drawn)
 
 
 def sheet(lines: Sequence[Sequence[tuple[str, Bytes]]]) -> Image.Image:
@@ -149,7 +150,7 @@ def sheet(lines: Sequence[Sequence[tuple[str, Bytes]]]) -> Image.Image:
     step = (width + GAP_PX, height + GAP_PX + CAPTION_PX)
     size = (step[0] * max(map(len, lines)) - GAP_PX, step[1] * len(lines) - GAP_PX)
     picture = Image.new("RGB", size, (255, 255, 255))
-    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(12)
+    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(11)
     for row, line in enumerate(lines):
         for column, (words, pixels) in enumerate(line):
             corner = (column * step[0], row * step[1])
