@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from xfrustum.compare.eye.collected import Collector, collected, film_parts
 from xfrustum.compare.eye.limits import Viewer
 from xfrustum.compare.eye.loss import LossMaps, Views, display_loss, renderer_loss
 from xfrustum.compare.eye.moved import MovedScene, moved_scene
-from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.commands.planning import make_plan, make_viewer_plan
@@ -118,27 +117,31 @@ def plans_picture() -> Image.Image:
     """Return the car as three eyes see it, and as both plans show it."""
     scene = open_scene("car")
     plans = {
-        "planned to pixels": make_plan(scene),
-        "planned to eyes at 600 mm": make_viewer_plan(scene, Viewer(distance=600.0), Requirement())[0],
+        "to pixels": make_plan(scene).settings,
+        "to eyes": make_viewer_plan(scene, Viewer(distance=600.0), Requirement())[0].settings,
     }
+    return settings_picture(scene, {words: found for words, found in plans.items() if found is not None})
+
+
+def settings_picture(scene: Scene, plans: Mapping[str, DoubleFrustum]) -> Image.Image:
+    """Return a scene as three eyes see it, truly, replayed, and drawn with some settings."""
     lines: list[list[tuple[str, Bytes]]] = []
-    for words, made in plans.items():
-        settings = made.settings
-        assert settings is not None
+    for words, settings in plans.items():
         reference, views = drawn(scene, PLAN_EYES, settings)
         if not lines:
             lines.append([(f"true, eye at {v.eye.position[0]:g}, 0, 600", shown(v.true)) for v in views])
             lines.append([("replayed truth", shown(v.replayed)) for v in views])
-        lines.append([plan_cell(words, made, reference, view) for view in views])
+        near = f"{words}: n = {settings.near:.3g}, {settings.depth_label}"
+        lines.append([plan_cell(near, reference, view) for view in views])
     return sheet(lines)
 
 
-def plan_cell(words: str, made: Plan, reference: EyeReference, view: Views) -> tuple[str, Bytes]:
+def plan_cell(words: str, reference: EyeReference, view: Views) -> tuple[str, Bytes]:
     """Return words and picture of what a plan shows to an eye."""
-    assert view.drawn is not None and made.settings is not None
-    loss = renderer_loss(reference, view, numbered=True).numbers()
-    near = f"near {made.settings.near:g} mm, {made.settings.depth_label}"
-    return f"{words}: {near}; FLIP {loss.flip or 0.0:.2g}", shown(view.drawn)
+    assert view.drawn is not None
+    maps = renderer_loss(reference, view, numbered=True)
+    flip = maps.numbers().flip or 0.0
+    return f"{words}, FLIP {flip:.2g}, {words_of(maps)} wrong", shown(view.drawn)
 
 
 def sheet(lines: Sequence[Sequence[tuple[str, Bytes]]]) -> Image.Image:
@@ -147,7 +150,7 @@ def sheet(lines: Sequence[Sequence[tuple[str, Bytes]]]) -> Image.Image:
     step = (width + GAP_PX, height + GAP_PX + CAPTION_PX)
     size = (step[0] * max(map(len, lines)) - GAP_PX, step[1] * len(lines) - GAP_PX)
     picture = Image.new("RGB", size, (255, 255, 255))
-    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(12)
+    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(11)
     for row, line in enumerate(lines):
         for column, (words, pixels) in enumerate(line):
             corner = (column * step[0], row * step[1])

@@ -30,8 +30,14 @@ def sentence(rows: Rows) -> str:
     )
 
 
-def document(rows: Rows, origin: Origin) -> str:
-    """Return the document as Markdown."""
+def document(rows: Rows, origin: Origin, *, pictured: bool = False) -> str:
+    """Return the document as Markdown.
+
+    Parameters
+    ----------
+    pictured
+        Whether pictures of both plans for the car lie beside the figures.
+    """
     filters: Filters = {
         "percent": percent,
         "pixels": pixels,
@@ -41,14 +47,13 @@ def document(rows: Rows, origin: Origin) -> str:
         "buffer": buffer_name,
     }
     own = list(rows)
-    found = facts.thresholds(own)
     values = {
-        "sentence": sentence(own),
-        "usual": facts.usual_distance(own, USUAL_DISTANCE),
-        "rule": facts.rule_near(facts.usual_distance(own, USUAL_DISTANCE)),
         "rule_near": facts.rule_near,
-        "thresholds": found,
-        "smallest_crack": _smallest_crack(found),
+        "thresholds": facts.thresholds(own),
+        "crack_alone": facts.crack_alone(own),
+        "ratios": facts.replay_ratios(own),
+        "hopeful": facts.hopeful(own),
+        "pictured": pictured,
         "replays": facts.replays(own),
         "windows": facts.windows(own),
         "apart": facts.disagreement(own),
@@ -80,10 +85,3 @@ def _length(near: float | None) -> str:
     if near is None:
         return "-"
     return "any" if math.isinf(near) else digits(near)
-
-
-def _smallest_crack(found: list[facts.Thresholds]) -> float | None:
-    """Return the smallest near of all plates at which a crack is noticed; None where none is."""
-    nears = [near for one in found if one.crack for near in one.crack.values() if near is not None]
-    finite = [near for near in nears if math.isfinite(near)]
-    return min(finite, default=None)

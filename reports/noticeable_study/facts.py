@@ -201,6 +201,11 @@ class Windows:
     pixel_cases: int
     starved_below: float | None
 
+    @property
+    def never_split(self) -> bool:
+        """Whether one pair of frusta is enough for an eye in all cases."""
+        return self.eye == self.eye_cases
+
 
 def windows(rows: Rows) -> list[Windows]:
     """Return where one pair of frusta is enough, by depth buffer."""
@@ -320,9 +325,37 @@ def shear_factor(rows: Rows) -> dict[str, tuple[float, float]]:
     return found
 
 
-def wrong_by_depth(rows: Rows) -> int:
-    """Return how many replays were wrong by depth beyond what is allowed."""
-    return sum((row.replayed_depth_wrong or 0.0) > MAX_DEPTH_WRONG for row in rows)
+def crack_alone(rows: Rows) -> list[str]:
+    """Return where a viewer notices the crack, and not the change of depth: scene, pivot, near, distance."""
+    found = {
+        (row.scene, row.pivot, row.near, row.distance)
+        for row in rows
+        if row.crack_seen and not row.stereo_seen
+    }
+    return [
+        f"`{scene}`, pivot `{pivot}`, n = {near:g} mm from {distance:g} mm"
+        for scene, pivot, near, distance in sorted(found)
+    ]
+
+
+def replay_ratios(rows: Rows) -> dict[str, tuple[float, float, int]]:
+    """Return, by scene and pivot, the range of replayed changes over closed forms, and how many there are."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        if row.replayed_stereo_arcsec is not None and row.stereo_arcsec >= SEEN_ARCSEC:
+            ratio = row.replayed_stereo_arcsec / row.stereo_arcsec
+            found.setdefault(f"{row.scene}, {row.pivot}", []).append(ratio)
+    return {case: (min(ratios), max(ratios), len(ratios)) for case, ratios in found.items()}
+
+
+def hopeful(rows: Rows) -> dict[DepthBuffer, int]:
+    """Return in how many replays more is wrong by depth than is allowed, though sheets are ordered."""
+    found: dict[DepthBuffer, int] = {}
+    for row in rows:
+        ordered = row.ordered_separation <= row.resolved_separation
+        if ordered and (row.replayed_depth_wrong or 0.0) > MAX_DEPTH_WRONG:
+            found[row.buffer] = found.get(row.buffer, 0) + 1
+    return found
 
 
 def usual_distance(rows: Rows, wanted: float) -> float:

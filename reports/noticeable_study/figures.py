@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,23 +49,22 @@ def noticed_map(rows: Rows) -> Map:
     buffers = list(dict.fromkeys(row.buffer for row in own))
     cases = list(dict.fromkeys(map(case_name, own)))
 
-    def panel(distance: float, case: str) -> Panel:
+    def panel(distance: float) -> Panel:
         lines = []
-        for buffer in buffers:
-            line = [r for r in own if (r.distance, case_name(r), r.buffer) == (distance, case, buffer)]
-            lines.append(tuple(_color(row) for row in sorted(line, key=lambda row: -row.near)))
-        return Panel(title=f"{case}", lines=tuple(lines))
+        for case in cases:
+            for buffer in buffers:
+                line = [r for r in own if (r.distance, case_name(r), r.buffer) == (distance, case, buffer)]
+                lines.append(tuple(_color(row) for row in sorted(line, key=lambda row: -row.near)))
+        return Panel(title=f"from {distance:g} mm", lines=tuple(lines))
 
-    names = tuple(buffer_name(buffer) for buffer in buffers)
-    distances = sorted({row.distance for row in own})
-    seats = ", ".join(f"{distance:g}" for distance in distances)
     return Map(
-        title=f"What eyes notice from {seats} mm (from top to bottom), hogels of {pitch:g} mm",
-        panels=tuple(tuple(panel(distance, case) for case in cases) for distance in distances),
-        names=names,
+        title=f"What eyes notice, hogels of {pitch:g} mm",
+        panels=(tuple(panel(distance) for distance in sorted({row.distance for row in own})),),
+        names=tuple(f"{case}, {buffer_name(buffer)}" for case in cases for buffer in buffers),
         nears=tuple(sorted({row.near for row in own}, reverse=True)),
         legend=_NOTICED,
         across="near, mm",
+        gutter=250,
     )
 
 
@@ -77,16 +77,18 @@ def _color(row: NoticedRow) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """One line of a chart, its dots, and its name.
+    """One line of a chart, and its dots.
 
     Attributes
     ----------
+    color, dash
+        Color by scene and pivot, and dashes by distance, as SVG has them.
     path, dots
         Points in the picture, pixels.
     """
 
-    name: str
     color: str
+    dash: str
     path: str
     dots: tuple[tuple[float, float], ...]
 
@@ -101,6 +103,8 @@ class Curves:
         Lines with their dots.
     across, up
         Places and labels of the ticks.
+    legend
+        Color, dashes and words of each kind of line.
     level
         Place of the line of stereo acuity, and its name.
     box
@@ -111,9 +115,13 @@ class Curves:
     curves: tuple[Curve, ...]
     across: tuple[tuple[float, str], ...]
     up: tuple[tuple[float, str], ...]
+    legend: tuple[tuple[str, str, str], ...]
     level: tuple[float, str]
     box: tuple[float, float, float, float]
 
+
+_DASHES = ("", "7 3", "2 3")
+"""Dashes of lines from the nearest distance to the farthest, as SVG has them."""
 
 _BOX = (64.0, 46.0, 560.0, 330.0)
 
@@ -135,23 +143,27 @@ def curves(rows: Rows) -> Curves:
         return round(bottom - (bottom - top) * share, 2)
 
     drawn = []
-    kinds = list(dict.fromkeys((case_name(row), row.distance) for row in known))
-    for number, (case, distance) in enumerate(kinds):
+    cases = list(dict.fromkeys(map(case_name, known)))
+    distances = sorted({row.distance for row in known})
+    for case, distance in itertools.product(cases, distances):
         own = [row for row in known if (case_name(row), row.distance) == (case, distance)]
         line = sorted({row.near: row for row in own}.values(), key=lambda row: row.near)
         dots = {(x(r.near), y(r.replayed_stereo_arcsec)) for r in own if r.replayed_stereo_arcsec}
         drawn.append(
             Curve(
-                name=f"{case}, {distance:g} mm",
-                color=COLORS[number % len(COLORS)],
+                color=COLORS[cases.index(case) % len(COLORS)],
+                dash=_DASHES[distances.index(distance) % len(_DASHES)],
                 path=_path([(x(row.near), y(row.stereo_arcsec)) for row in line]),
                 dots=tuple(sorted(dots)),
             )
         )
+    legend = [(COLORS[number % len(COLORS)], "", case) for number, case in enumerate(cases)]
+    legend += [("#24292f", _DASHES[k % len(_DASHES)], f"from {d:g} mm") for k, d in enumerate(distances)]
     powers = range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1)
     return Curves(
         title="Change of disparity by the near offset",
         curves=tuple(drawn),
+        legend=tuple(legend),
         across=tuple((x(10.0**k), f"{10.0**k:g}") for k in powers),
         up=tuple((y(10.0**k), f"{10.0**k:g}") for k in range(least, most + 1)),
         level=(y(STEREO_ACUITY_ARCSEC), f"stereo acuity, {STEREO_ACUITY_ARCSEC:g} arc seconds"),

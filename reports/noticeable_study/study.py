@@ -26,6 +26,9 @@ from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.reports.splitting_study.store import Store
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
+PLANS = "plans-car.png"
+"""Picture of both plans for the car, which scripts/draw_eye_figures.py draws into the folder of figures."""
+
 DOCUMENT, DATA, RESULTS, IMAGES = "noticeable.md", "noticeable.parquet", "measurements.sqlite", "images"
 
 
@@ -150,6 +153,22 @@ def make_study(out: Path | None = None, grid: Grid = FULL, *, progress: bool = F
     return write_study(rows, measured_with, out)
 
 
+def rewrite_document(folder: Path) -> Path:
+    """Write document and figures of a folder again, from the data that lie there; nothing is measured.
+
+    Raises
+    ------
+    InputError
+        An unwritable folder.
+    """
+    rows, origin = read_parquet(folder / DATA)
+    return write_study(rows, origin, folder).document
+
+
+def _document(rows: Sequence[NoticedRow], origin: Origin, out: Path) -> str:
+    return document(rows, origin, pictured=(out / IMAGES / PLANS).exists())
+
+
 def write_study(rows: Sequence[NoticedRow], origin: Origin, out: Path) -> StudyFiles:
     """Write document, figures and data of some rows; the data goes first and the document last."""
     with Staging(out / IMAGES) as staging:
@@ -160,7 +179,7 @@ def write_study(rows: Sequence[NoticedRow], origin: Origin, out: Path) -> StudyF
         write_parquet(rows, origin, staging.folder / DATA)
         # From what is in the file, so that the file alone gives the same document again.
         rows, origin = read_parquet(staging.folder / DATA)
-        (staging.folder / DOCUMENT).write_text(document(rows, origin), encoding="utf-8")
+        (staging.folder / DOCUMENT).write_text(_document(rows, origin, out), encoding="utf-8")
         staging.commit()
     return StudyFiles(
         document=out / DOCUMENT, data=out / DATA, figures=drawn_files, rows=tuple(rows), origin=origin

@@ -67,6 +67,8 @@ class Map:
         Color and meaning.
     across
         What runs across.
+    gutter
+        Width of the lines' names, pixels.
     """
 
     title: str
@@ -75,6 +77,7 @@ class Map:
     nears: tuple[float, ...]
     legend: tuple[tuple[str, str], ...]
     across: str = "near plane / reach"
+    gutter: int = 132
 
 
 Rows = Sequence[StudyRow]

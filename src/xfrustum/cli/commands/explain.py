@@ -8,7 +8,7 @@ import click
 
 from xfrustum.cli import light as cli_light
 from xfrustum.cli import options
-from xfrustum.cli.numbers import Positive
+from xfrustum.cli.numbers import Length, Positive
 
 if TYPE_CHECKING:
     from xfrustum.cli.light import Light
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 @click.option("--near", type=Positive(), help="Near offset of the table of depths.  [default: reach/1000]")
 @click.option(
     "--viewer",
-    type=Positive(),
-    help="Distance of an eye: what the display can show there, and whether it sees the near offset.",
+    type=Length(),
+    help="Distance of an eye, such as 600mm: what a display shows there, and whether near is noticed.",
 )
 @click.option("--measure", is_flag=True, help="Measure what each effect costs on this machine.")
 @click.option(
@@ -44,7 +44,7 @@ def explain(
     slabs: tuple[float, ...] | None,
     camera: Camera | None,
     near: float | None,
-    viewer: float | None,
+    viewer: tuple[float, str | None] | None,
     measure: bool,
     tracer: str,
     light: Light,
@@ -86,12 +86,13 @@ def explain(
     _tell_with_viewer(plan, viewer, as_json=as_json)
 
 
-def _tell_with_viewer(plan: EffectsPlan, distance: float, *, as_json: bool) -> None:
+def _tell_with_viewer(plan: EffectsPlan, viewer: tuple[float, str | None], *, as_json: bool) -> None:
+    from xfrustum.compare.eye.limits import scene_length
     from xfrustum.reports.common.json_ready import json_object
     from xfrustum.reports.effects import table as effects_table
     from xfrustum.reports.effects.viewer import viewer_record, viewer_table
 
-    record = viewer_record(plan.scene, distance, plan.settings.near)
+    record = viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings.near)
     options.tell(
         as_json,
         lambda: {**effects_table.summary(plan), "viewer": json_object(record)},
