@@ -235,6 +235,23 @@ def test_one_process_draws_on_the_device_that_it_is_given(tmp_path: Path) -> Non
     assert os.environ.get(DEVICE_VARIABLE) == before
 
 
+def test_what_draws_takes_the_gpus_of_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
+    monkeypatch.setattr(run, "default_devices", lambda: (2,))
+    job, scene = ToyJob.at(tmp_path), open_scene("car")
+    with open_team(Engine(), len(job.numbers), scene) as team:
+        assert (team.workers, team.ask(job, device_of)) == (1, "2")
+    with open_team(Engine(workers=1), len(job.numbers), scene, draws=False) as team:
+        assert team.ask(job, device_of) is None
+
+
+def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "_processors", lambda: 16)
+    assert [Engine().process_count(1000, gpus) for gpus in (0, 1, 4, 32)] == [16, 1, 4, 16]
+    assert Engine(workers=8).process_count(1000, 1) == 8
+    assert Engine().process_count(3, 0) == 3
+
+
 def test_a_job_array_of_one_job_is_one_process() -> None:
     assert Where(part=(1, 1)).engine().process_count(1000) == 1
 

@@ -11,6 +11,8 @@ import pytest
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, open_scene, write_image
 from xfrustum.cli.main import main
+from xfrustum.reports.verification.file_state import require_same_images, state_of_images
+from xfrustum.scenes import InputError, Plate
 
 FILES = ("index.html", "verification.json")
 
@@ -108,6 +110,16 @@ def test_images_that_were_drawn_again_are_another_verification(
     shutil.copy(images / "0x0.exr", images / "3x3.exr")
     assert verified(scene_path, out, *words) == 2
     assert "begun with another state of the images" in capsys.readouterr().err
+
+
+def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Path) -> None:
+    apertures, pattern = Plate(size=(2.0, 1.0), hogels=(2, 1)).apertures(), str(tmp_path / "{i}x{j}.png")
+    (tmp_path / "0x0.png").write_bytes(b"one")
+    state = state_of_images(pattern, apertures)
+    require_same_images(pattern, apertures, state)
+    (tmp_path / "1x0.png").write_bytes(b"two")
+    with pytest.raises(InputError, match="a worker finds other image files than the command"):
+        require_same_images(pattern, apertures, state)
 
 
 @pytest.mark.parametrize(
