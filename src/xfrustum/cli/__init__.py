@@ -9,4 +9,5 @@ numbers      Numbers on the command line, whose errors name the option that they
 options      Options that commands share: apertures, near planes, settings of the double frustum
 streams      Standard output and standard error, also where they are closed, full or broken
 termination  Ctrl-C and SIGTERM end a command cleanly, whatever it is doing when they come
+where        Options that say where blocks are done: by processes of this machine, a cluster, or in parts
 """

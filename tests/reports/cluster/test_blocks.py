@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from tests.reports.cluster.toy_work import ToyJob, ToySession, made, parts_of
 from tests.support.scene_file import film, named, part
-from xfrustum.cli.commands.where import Where
+from xfrustum.cli.where import Where
 from xfrustum.compare.scouting.strata import GrowingSample
 from xfrustum.reports.cluster import run
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
