@@ -9,12 +9,10 @@ families      What the study's rows say of the other families: what they share w
               helps them
 figures       The study's maps, as SVG that needs nothing else: near across, depth buffers down
 grid          What the study of splitting measures: which cells, in which order
-job           Cells of the study in blocks, as any process measures them: pictures of a scene, or sheets
-              of a camera
 measure       How the study of splitting measures a cell: truth against raster, and pairs of sheets
               at the far end
 rows          The study's measurements as rows, and as Parquet
-run           Measure the study's cells, those that are not yet on disk
+run           Measure the study's cells, those that are not yet on disk, in blocks that any process may do
 store         Results on disk as they come: what is written survives whatever ends the process
 study         `xfrustum study splitting`: measured, written down, and resumed where it was stopped
 study_record  The study as one JSON object: criteria, what is enough in every case, and what

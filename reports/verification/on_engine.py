@@ -268,8 +268,43 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
     if engine.scheduler is not None and renderer.source is not None:
         # Workers elsewhere have another working folder.
         renderer = replace(renderer, source=str(Path(renderer.source).absolute()))
-    nominal_model(scene, renderer.near, renderer.accept)
     asked = asked_apertures(scene, apertures)
+    name = _checked(scene, renderer, asked)
+    with _folder(out) as folder:
+        job = _job(scene, renderer, limits, asked, folder)
+        diagnosis = _diagnosed(engine, job, scene, told, progress=progress)
+        if diagnosis is None:
+            return None
+        hogels, worst = _read(job, asked)
+    return Verification(
+        scene=scene, source=name, limits=limits, diagnosis=diagnosis, hogels=hogels, worst=worst
+    )
+
+
+def _diagnosed(
+    engine: Engine, job: VerifyJob, scene: Scene, told: Callable[[str], object], *, progress: bool
+) -> Diagnosis | None:
+    """Have all hogels judged, and return what a process has diagnosed; None where others are at work."""
+    numbers = engine.part.of(job.blocks.numbers(0))
+    finished = sum(map(job.finished, numbers))
+    if finished:
+        told(f"{finished} of {len(numbers)} blocks were judged before, and are in {job.parts.folder}")
+    with open_team(engine, len(numbers), scene, told, draws=False) as team:
+        hogels = job.blocks.hogels(0) // engine.part.count
+        run_blocks(job, numbers, team, hogels, "verify", progress=progress)
+        whole = all(map(job.finished, job.blocks.numbers(0)))
+        return team.ask(job, diagnosis_of) if whole else None
+
+
+def _checked(scene: Scene, renderer: ForeignRenderer, asked: Sequence[Aperture]) -> str:
+    """Return the name of a renderer whose images can be judged in blocks.
+
+    Raises
+    ------
+    InputError
+        They cannot, or none of the apertures sees any object.
+    """
+    nominal_model(scene, renderer.near, renderer.accept)
     require_seen(scene, asked)
     with _source(Reference(scene), renderer) as source:
         if isinstance(source, LaidOut):
@@ -278,23 +313,7 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
                 "the files with {i} and {j}, or leave these options out"
             )
         source.check(asked)
-        name = source.name
-    with _folder(out) as folder:
-        job = _job(scene, renderer, limits, asked, folder)
-        numbers = engine.part.of(job.blocks.numbers(0))
-        finished = sum(map(job.finished, numbers))
-        if finished:
-            told(f"{finished} of {len(numbers)} blocks were judged before, and are in {job.parts.folder}")
-        with open_team(engine, len(numbers), scene, told, draws=False) as team:
-            hogels = job.blocks.hogels(0) // engine.part.count
-            run_blocks(job, numbers, team, hogels, "verify", progress=progress)
-            if not all(map(job.finished, job.blocks.numbers(0))):
-                return None
-            diagnosis = team.ask(job, diagnosis_of)
-        hogels_found, worst = _read(job, asked)
-    return Verification(
-        scene=scene, source=name, limits=limits, diagnosis=diagnosis, hogels=hogels_found, worst=worst
-    )
+        return source.name
 
 
 @contextmanager

@@ -12,4 +12,5 @@ options      Options that commands share: apertures, near planes, settings of th
 streams      Standard output and standard error, also where they are closed, full or broken
 tev          The option `--tev`: what an inspection page holds, sent to a running viewer
 termination  Ctrl-C and SIGTERM end a command cleanly, whatever it is doing when they come
+where        Options that say where blocks are done: by processes of this machine, a cluster, or in parts
 """

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from tests.reports.cluster.toy_work import ToyJob, ToySession, made, parts_of
 from tests.support.scene_file import film, named, part
-from xfrustum.cli.commands.where import Where
+from xfrustum.cli.where import Where
 from xfrustum.compare.scouting.strata import GrowingSample
 from xfrustum.reports.cluster import run
 from xfrustum.reports.cluster.blocks import Blocks, SampleBlocks, Tiles, hogels_per_block
@@ -233,6 +233,23 @@ def test_one_process_draws_on_the_device_that_it_is_given(tmp_path: Path) -> Non
     with open_team(Engine(workers=1, devices=(3, 4)), len(job.numbers), scene) as team:
         assert team.ask(job, device_of) == "3"
     assert os.environ.get(DEVICE_VARIABLE) == before
+
+
+def test_what_draws_takes_the_gpus_of_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
+    monkeypatch.setattr(run, "default_devices", lambda: (2,))
+    job, scene = ToyJob.at(tmp_path), open_scene("car")
+    with open_team(Engine(), len(job.numbers), scene) as team:
+        assert (team.workers, team.ask(job, device_of)) == (1, "2")
+    with open_team(Engine(workers=1), len(job.numbers), scene, draws=False) as team:
+        assert team.ask(job, device_of) is None
+
+
+def test_there_is_one_process_for_each_gpu_unless_more_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "_processors", lambda: 16)
+    assert [Engine().process_count(1000, gpus) for gpus in (0, 1, 4, 32)] == [16, 1, 4, 16]
+    assert Engine(workers=8).process_count(1000, 1) == 8
+    assert Engine().process_count(3, 0) == 3
 
 
 def test_a_job_array_of_one_job_is_one_process() -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.reports.cluster.dask_processes import dask, free_port, scheduler, worker
 from tests.reports.cluster.toy_work import ToyJob, made, parts_of, process_of
-from tests.support.dask_processes import dask, free_port, scheduler, worker
 from xfrustum.reports.cluster import cluster
 from xfrustum.reports.cluster.run import Engine, Team, open_team, run_blocks
 from xfrustum.scenes import InputError, open_scene

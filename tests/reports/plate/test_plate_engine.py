@@ -8,13 +8,18 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
 import pytest
 
 from tests.support.scene_file import film, named, part
+from xfrustum import DoubleFrustum, open_scene
 from xfrustum.cli.main import main
+from xfrustum.reports.cluster.run import Engine
+from xfrustum.reports.plate.engine import write_plate_on
+from xfrustum.scenes.model.plate_content import PlateContent
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +51,20 @@ def test_parts_of_a_job_array_make_the_plate_between_them(
     out = tmp_path / "x.zarr"
     assert drawn(scene_path, out, "--part", "2/2") != alone
     assert drawn(scene_path, out, "--part", "1/2") == alone
+
+
+def test_one_process_draws_a_scene_that_was_made_in_memory(
+    scene_path: Path, alone: dict[str, bytes], tmp_path: Path
+) -> None:
+    scene = replace(open_scene(scene_path), source="")
+    content = PlateContent(ids=True)
+    found = write_plate_on(
+        Engine(workers=1), scene, DoubleFrustum(near=0.5), tmp_path / "x.zarr", content=content, block=(2, 2)
+    )
+    assert (found.drawn, found.found) == (35, 0)
+    shards = {name for name in alone if not name.endswith("zarr.json")}
+    drawn = files_of(tmp_path / "x.zarr")
+    assert {name: drawn[name] for name in shards} == {name: alone[name] for name in shards}
 
 
 def test_what_was_damaged_is_drawn_again_and_told(

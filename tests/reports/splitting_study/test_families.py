@@ -15,9 +15,9 @@ from xfrustum.reports.splitting_study import families
 from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.figures import maps
 from xfrustum.reports.splitting_study.grid import FAMILIES, FULL, Cell, Family, Grid, Picture
-from xfrustum.reports.splitting_study.job import sheets_of
 from xfrustum.reports.splitting_study.measure import CellResult, PictureWorkbench, seen_scene
 from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet
+from xfrustum.reports.splitting_study.run import sheets_of
 from xfrustum.reports.splitting_study.study import DATA, StudyFiles, make_study
 from xfrustum.reports.splitting_study.suitability import case_of, outcomes
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping

@@ -21,6 +21,7 @@ from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, InputError, Rasterizer, Reference, budget, compare_images, open_scene
 from xfrustum.cli.main import main
 from xfrustum.compare.metrics.displacement import Spread
+from xfrustum.reports.cluster.processes import device_index
 from xfrustum.reports.cluster.run import Engine
 from xfrustum.reports.survey.rows import beyond_tolerance
 from xfrustum.reports.survey.survey import Chosen, survey
@@ -72,6 +73,8 @@ def test_every_hogel_of_a_whole_plate_has_a_row_and_the_answer_is_a_fact(whole: 
     assert sorted(zip(rows["column"].to_pylist(), rows["row"].to_pylist(), strict=True)) == sorted(
         aperture.index for aperture in scene.plate.apertures()
     )
+    assert set(rows["device_index"].to_pylist()) == {device_index()}
+    assert len(set(rows["device_renderer"].to_pylist())) == 1 and rows["device_renderer"][0].as_py()
     said = json.loads((whole / "survey.json").read_text())
     displaced = np.array(rows["displacement_px_p99"].to_pylist(), dtype=float) > 0.5
     beyond = displaced | (np.array(rows["surface_fraction"].to_pylist(), dtype=float) > 0.01)

@@ -16,7 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.support.dask_processes import dask, free_port, scheduler, worker
+from tests.reports.cluster.dask_processes import dask, free_port, scheduler, worker
 from tests.support.processes import signals_by_default
 from tests.support.scene_file import film, named, part
 

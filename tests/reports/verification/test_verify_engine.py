@@ -11,22 +11,36 @@ import pytest
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, open_scene, write_image
 from xfrustum.cli.main import main
+from xfrustum.reports.verification.file_state import require_same_images, state_of_images
+from xfrustum.scenes import InputError, Plate
 
 FILES = ("index.html", "verification.json")
 
 
-@pytest.fixture(scope="module")
-def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plate of 5 by 4 hogels with their images, which are bent, and of which one is missing."""
-    path = tmp_path_factory.mktemp("scene") / "boxes.toml"
+def images_of(folder: Path, hogels: tuple[int, int], near: float) -> Path:
+    """Write a scene and the images of its plate; return the scene's path."""
+    path = folder / "boxes.toml"
     objects = part("box", 12, (4, 0, -14)) + part("box", 6, (-5, 2, 16))
-    path.write_text(named("boxes") + film((40, 32), (5, 4), (24, 24), (60, 60), (60, 60)) + objects)
+    path.write_text(named("boxes") + film((40, 32), hogels, (24, 24), (60, 60), (60, 60)) + objects)
     scene = open_scene(path)
     with Rasterizer(scene) as rasterizer:
         for aperture in scene.plate.apertures():
-            if aperture.index != (2, 1):
-                image = rasterizer.render(aperture, DoubleFrustum(near=0.5))
-                write_image(path.with_name(f"{aperture.column}x{aperture.row}.exr"), image)
+            image = rasterizer.render(aperture, DoubleFrustum(near=near))
+            write_image(path.with_name(f"{aperture.column}x{aperture.row}.exr"), image)
+    return path
+
+
+@pytest.fixture(scope="module")
+def right_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plate of 3 by 2 hogels with images in which nothing is wrong, so that nothing is diagnosed."""
+    return images_of(tmp_path_factory.mktemp("right"), (3, 2), 0.001)
+
+
+@pytest.fixture(scope="module")
+def scene_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plate of 5 by 4 hogels with images that are bent, and of which one is missing."""
+    path = images_of(tmp_path_factory.mktemp("bent"), (5, 4), 0.5)
+    path.with_name("2x1.exr").unlink()
     return path
 
 
@@ -50,6 +64,16 @@ def alone(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+def test_parts_of_a_right_plate_make_the_verification_between_them(right_path: Path, tmp_path: Path) -> None:
+    pattern, out = pattern_of(right_path), tmp_path / "verified"
+    assert verified(right_path, tmp_path / "alone", pattern) == 0
+    assert verified(right_path, out, pattern, "--part", "2/2") == 0
+    assert files_of(out) == {}
+    assert verified(right_path, out, pattern, "--part", "1/2") == 0
+    assert files_of(out) == files_of(tmp_path / "alone") != {}
+
+
+@pytest.mark.slow
 def test_parts_of_a_job_array_make_the_verification_between_them(
     scene_path: Path, alone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -99,15 +123,25 @@ def test_workers_run_a_command_and_notice_another_program(
 
 
 def test_images_that_were_drawn_again_are_another_verification(
-    scene_path: Path, alone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    images = shutil.copytree(scene_path.parent, tmp_path / "images")
-    words = (str(images / "{i}x{j}.exr"), "--part", "1/20")
+    images = shutil.copytree(right_path.parent, tmp_path / "images")
+    words = (str(images / "{i}x{j}.exr"), "--part", "1/6")
     out = tmp_path / "verified"
-    assert verified(scene_path, out, *words) == 0
-    shutil.copy(images / "0x0.exr", images / "3x3.exr")
-    assert verified(scene_path, out, *words) == 2
+    assert verified(right_path, out, *words) == 0
+    shutil.copy(images / "0x0.exr", images / "2x1.exr")
+    assert verified(right_path, out, *words) == 2
     assert "begun with another state of the images" in capsys.readouterr().err
+
+
+def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Path) -> None:
+    apertures, pattern = Plate(size=(2.0, 1.0), hogels=(2, 1)).apertures(), str(tmp_path / "{i}x{j}.png")
+    (tmp_path / "0x0.png").write_bytes(b"one")
+    state = state_of_images(pattern, apertures)
+    require_same_images(pattern, apertures, state)
+    (tmp_path / "1x0.png").write_bytes(b"two")
+    with pytest.raises(InputError, match="a worker finds other image files than the command"):
+        require_same_images(pattern, apertures, state)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +154,8 @@ def test_images_that_were_drawn_again_are_another_verification(
     ],
 )
 def test_strange_wishes_are_refused_in_one_line(
-    scene_path: Path, words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
+    right_path: Path, words: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["verify", str(scene_path), "--quiet", *words]) == 2
+    assert main(["verify", str(right_path), "--quiet", *words]) == 2
     line = capsys.readouterr().err
     assert told in line and line.count("\n") == 1

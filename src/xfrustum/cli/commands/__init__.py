@@ -13,5 +13,4 @@ study    Commands that study many scenes and settings instead of one
 survey   The command that judges hogels all over a plate
 verify   The command that judges renderers of other people
 view     The command that shows what eyes before the plate see
-where    Options that say where blocks are done: by processes of this machine, a cluster, or in parts
 """

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from xfrustum.cli import options
-from xfrustum.cli.commands.where import Where, engine_options
 from xfrustum.cli.streams import say
+from xfrustum.cli.where import Where, engine_options
 
 
 @click.group(no_args_is_help=False)
