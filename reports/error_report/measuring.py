@@ -128,7 +128,7 @@ class SettingMeasurer:
         machine = self._engine.machine
         with machine.stage(self._watch, "pictures"):
             picture = images.picture(truth, self._reduction)
-        # Tracers have threads of their own, whose time is told apart from others' only while nothing else runs.
+        # Tracers have threads of their own, whose time is known only while nothing else runs.
         with machine.undisturbed(), machine.timed(self._watch, "alone"):
             alone = self._alone(truth)
         return TracedAperture(picture=picture, alone=alone)

@@ -137,10 +137,9 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     require_seen(scene, chosen)
     settings = tuple(replace(one, cull=cull) for one in settings)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
-        decision = Decision(by=decided_by, tracer=tracer)
-        measured = sweep(
-            scene, chosen, settings, decision=decision, effects=effects, causes=causes, progress=progress
-        )
+        by = Decision(by=decided_by, tracer=tracer)
+        how = {"causes": causes, "progress": progress}
+        measured = sweep(scene, chosen, settings, decision=by, effects=effects, **how)
         measured, shading = _with_light(measured, settings, effects, progress)
         measured = replace(measured, auto=_auto(apertures))
         record = _write(staging.folder, measured, shading)

@@ -80,7 +80,7 @@ def settings_grid(
     )
 
 
-def sweep(
+def sweep(  # noqa: PLR0913 - as `make_report`
     scene: Scene,
     apertures: Sequence[Aperture],
     settings: Sequence[DoubleFrustum],
@@ -122,9 +122,9 @@ def sweep(
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
         measurer = SettingMeasurer(judge, reduction, causes=causes)
         measured = _run(measurer, apertures, settings, watch, progress)
-        measured_s, measured_cpu_s = time.perf_counter() - begun, time.process_time() - cpu_begun
+        measured_cpu_s = time.process_time() - cpu_begun
         with watch.stage("repeat"):
-            frames = _repeated(measurer, measured.rows, measured_s)
+            frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
         opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
     wall_s = time.perf_counter() - begun
     return Sweep(
@@ -139,7 +139,7 @@ def sweep(
         versions={**provenance.versions(), **reference.versions},
         devices={**provenance.machine(), **opengl},
         times_s=watch.seconds | {"other": wall_s - sum(watch.seconds.values())},
-        parts_s=StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in measured.rows))),
+        parts_s=measured.parts_s,
         wall_s=wall_s,
         frames_s=frames,
         cpu_s=_cpu_seconds(measurer, measured_cpu_s, time.process_time() - cpu_begun),
@@ -150,7 +150,8 @@ def sweep(
 def _cpu_seconds(measurer: SettingMeasurer, measured_s: float, all_s: float) -> dict[str, float]:
     """Return the CPU seconds of a sweep, given those up to its last row and those of everything."""
     known = measurer.cpu_seconds
-    stages = {name: known[name] for name in ("raster", "trace", "pictures", "alone") if name in known}
+    wanted = ("raster", "trace", "pictures", "alone")
+    stages = {str(name): known[name] for name in wanted if name in known}
     return {**stages, "repeat": all_s - measured_s, "all": all_s}
 
 
@@ -170,6 +171,11 @@ class _Measured:
     pictures: list[SettingPictures]
     truths: list[bytes]
     alone: list[TracersAlonePictured]
+
+    @property
+    def parts_s(self) -> StageParts:
+        """Seconds of the parts of stages, of all rows together."""
+        return StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in self.rows)))
 
 
 def _repeated(
