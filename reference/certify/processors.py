@@ -49,10 +49,10 @@ MAX_SHORT_PIXELS = round(BUSY_WAIT_S / KERNEL_PIXEL_S)
 """Largest number of pixels, or of points, whose kernels run on one thread.
 
 A kernel that takes a time T on one thread takes T/n on n of them, and then n - 1 of these wait busily for up
-to W = `BUSY_WAIT_S`: they occupy T + (n - 1) W of the processors' time. On one thread it occupies T, and even if
-nothing else has work for the other n - 1 processors meanwhile, no more than n T are gone. One thread is the
-better choice where n T <= T + (n - 1) W, which is T <= W, however many processors there are. T grows with the
-pixels, by `KERNEL_PIXEL_S`."""
+to W = `BUSY_WAIT_S`: they occupy T + (n - 1) W of the processors' time. On one thread it occupies T, and even
+if nothing else has work for the other n - 1 processors meanwhile, no more than n T are gone. One thread is
+the better choice where n T <= T + (n - 1) W, which is T <= W, however many processors there are. T grows with
+the pixels, by `KERNEL_PIXEL_S`."""
 
 
 class _Bound:

@@ -103,8 +103,7 @@ def sweep(  # noqa: PLR0913 - as `make_report`
     effects
         Effects that are simulated, as `--effects` takes them.
     causes
-        Whether wrong pixels are charged to causes, and errors predicted by closed forms. Without, neither
-        frames with exact depth nor models are made, and what both numbers need is not computed.
+        Whether wrong pixels are charged to causes, and errors predicted; else nothing of both is made.
     progress
         Show a progress bar on standard error.
 
@@ -115,18 +114,14 @@ def sweep(  # noqa: PLR0913 - as `make_report`
     """
     watch, begun, cpu_begun = Stopwatch(), time.perf_counter(), time.process_time()
     with watch.stage("prepare"):
-        simulated = _simulated(scene, effects)
-        reference = open_reference(scene, decision, simulated)
-        judge = Judge(scene, reference=reference, effects=simulated)
+        judge = _opened(scene, decision, effects)
     with judge:
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
         measurer = SettingMeasurer(judge, reduction, causes=causes)
         measured = _run(measurer, apertures, settings, watch, progress)
-        measured_cpu_s = time.process_time() - cpu_begun
         with watch.stage("repeat"):
             frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
-        opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
-    wall_s = time.perf_counter() - begun
+    wall_s, cpu_s = time.perf_counter() - begun, time.process_time() - cpu_begun
     return Sweep(
         scene=scene,
         apertures=tuple(apertures),
@@ -134,25 +129,33 @@ def sweep(  # noqa: PLR0913 - as `make_report`
         pictures=tuple(measured.pictures),
         truths=tuple(measured.truths),
         alone=tuple(measured.alone),
-        decided_by=reference.decided_by,
+        decided_by=judge.reference.decided_by,
         reduction=reduction,
-        versions={**provenance.versions(), **reference.versions},
-        devices={**provenance.machine(), **opengl},
+        versions={**provenance.versions(), **judge.reference.versions},
+        devices=_devices(judge),
         times_s=watch.seconds | {"other": wall_s - sum(watch.seconds.values())},
         parts_s=measured.parts_s,
         wall_s=wall_s,
         frames_s=frames,
-        cpu_s=_cpu_seconds(measurer, measured_cpu_s, time.process_time() - cpu_begun),
+        cpu_s={**_cpu_seconds(measurer), "all": cpu_s},
         charged=causes,
     )
 
 
-def _cpu_seconds(measurer: SettingMeasurer, measured_s: float, all_s: float) -> dict[str, float]:
-    """Return the CPU seconds of a sweep, given those up to its last row and those of everything."""
-    known = measurer.cpu_seconds
-    wanted = ("raster", "trace", "pictures", "alone")
-    stages = {str(name): known[name] for name in wanted if name in known}
-    return {**stages, "repeat": all_s - measured_s, "all": all_s}
+def _opened(scene: Scene, decision: Decision, effects: str) -> Judge:
+    simulated = _simulated(scene, effects)
+    return Judge(scene, reference=open_reference(scene, decision, simulated), effects=simulated)
+
+
+def _devices(judge: Judge) -> dict[str, str]:
+    opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
+    return {**provenance.machine(), **opengl}
+
+
+def _cpu_seconds(measurer: SettingMeasurer) -> dict[str, float]:
+    """Return the CPU seconds of those stages whose share of the process's time is known."""
+    wanted: tuple[str, ...] = ("raster", "trace", "pictures", "alone", "repeat")
+    return {name: seconds for name, seconds in measurer.cpu_seconds.items() if name in wanted}
 
 
 def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:

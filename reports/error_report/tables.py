@@ -120,7 +120,7 @@ def headline(sweep: Sweep) -> str:
 
 
 def _charged(row: Measurement) -> dict[str, CauseNumbers | None]:
-    """Return the numbers of each cause; None for each where causes were left out: columns stay, and are null."""
+    """Return the numbers of each cause; None for each where causes were left out, whose columns stay."""
     if not row.causes:
         return dict.fromkeys(links_of(row.settings))
     return {cause.name: cause.numbers for cause in row.causes}
