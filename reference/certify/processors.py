@@ -1,7 +1,7 @@
 """The choice between Dr.Jit on LLVM and NumPy, and of the number of threads that run Dr.Jit's kernels.
 
-Dr.Jit's threads wait busily for a while after each kernel. With small images this takes more of the processors
-than the kernels themselves, and takes it from what runs beside them.
+Dr.Jit's threads wait busily for a while after each kernel. With small images this takes more of the
+processors than the kernels themselves, and takes it from what runs beside them.
 """
 
 from __future__ import annotations
@@ -42,16 +42,17 @@ BUSY_WAIT_S = 0.02
 """Longest time for which each of Dr.Jit's threads waits busily after a kernel before it sleeps."""
 
 KERNEL_PIXEL_S = 4e-8
-"""Time that one thread takes for a pixel in the longest kernel of a truth: twice the 1.9e-8 s of scenes of 40,000
-triangles, for deeper scenes take longer."""
+"""Time that one thread takes for a pixel in the longest kernel of a truth: twice the 1.9e-8 s of scenes of
+40,000 triangles at 512 x 512, for deeper scenes take longer."""
 
 MAX_SHORT_PIXELS = round(BUSY_WAIT_S / KERNEL_PIXEL_S)
 """Largest number of pixels, or of points, whose kernels run on one thread.
 
-A kernel that takes a time T on one thread takes T/n on n of them, and then n - 1 of these wait busily for up to W =
-`BUSY_WAIT_S`: they occupy T + (n - 1) W of the processors' time. On one thread it occupies T, and even if nothing else
-has work for the other n - 1 processors meanwhile, no more than n T are gone. One thread is the better choice where n T
-<= T + (n - 1) W, which is T <= W, however many processors there are. T grows with the pixels, by `KERNEL_PIXEL_S`."""
+A kernel that takes a time T on one thread takes T/n on n of them, and then n - 1 of these wait busily for up
+to W = `BUSY_WAIT_S`: they occupy T + (n - 1) W of the processors' time. On one thread it occupies T, and even
+if nothing else has work for the other n - 1 processors meanwhile, no more than n T are gone. One thread is
+the better choice where n T <= T + (n - 1) W, which is T <= W, however many processors there are. T grows with
+the pixels, by `KERNEL_PIXEL_S`."""
 
 
 class _Bound:

@@ -35,8 +35,8 @@ _VECTORS = {Float32: Array3f, Float64: Array3f64}
 def interleaved(coordinates: Sequence[Any], size: int) -> Any:
     """Return coordinates of all lanes side by side for each lane, as NumPy's arrays of vectors have them.
 
-    There are three coordinates, or one. They are scattered together: of several scatters into one array Dr.Jit
-    makes a kernel each, and every one of these computes all that the coordinates have in common again.
+    There are three coordinates, or one. They are scattered together: of several scatters into one array
+    Dr.Jit makes a kernel each, and every one of these computes again all that the coordinates have in common.
     """
     kind = type(coordinates[0])
     found = dr.empty(kind, size * len(coordinates))

@@ -27,7 +27,7 @@ MIN_PAIR_ROOM = 1 << 12
 """Number of pairs that there is always room for."""
 
 KEPT_ROWS = 1 << 22
-"""Largest number of rows of boxes that are kept from one picture of an aperture to the next, 12 bytes each."""
+"""Largest number of rows of boxes that are kept for the next picture of an aperture, in 12 bytes each."""
 
 PAIRS_PER_CHUNK = 1 << 20
 """Largest number of pairs that are yielded at once: looking at one takes some 500 bytes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -128,7 +129,7 @@ class SettingMeasurer:
         machine = self._engine.machine
         with machine.stage(self._watch, "pictures"):
             picture = images.picture(truth, self._reduction)
-        # Tracers have threads of their own, whose time is told apart from others' only while nothing else runs.
+        # Tracers have threads of their own, whose time is known only while nothing else runs.
         with machine.undisturbed(), machine.timed(self._watch, "alone"):
             alone = self._alone(truth)
         return TracedAperture(picture=picture, alone=alone)
@@ -168,6 +169,12 @@ class SettingMeasurer:
         budget_s
             Largest number of seconds.
         """
+        begun = time.process_time()
+        timings = self._repeated(rows, budget_s)
+        self._engine.machine.cpu.record("repeat", time.process_time() - begun)
+        return timings
+
+    def _repeated(self, rows: Sequence[Measurement], budget_s: float) -> dict[DoubleFrustum, Timing]:
         settings = [row.settings for row in rows]
         expected = sum(row.times_s.raster for row in rows)
         if len(settings) < 2 or FEWEST_REPETITIONS * expected > budget_s:

@@ -130,11 +130,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         Faces that all settings leave out.
     decided_by
         What decides the truths: `certified`, or a tracer alone, of which nothing is examined.
-    causes
-        Whether wrong pixels are charged to causes, and errors predicted by closed forms. Without both, the
-        report takes little more than its frames and truths.
-    progress
-        Show a progress bar on standard error.
+    causes, progress
+        Whether wrong pixels are charged to causes, and errors predicted; whether there is a progress bar.
 
     Raises
     ------
@@ -143,17 +140,14 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     """
     chosen = _apertures(scene, apertures)
     settings = _settings(scene, nears, depths, geometry_grid(scene.frustum, pivots, fits, offsets, slabs))
+    settings = tuple(replace(one, cull=cull) for one in settings)
     if not settings or not chosen:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, chosen)
-    settings = tuple(replace(one, cull=cull) for one in settings)
     with Staging(default_folder(scene) if out is None else out, FILES) as staging:
-        decision = Decision(by=decided_by, tracer=tracer)
-        measured = sweep(
-            scene, chosen, settings, decision=decision, effects=effects, causes=causes, progress=progress
-        )
-        measured, shading = _with_light(measured, settings, effects, progress)
-        measured = replace(measured, auto=_auto(apertures))
+        by, how = Decision(by=decided_by, tracer=tracer), {"causes": causes, "progress": progress}
+        swept = sweep(scene, chosen, settings, decision=by, effects=effects, **how)
+        measured, shading = _with_light(swept, apertures, settings, effects, progress)
         record = _write(staging.folder, measured, shading)
         staging.commit()
     return _report_files(staging.out, measured, shading, record)
@@ -180,9 +174,17 @@ def _report_files(
 
 
 def _with_light(
-    measured: Sweep, settings: Sequence[DoubleFrustum], effects: str, progress: bool
+    swept: Sweep,
+    given: Sequence[Aperture] | AutoApertures | None,
+    settings: Sequence[DoubleFrustum],
+    effects: str,
+    progress: bool,
 ) -> tuple[Sweep, ShadingReport | None]:
-    """Measure the light of a shaded scene besides; return the sweep with the time that this took."""
+    """Measure the light of a shaded scene besides; return the sweep with the time that this took.
+
+    The sweep is told which apertures were given, too.
+    """
+    measured = replace(swept, auto=_auto(given))
     watch, begun = Stopwatch(), time.process_time()
     with watch.stage("light"):
         shading = measure_shading(

@@ -82,7 +82,7 @@ def settings_grid(
     )
 
 
-def sweep(
+def sweep(  # noqa: PLR0913 - as `make_report`
     scene: Scene,
     apertures: Sequence[Aperture],
     settings: Sequence[DoubleFrustum],
@@ -105,8 +105,7 @@ def sweep(
     effects
         Effects that are simulated, as `--effects` takes them.
     causes
-        Whether wrong pixels are charged to causes, and errors predicted by closed forms. Without, neither
-        frames with exact depth nor models are made, and what both numbers need is not computed.
+        Whether wrong pixels are charged to causes, and errors predicted; else nothing of both is made.
     progress
         Show a progress bar on standard error.
 
@@ -117,20 +116,15 @@ def sweep(
     """
     watch, begun, cpu_begun = Stopwatch(), time.perf_counter(), time.process_time()
     with watch.stage("prepare"):
-        simulated = _simulated(scene, effects)
-        reference = open_reference(scene, decision, simulated)
-        judge = Judge(scene, reference=reference, effects=simulated)
+        judge = _opened(scene, decision, effects)
     with judge:
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
         measurer = SettingMeasurer(judge, reduction, causes=causes)
         measured = _run(measurer, apertures, settings, watch, progress)
-        measured_s, measured_cpu_s = time.perf_counter() - begun, time.process_time() - cpu_begun
         with watch.stage("repeat"):
-            frames = _repeated(measurer, measured.rows, measured_s)
-        repeated_cpu_s = time.process_time() - cpu_begun
-        inspected = _inspected(judge, measured.rows, watch)
-        opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
-    wall_s = time.perf_counter() - begun
+            frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
+        inspected, inspection_cpu_s = _inspected(judge, measured.rows, watch)
+    wall_s, cpu_s = time.perf_counter() - begun, time.process_time() - cpu_begun
     return Sweep(
         scene=scene,
         apertures=tuple(apertures),
@@ -138,36 +132,46 @@ def sweep(
         pictures=tuple(measured.pictures),
         truths=tuple(measured.truths),
         alone=tuple(measured.alone),
-        decided_by=reference.decided_by,
+        decided_by=judge.reference.decided_by,
         reduction=reduction,
-        versions={**provenance.versions(), **reference.versions},
-        devices={**provenance.machine(), **opengl},
+        versions={**provenance.versions(), **judge.reference.versions},
+        devices=_devices(judge),
         times_s=watch.seconds | {"other": wall_s - sum(watch.seconds.values())},
-        parts_s=StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in measured.rows))),
+        parts_s=measured.parts_s,
         wall_s=wall_s,
         frames_s=frames,
-        cpu_s=_cpu_seconds(measurer, (measured_cpu_s, repeated_cpu_s, time.process_time() - cpu_begun)),
+        cpu_s={**_cpu_seconds(measurer), "inspection": inspection_cpu_s, "all": cpu_s},
         charged=causes,
         inspected=inspected,
     )
 
 
-def _cpu_seconds(measurer: SettingMeasurer, until_s: tuple[float, float, float]) -> dict[str, float]:
-    """Return the CPU seconds of a sweep, given those up to its last row, its last frame and its end."""
-    known = measurer.cpu_seconds
-    measured, repeated, everything = until_s
-    stages: dict[str, float] = {
-        name: known[name] for name in ("raster", "trace", "pictures", "alone") if name in known
-    }
-    return {**stages, "repeat": repeated - measured, "inspection": everything - repeated, "all": everything}
-
-
-def _inspected(judge: Judge, rows: Sequence[Measurement], watch: Stopwatch) -> tuple[InspectedHogel, ...]:
-    """Return the hogels in which the best setting is worst, drawn anew with it."""
+def _inspected(
+    judge: Judge, rows: Sequence[Measurement], watch: Stopwatch
+) -> tuple[tuple[InspectedHogel, ...], float]:
+    """Return the hogels in which the best setting is worst, drawn anew with it, and the CPU seconds it took."""
     best = best_setting(rows).settings
     drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
+    begun = time.process_time()
     with watch.stage("inspection"):
-        return tuple(inspected_drawings(judge, [row.aperture for row in drawn[:MAX_HOGELS]], best))
+        found = tuple(inspected_drawings(judge, [row.aperture for row in drawn[:MAX_HOGELS]], best))
+    return found, time.process_time() - begun
+
+
+def _opened(scene: Scene, decision: Decision, effects: str) -> Judge:
+    simulated = _simulated(scene, effects)
+    return Judge(scene, reference=open_reference(scene, decision, simulated), effects=simulated)
+
+
+def _devices(judge: Judge) -> dict[str, str]:
+    opengl = {f"OpenGL {name}": value for name, value in judge.drawing.device.items()}
+    return {**provenance.machine(), **opengl}
+
+
+def _cpu_seconds(measurer: SettingMeasurer) -> dict[str, float]:
+    """Return the CPU seconds of those stages whose share of the process's time is known."""
+    wanted: tuple[str, ...] = ("raster", "trace", "pictures", "alone", "repeat")
+    return {name: seconds for name, seconds in measurer.cpu_seconds.items() if name in wanted}
 
 
 def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:
@@ -186,6 +190,11 @@ class _Measured:
     pictures: list[SettingPictures]
     truths: list[bytes]
     alone: list[TracersAlonePictured]
+
+    @property
+    def parts_s(self) -> StageParts:
+        """Seconds of the parts of stages, of all rows together."""
+        return StageParts(raster=RasterParts(gpu=sum(row.parts_s.raster.gpu for row in self.rows)))
 
 
 def _repeated(

@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from xfrustum.compare.attribution.budget import CauseNumbers
 from xfrustum.compare.metrics.paired import CONFIDENCE
 from xfrustum.compare.prediction.chain import links_of
 from xfrustum.compare.prediction.predict import Prediction
@@ -84,9 +85,7 @@ def measurement_table(sweep: Sweep) -> pa.Table:
         TableRow(
             aperture=row.aperture,
             numbers=_row_numbers(row, reach),
-            # Columns are there, and null, also where causes were left out.
-            causes={cause.name: cause.numbers for cause in row.causes}
-            or dict.fromkeys(links_of(row.settings)),
+            causes=_charged(row),
             scene_name=scene.name,
             scene_source=scene.source,
             scene_hash=scene.content_hash,
@@ -118,6 +117,13 @@ def headline(sweep: Sweep) -> str:
     if sweep.decided_by == CERTIFIED:
         return said
     return f"{said.removesuffix('.')} ({unexamined_truth(sweep.decided_by)})."
+
+
+def _charged(row: Measurement) -> dict[str, CauseNumbers | None]:
+    """Return the numbers of each cause; None for each where causes were left out, whose columns stay."""
+    if not row.causes:
+        return dict.fromkeys(links_of(row.settings))
+    return {cause.name: cause.numbers for cause in row.causes}
 
 
 def _row_numbers(row: Measurement, reach: float) -> RowNumbers:

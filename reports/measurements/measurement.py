@@ -168,8 +168,8 @@ class TracersAlonePictured:
 
 
 BESIDES = ("pictures", "inspection", "alone", "repeat", "light")
-"""Stages that are not measuring: the pictures of the page, the hogels of the inspection page, the pixels that a
-tracer alone would have got wrong, which says nothing of a row, frames drawn again to rank them by time, and the
+"""Stages that are not measuring: the pictures of the page; the hogels of the inspection page; the pixels that a
+tracer alone would have got wrong, which say nothing of a row; frames drawn again to rank them by time; and the
 section on light."""
 
 WITHIN_SWEEP = ("pictures", "inspection", "alone", "repeat")
@@ -183,8 +183,8 @@ _NAMED_BESIDES = {
 """Those of `BESIDES` that are named in words where they were done."""
 
 LEFT_OUT = ("causes", "predictions", "frames with exact depth", "traced models")
-"""What a report without causes leaves out: the causes of wrong pixels, and predictions by closed forms; and what
-causes alone need, frames with exact depth and the traced images of the cameras' models."""
+"""Parts that a report without causes leaves out: the causes of wrong pixels, predictions by closed forms, and
+what causes alone need, which are frames with exact depth and the traced images of the cameras' models."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,8 +194,8 @@ class CpuCost:
     Attributes
     ----------
     measuring_s
-        From the loaded scene to the measured rows: renderers made ready, kernels and programs compiled, truths,
-        frames, comparisons and, where they were wanted, causes and predictions.
+        From the loaded scene to the measured rows: renderers made ready, kernels and programs compiled,
+        truths, frames, comparisons and, where they were wanted, causes and predictions.
     frames_s, truths_s
         Part of it in which frames were drawn and read back, and in which truths were traced. Both run while
         nothing else does.
@@ -353,8 +353,8 @@ class Sweep:
         if self.charged:
             return ""
         return (
-            f"Left out, as asked for: {', '.join(LEFT_OUT[:-1])} and {LEFT_OUT[-1]}. Wrong pixels are counted "
-            "and shown, and not explained."
+            f"Left out, as asked for: {', '.join(LEFT_OUT[:-1])} and {LEFT_OUT[-1]}. Wrong pixels are "
+            "counted and shown, and not explained."
         )
 
     @property
@@ -376,7 +376,7 @@ class Sweep:
         )
 
     def _cpu_cost(self) -> CpuCost:
-        """The price of measuring in CPU seconds."""
+        """Return the price of measuring in CPU seconds."""
         besides = {stage: self.cpu_s[stage] for stage in (*BESIDES, "page") if stage in self.cpu_s}
         within = sum(self.cpu_s.get(stage, 0.0) for stage in WITHIN_SWEEP)
         frames, truths = self.cpu_s.get("raster", 0.0), self.cpu_s.get("trace", 0.0)
@@ -406,7 +406,8 @@ class Sweep:
                 besides.append(f"{words} {self.times_s[stage]:.2f} s")
         return (
             f"Measured in {cost.wall_s:.2f} s of wall time: {cost.ratio:.2f} times what {frames} "
-            f"with read-back ({cost.frames_s:.2f} s) and {truths} ({cost.truths_s:.2f} s) take{_in_cpu(cost.cpu)}. "
+            f"with read-back ({cost.frames_s:.2f} s) and {truths} ({cost.truths_s:.2f} s) take"
+            f"{_in_cpu(cost.cpu)}. "
             f"Besides: {', '.join(besides)}; {cost.total_s:.2f} s in all."
         )
 

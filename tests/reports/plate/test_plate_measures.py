@@ -139,7 +139,8 @@ def test_judging_changes_no_pixel_and_is_asked_for_from_the_beginning(plate: Pat
 
 
 def test_a_judged_hogel_is_drawn_once_in_one_context(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    contexts, drawn = [], []
+    contexts: list[None] = []
+    drawn: list[Aperture] = []
     draw = Rasterizer.draw
 
     def opened() -> object:
@@ -159,7 +160,7 @@ def test_a_judged_hogel_is_drawn_once_in_one_context(tmp_path: Path, monkeypatch
 
 @pytest.mark.parametrize(("name", "points"), [("mirror-sphere", 1), ("asymmetric-recentered", 3)])
 def test_a_judged_plate_has_the_pixels_of_one_that_is_not(name: str, points: int, tmp_path: Path) -> None:
-    """The one is drawn hogel by hogel, the other many at a time: all channels, with light and sub-apertures."""
+    """The one is drawn hogel by hogel, the other many at a time: all channels, light, sub-apertures."""
     scene = replace(small(name), sampling=Sampling(aperture=points))
     content = PlateContent(color=ColorType.FLOAT32, channels=DRAWN_CHANNELS)
     written = []
