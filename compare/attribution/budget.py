@@ -327,7 +327,15 @@ class Budget:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
-        return tuple(self._cause(link, size) for link, size in enumerate(self._step_sizes()))
+        sizes = self._step_sizes()
+        surfaces, triangles = (
+            np.bincount(charge[charge != RIGHT], minlength=len(sizes))
+            for charge in (self.surface_charge, self.charge)
+        )
+        return tuple(
+            self._cause(link, size, (int(surfaces[link]), int(triangles[link])))
+            for link, size in enumerate(sizes)
+        )
 
     def _step_sizes(self) -> tuple[StepSize | None, ...]:
         """Return how far each link displaces what is shown."""
@@ -343,11 +351,11 @@ class Budget:
             return (*start.step_sizes, StepSize.of(steps.lengths[-1]))
         return steps.sizes()
 
-    def _cause(self, link: int, size: StepSize | None) -> Cause:
+    def _cause(self, link: int, size: StepSize | None, wrong: tuple[int, int]) -> Cause:
         return Cause(
             name=self.links[link],
-            surface=int((self.surface_charge == link).sum()),
-            triangle=int((self.charge == link).sum()),
+            surface=wrong[0],
+            triangle=wrong[1],
             displacement_rms_px=size.rms if size else None,
             displacement_p99_px=size.p99 if size else None,
             predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,7 @@ from xfrustum.compare.metrics.displacement import percentiles, root_mean_square
 from xfrustum.compare.metrics.film import DrawnPoints, true_lines
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
+from xfrustum.scenes.model.scene import read_only
 
 Vectors = NDArray[np.complex128]
 
@@ -68,15 +70,13 @@ class Shifts:
         if pixels is None:
             pixels = np.flatnonzero(image.triangle != NOTHING)
         points = DrawnPoints.of(image, pixels)
-        x, y, z = points.coordinates
-        known: Mask = np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0)
+        known: Mask = np.isfinite(points.coordinates).all(axis=0) & (points.coordinates[2] != 0)
         if not known.all():
             points = points.at(np.flatnonzero(known))
         pencil = true_lines(camera)
         shift = np.empty(len(points.pixels), dtype=np.complex128)
-        drawn_at = np.divmod(points.pixels, pencil.resolution[0])[::-1]
-        for part, place, drawn in zip((shift.real, shift.imag), points.places(pencil), drawn_at, strict=True):
-            np.subtract(place, drawn, out=part)
+        shift.real, shift.imag = points.places(pencil)
+        shift -= _centers(pencil.resolution).take(points.pixels)
         return cls(pixels=points.pixels, shift=shift)
 
     def among(self, pixels: Indices) -> Vectors:
@@ -89,6 +89,13 @@ class Shifts:
         """Return the displacement (M,) of those pixels that are marked among all (H W,) pixels."""
         kept = chosen.take(self.pixels)
         return self.shift if kept.all() else self.shift[kept]
+
+
+@lru_cache(maxsize=1)
+def _centers(resolution: tuple[int, int]) -> Vectors:
+    """Return columns plus i times rows of the centers of all pixels, (H W,), read-only."""
+    width, height = resolution
+    return np.asarray(read_only(np.add.outer(1j * np.arange(height), np.arange(width)).ravel()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
