@@ -38,8 +38,9 @@ SAMPLE_SIZE = 1 << 12
 """Number of values of a sample, which says between which values a rank almost surely lies."""
 
 SAMPLE_MARGIN = 0.02
-"""Share of a sample by which these two values are moved apart, so that few samples, of which the standard error is
-0.8 % of the ranks at the median and less elsewhere, are misleading. A misleading one costs time alone."""
+"""Share of a sample by which these two values are moved apart, so that few samples, of which the standard
+error is 0.8 % of the ranks at the median and less elsewhere, are misleading. A misleading one costs time
+alone."""
 
 
 def percentiles(values: Floats, percents: Sequence[float]) -> list[float]:
