@@ -15,7 +15,7 @@ from xfrustum.scenes.arrays import Floats
 
 
 def compiled_shifts(position: NDArray[np.floating], pencil: Pencil) -> tuple[Floats, Floats]:
-    """Return columns and rows (H W,) of `film_shifts.film_shifts`, by the same operations in the same order."""
+    """Return columns and rows (H W,) of `film_shifts`, by the same operations in the same order."""
     size = pencil.resolution[0] * pencil.resolution[1]
     with strict_arithmetic():
         lane, flat = dr.arange(UInt32, size), on_device(position)

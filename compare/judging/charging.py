@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
+from contextlib import AbstractContextManager
 from threading import Lock
 
 from xfrustum.compare.attribution.budget import ChainStart
@@ -61,7 +62,7 @@ class Charging:
     def predictor(self, settings: DoubleFrustum) -> Predictor:
         """Return the predictor of the hogel, with what all of its predictions share computed."""
         truth = self._truth.result()
-        with self._machine.stage(self._watch, "predict"):
+        with self._machine.stage(self._watch, "predict"), self._kernels(truth):
             gaps = self._reference.gaps(truth.camera.aperture)
             predictor = Predictor(truth, gaps, self._reference.scene.frustum, self._bits)
             predictor.predict(settings)
@@ -76,8 +77,7 @@ class Charging:
         truth = self._truth.result()
         settings = exact.camera.settings
         assert settings is not None, "the rasterizer says with which settings it drew"
-        one_thread = kernels_on_one_thread(truth.triangle.size)
-        with self._machine.stage(self._watch, "causes"), one_thread:
+        with self._machine.stage(self._watch, "causes"), self._kernels(truth):
             models = self._traced(truth, settings)
             return ChainStart(
                 reference=self._reference,
@@ -97,8 +97,13 @@ class Charging:
             # Nothing may be waited for within a stage.
             ready.beside()
         for part, stage in parts.items():
-            with self._machine.stage(self._watch, stage):
+            with self._machine.stage(self._watch, stage), self._kernels(ready.truth):
                 getattr(ready, part)
+
+    @staticmethod
+    def _kernels(truth: HogelImage) -> AbstractContextManager[None]:
+        """Have kernels run on one thread: other threads judge, too."""
+        return kernels_on_one_thread(truth.triangle.size)
 
     def _traced(self, truth: HogelImage, settings: DoubleFrustum) -> tuple[HogelImage, ...]:
         exact = with_exact_depth(settings)
