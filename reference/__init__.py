@@ -12,6 +12,9 @@ alone         What ray tracers in single precision would have got wrong alone, w
 averages      Color averaged over the boxes of pixels and over apertures; every line of it is certified
 convergence   The integral over a hogel's aperture, converged to a stated tolerance (paper, section 6: band
               limiting)
+film_shifts   Shifts of surface points on a film: where they belong, minus where an image shows them
+film_shifts_jit
+              Shifts of surface points on a film, compiled by Dr.Jit: one lane for each pixel
 layers        Layers: what single cameras show, and how they overlay
 pictures      The image of an aperture, made of decisions along its lines: points, normals, objects, light
 pictures_jit  Points, normals, objects and light of decided pixels, compiled by Dr.Jit: one lane for each

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
-from xfrustum.compare.attribution.steps import Shifts, Steps, StepSize
+from xfrustum.compare.attribution.steps import Steps, StepSize, shifts
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import (
     JudgedImage,
@@ -29,6 +29,7 @@ from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
+from xfrustum.reference.film_shifts import Vectors
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.notebook.shown import Brief, Shown
@@ -153,7 +154,7 @@ class ChainStart(Brief):
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
-    truth_shifts: Shifts | None = None
+    truth_shifts: Vectors | None = None
     beside: Callable[[], JudgedImage] | None = None
 
     @property
@@ -235,11 +236,16 @@ class ChainStart(Brief):
     @cached_property
     def steps(self) -> Steps:
         """What each link but the last adds to displacement, where all images show a surface off the plate."""
+        return Steps.of(self.shifts)
+
+    @cached_property
+    def shifts(self) -> tuple[Vectors, ...]:
+        """Displacement (H W,) of each image; see `shifts`."""
         found = {} if self.truth_shifts is None else {id(self.truth): self.truth_shifts}
         for image in self.images:
             if id(image) not in found:
-                found[id(image)] = Shifts.of(image, self.truth.camera)
-        return Steps.of([found[id(image)] for image in self.images], self.truth.triangle.size)
+                found[id(image)] = shifts(image, self.truth.camera)
+        return tuple(found[id(image)] for image in self.images)
 
     @cached_property
     def step_sizes(self) -> tuple[StepSize | None, ...]:
@@ -328,27 +334,35 @@ class Budget(Shown):
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
-        return tuple(self._cause(link, size) for link, size in enumerate(self._step_sizes()))
+        sizes = self._step_sizes()
+        surfaces, triangles = (
+            np.bincount(charge[charge != RIGHT], minlength=len(sizes))
+            for charge in (self.surface_charge, self.charge)
+        )
+        return tuple(
+            self._cause(link, size, (int(surfaces[link]), int(triangles[link])))
+            for link, size in enumerate(sizes)
+        )
 
     def _step_sizes(self) -> tuple[StepSize | None, ...]:
         """Return how far each link displaces what is shown."""
         start = self.start
         changed = start.changed_by(self.drawn)
         # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
-        before, after = (
-            Shifts.of(image, start.truth.camera, changed).among(changed)
-            for image in (start.images[-1], self.drawn)
-        )
-        steps = start.steps.with_last(changed, np.abs(after - before))
+        step = np.zeros(0)
+        if changed.size:
+            step = np.abs(shifts(self.drawn, start.truth.camera)[changed] - start.shifts[-1][changed])
+        steps = start.steps.with_last(changed, step)
         if len(steps.pixels) == len(start.steps.pixels):
-            return (*start.step_sizes, StepSize.of(steps.lengths[-1]))
+            last = Steps(pixels=steps.pixels, lengths=steps.lengths[-1:])
+            return (*start.step_sizes, *last.sizes())
         return steps.sizes()
 
-    def _cause(self, link: int, size: StepSize | None) -> Cause:
+    def _cause(self, link: int, size: StepSize | None, wrong: tuple[int, int]) -> Cause:
         return Cause(
             name=self.links[link],
-            surface=int((self.surface_charge == link).sum()),
-            triangle=int((self.charge == link).sum()),
+            surface=wrong[0],
+            triangle=wrong[1],
             displacement_rms_px=size.rms if size else None,
             displacement_p99_px=size.p99 if size else None,
             predicted_displacement_rms_px=self.predicted[link].displacement_rms_px,

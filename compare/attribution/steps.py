@@ -1,7 +1,4 @@
-"""How far each link of a chain displaces what is shown, where every image shows a surface off the plate.
-
-Images are compared point by point: most pixels of an image show no surface at all.
-"""
+"""How far each link of a chain displaces what is shown, where every image shows a surface off the plate."""
 
 from __future__ import annotations
 
@@ -10,14 +7,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.displacement import percentiles, root_mean_square
-from xfrustum.compare.metrics.film import DrawnPoints, true_lines
+from xfrustum.compare.metrics.film import true_lines
+from xfrustum.reference.film_shifts import Vectors, film_shifts
 from xfrustum.scenes.arrays import Floats, Indices, Mask
-from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
-
-Vectors = NDArray[np.complex128]
+from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,57 +33,12 @@ class StepSize:
         return cls(rms=root_mean_square(values), p99=p99)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Shifts:
-    """Displacement of the points that an image shows off the plate.
+def shifts(image: HogelImage, camera: HogelCamera) -> Vectors:
+    """Return the displacement (H W,) of an image, the numbers of `displacement`; see `film_shifts`.
 
-    Attributes
-    ----------
-    pixels
-        (N,) flat numbers of their pixels, ascending.
-    shift
-        (N,) columns plus i times rows in pixels, as `displacement` has them: NumPy is several times slower
-        along rows of two numbers.
+    `camera` is that of the true frustum.
     """
-
-    pixels: Indices
-    shift: Vectors
-
-    @classmethod
-    def of(cls, image: HogelImage, camera: HogelCamera, pixels: Indices | None = None) -> Shifts:
-        """Return the displacement of an image that names triangles.
-
-        Parameters
-        ----------
-        image, camera
-            The image, and the camera of the true frustum.
-        pixels
-            (M,) flat numbers of the pixels that are asked about, ascending; all where None.
-        """
-        if pixels is None:
-            pixels = np.flatnonzero(image.triangle != NOTHING)
-        points = DrawnPoints.of(image, pixels)
-        x, y, z = points.coordinates
-        known: Mask = np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & (z != 0)
-        if not known.all():
-            points = points.at(np.flatnonzero(known))
-        pencil = true_lines(camera)
-        shift = np.empty(len(points.pixels), dtype=np.complex128)
-        drawn_at = np.divmod(points.pixels, pencil.resolution[0])[::-1]
-        for part, place, drawn in zip((shift.real, shift.imag), points.places(pencil), drawn_at, strict=True):
-            np.subtract(place, drawn, out=part)
-        return cls(pixels=points.pixels, shift=shift)
-
-    def among(self, pixels: Indices) -> Vectors:
-        """Return the displacement (M,) at pixels (M,) that hold all of these; NaN elsewhere among them."""
-        found = np.full(len(pixels), complex(np.nan, np.nan))
-        found[np.searchsorted(pixels, self.pixels)] = self.shift
-        return found
-
-    def where(self, chosen: Mask) -> Vectors:
-        """Return the displacement (M,) of those pixels that are marked among all (H W,) pixels."""
-        kept = chosen.take(self.pixels)
-        return self.shift if kept.all() else self.shift[kept]
+    return film_shifts(image.position, true_lines(camera))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,28 +57,16 @@ class Steps:
     lengths: tuple[Floats | None, ...]
 
     @classmethod
-    def of(cls, images: Sequence[Shifts], size: int) -> Steps:
-        """Return the steps from image to image; an image that is the one before it adds nothing.
-
-        `size` is the number of pixels of an image.
-        """
-        common = np.ones(size, dtype=np.bool_)
-        different = {id(one): one for one in images}
-        for one in different.values():
-            if len(one.pixels) < size:
-                shown = np.zeros(size, dtype=np.bool_)
-                shown[one.pixels] = True
-                common &= shown
-        there = {number: one.where(common) for number, one in different.items()}
-        found = tuple(
-            None if after is before else np.abs(there[id(after)] - there[id(before)])
-            for before, after in pairwise(images)
-        )
-        steps = cls(pixels=np.flatnonzero(common), lengths=found)
+    def of(cls, images: Sequence[Vectors]) -> Steps:
+        """Return the steps from image to image; an image that is the one before it adds nothing."""
+        found = [None if after is before else np.abs(after - before) for before, after in pairwise(images)]
         # Points very near the plate may be displaced beyond all numbers.
         finite = [np.isfinite(one) for one in found if one is not None]
-        known: Mask = np.logical_and.reduce(finite) if finite else np.ones(len(steps.pixels), dtype=np.bool_)
-        return steps if known.all() else steps.some(known)
+        known: Mask = np.logical_and.reduce(finite) if finite else np.isfinite(images[0])
+        return cls(
+            pixels=np.flatnonzero(known),
+            lengths=tuple(None if one is None else one[known] for one in found),
+        )
 
     def some(self, kept: Mask) -> Steps:
         """Return the steps of those pixels that are marked, (N,)."""
@@ -152,11 +90,14 @@ class Steps:
         step
             (M,) lengths; not finite where the image before or after the link shows no surface off the plate.
         """
-        last = np.zeros(len(self.pixels))
+        if not len(pixels) or not len(self.pixels):
+            nothing = None if len(self.pixels) else np.zeros(0)
+            return Steps(pixels=self.pixels, lengths=(*self.lengths, nothing))
         place = np.searchsorted(self.pixels, pixels)
         place[place == len(self.pixels)] = 0
-        mine = self.pixels[place] == pixels if len(self.pixels) else np.zeros(len(pixels), dtype=np.bool_)
+        mine = self.pixels[place] == pixels
         place, step = place[mine], step[mine]
+        last = np.zeros(len(self.pixels))
         last[place] = step
         steps = Steps(pixels=self.pixels, lengths=(*self.lengths, last))
         known = np.ones(len(last), dtype=np.bool_)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
+from contextlib import AbstractContextManager
 from threading import Lock
 
 from xfrustum.compare.attribution.budget import ChainStart
-from xfrustum.compare.attribution.steps import Shifts
+from xfrustum.compare.attribution.steps import shifts
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
 from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Predictor
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.processors import kernels_on_one_thread
+from xfrustum.reference.film_shifts import Vectors
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -55,12 +57,12 @@ class Charging:
         self._machine, self._watch = machine, watch
         self._tracing, self._moving = Lock(), Lock()
         self._models: dict[DoubleFrustum, HogelImage] = {}
-        self._shifts: Shifts | None = None
+        self._shifts: Vectors | None = None
 
     def predictor(self, settings: DoubleFrustum) -> Predictor:
         """Return the predictor of the hogel, with what all of its predictions share computed."""
         truth = self._truth.result()
-        with self._machine.stage(self._watch, "predict"):
+        with self._machine.stage(self._watch, "predict"), self._kernels(truth):
             gaps = self._reference.gaps(truth.camera.aperture)
             predictor = Predictor(truth, gaps, self._reference.scene.frustum, self._bits)
             predictor.predict(settings)
@@ -75,8 +77,7 @@ class Charging:
         truth = self._truth.result()
         settings = exact.camera.settings
         assert settings is not None, "the rasterizer says with which settings it drew"
-        one_thread = kernels_on_one_thread(truth.triangle.size)
-        with self._machine.stage(self._watch, "causes"), one_thread:
+        with self._machine.stage(self._watch, "causes"), self._kernels(truth):
             models = self._traced(truth, settings)
             return ChainStart(
                 reference=self._reference,
@@ -96,8 +97,13 @@ class Charging:
             # Nothing may be waited for within a stage.
             ready.beside()
         for part, stage in parts.items():
-            with self._machine.stage(self._watch, stage):
+            with self._machine.stage(self._watch, stage), self._kernels(ready.truth):
                 getattr(ready, part)
+
+    @staticmethod
+    def _kernels(truth: HogelImage) -> AbstractContextManager[None]:
+        """Have kernels run on one thread: other threads judge, too."""
+        return kernels_on_one_thread(truth.triangle.size)
 
     def _traced(self, truth: HogelImage, settings: DoubleFrustum) -> tuple[HogelImage, ...]:
         exact = with_exact_depth(settings)
@@ -107,9 +113,9 @@ class Charging:
                 self._models.clear()
             return traced_models(self._reference, truth.camera.aperture, exact, self._models, shaded=False)
 
-    def _truth_shifts(self, truth: HogelImage) -> Shifts:
+    def _truth_shifts(self, truth: HogelImage) -> Vectors:
         """Return the displacement of the truth itself, which is rounding."""
         with self._moving:
             if self._shifts is None:
-                self._shifts = Shifts.of(truth, truth.camera)
+                self._shifts = shifts(truth, truth.camera)
             return self._shifts

@@ -382,7 +382,7 @@ class Engine(Generic[Found]):
             comparison = self._compared(task.hogel, task.batch, task.place, beside)
         if task.charged:
             task.charged.prepared[1].result()
-            with stage("causes"):
+            with stage("causes"), kernels_on_one_thread(self._pixels):
                 budget = charged(start, frame.image, links, comparison.errors)
                 budget.causes  # noqa: B018 - found when first asked for, and it belongs to this stage
         judged = JudgedFrame(

@@ -92,13 +92,14 @@ def find_causes(
     # A depth test chooses only among triangles that cover the pixel. Centers that only rounding brings inside
     # a triangle are near its edge, and have their cause already.
     chosen = np.flatnonzero(before.possible & after.possible & ~edge)
-    places = (columns[chosen], rows[chosen])
-    stored = (_stored(triangles, cameras, image, places) for image in (expected, shown))
-    both = list(zip(*stored, strict=True))
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
-    order[chosen] = _any(one.indistinguishable_from(other) for one, other in both)
-    lost[chosen] = _any(one.lost() for one, _ in both)
-    lost &= ~order
+    if len(chosen):
+        places = (columns[chosen], rows[chosen])
+        stored = (_stored(triangles, cameras, image, places) for image in (expected, shown))
+        both = list(zip(*stored, strict=True))
+        order[chosen] = _any(one.indistinguishable_from(other) for one, other in both)
+        lost[chosen] = _any(one.lost() for one, _ in both)
+        lost &= ~order
     # Seams take long to find, and are looked for where nothing else explains the pixel.
     rest = np.flatnonzero(~(edge | order | lost))
     edge[rest] = _near_seam(triangles, cameras, (expected, shown), (columns[rest], rows[rest]))
@@ -168,6 +169,8 @@ def _marks(
     near_edge = np.zeros(len(rows), dtype=np.bool_)
     possible = image.triangle[rows, columns] == NOTHING
     for part in _drawn_by(triangles, cameras, image, pixels):
+        if not len(part.places):
+            continue
         placed = placement(part.shown, part.camera.pencil, part.camera.precision)
         near_edge[part.places] |= placed.near_edge
         possible[part.places] |= placed.possible

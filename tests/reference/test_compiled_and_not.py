@@ -25,8 +25,9 @@ from xfrustum.reference.certify import processors
 from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.shading.environment import Surroundings
 from xfrustum.reference.shading.textures import Textures
-from xfrustum.scenes import Aperture, Frustum, HogelImage, Scene, Screen
+from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelImage, Scene, Screen
 from xfrustum.scenes.appearance.light import Environment
+from xfrustum.scenes.plate.double_frustum import Cull, Pivot
 
 needs_llvm = pytest.mark.skipif(not processors.compiled(), reason="there is no LLVM for Dr.Jit here")
 pytestmark = needs_llvm
@@ -38,6 +39,14 @@ FRUSTA = (
     Frustum(resolution=(12, 9), reach=(12.0, 9.0), fov=(math.radians(70), math.radians(50))),
     Frustum(resolution=(9, 12), reach=(9.0, 12.0), screen=Screen(height=5.0, center=(2, -1), size=(9, 7))),
 )
+
+
+MODELS = (
+    DoubleFrustum(near=2.0),
+    DoubleFrustum(near=1e-6, pivot=Pivot.CAMERA, fit=30.0),
+    DoubleFrustum(near=2.0, slabs=(5.0, 20.0), cull=Cull.BACK),
+)
+"""Settings whose cameras share lines, have lines of their own, and are more than two."""
 
 
 @contextmanager
@@ -122,6 +131,20 @@ def test_so_have_gray_ones_and_a_scene_without_any() -> None:
     for name in ("car-recentered", "empty"):
         scene = view(name, (20, 16))
         assert_alike(*both(scene, scene.plate.corners[0]))
+
+
+@pytest.mark.parametrize("settings", MODELS)
+def test_models_without_light_have_the_same_bits(settings: DoubleFrustum) -> None:
+    scene = view("asymmetric-recentered", (24, 20))
+    aperture = scene.plate.corners[0]
+    compiled = Reference(scene).trace_model(aperture, settings, shaded=False)
+    with without_llvm():
+        plain = Reference(scene).trace_model(aperture, settings, shaded=False)
+    assert compiled.covered.any()
+    for name in ("triangle", "object", "certainty", "position"):
+        np.testing.assert_array_equal(getattr(compiled, name), getattr(plain, name), err_msg=name)
+    assert compiled.companions is not None and plain.companions is not None
+    assert set(map(tuple, compiled.companions.tolist())) == set(map(tuple, plain.companions.tolist()))
 
 
 def test_images_in_bands_have_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
