@@ -115,7 +115,7 @@ BURNETT = HogelFiles(
 BURNETT_VIEWS = HogelFiles(
     name="burnett",
     words="one aperture view for each hogel, y before x, turned by 180 degrees",
-    pattern=r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)",
+    pattern=r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)(?:_\d+_\d+)?",
     name_of=lambda i, j, shape: f"name_{j}_{i}",
     turned=True,
 )

@@ -117,12 +117,24 @@ class Quilt(PatternedNames):
 
 @dataclass(frozen=True, kw_only=True)
 class CubeVi(PatternedNames):
-    """A quilt of 8 x 5 tiles with view 0 at the top left."""
+    """A quilt of 8 x 5 tiles with view 0 at the top left.
 
+    Attributes
+    ----------
+    downward
+        Whether view 0 is at the top left; at the bottom left, as in other quilts, is a mistake.
+    """
+
+    downward: bool = True
     name: ClassVar[str] = "cubevi"
-    words: ClassVar[str] = "one picture of 8 x 5 views, view 0 of the leftmost eye at the top left"
     horizontal: ClassVar[bool] = True
     pattern: ClassVar[str] = rf".+{SUFFIX_PATTERN}"
+
+    @property
+    def words(self) -> str:
+        """Where view 0 lies."""
+        corner = "top" if self.downward else "bottom"
+        return f"one picture of 8 x 5 views, view 0 of the leftmost eye at the {corner} left"
 
     def parts(self, shape: PlateShape, naming: Naming) -> Iterator[Part]:
         """Yield the picture."""
@@ -136,7 +148,7 @@ class CubeVi(PatternedNames):
             index=(),
             name=f"{naming.stem or 'cubevi'}{naming.suffix}",
             size=(columns * shape.hogels[0], rows * shape.hogels[1]),
-            select=lambda pixels: tiled_views(pixels, columns, rows, downward=True),
+            select=lambda pixels: tiled_views(pixels, columns, rows, downward=self.downward),
         )
 
     def shape_of(
