@@ -223,6 +223,28 @@ def test_what_the_program_of_a_layout_draws_otherwise(
     assert faults(found) == named
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [True, False])
+def test_rows_of_hogels_as_videos(kept: bool, tmp_path: Path) -> None:
+    """Numbers survive in a video that keeps every bit, and are named lost in one that does not."""
+    av = pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
+    scene = scene_of((32, 32))
+    plate = true_plate(scene)
+    for row in range(3):
+        with av.open(str(tmp_path / f"HogelRow_{row}.avi"), "w", format="avi") as video:
+            stream = video.add_stream("ffv1" if kept else "mjpeg", rate=25)
+            stream.height = stream.width = 32
+            stream.pix_fmt = "bgr0" if kept else "yuvj420p"
+            for hogel in plate.pixels[row]:
+                turned = np.ascontiguousarray(hogel[::-1, ::-1])
+                video.mux(stream.encode(av.VideoFrame.from_ndarray(turned, format="rgb24")))
+            video.mux(stream.encode(None))
+    found = asked(scene, tmp_path)
+    assert "layout burnett" in found.source
+    assert found.passed == kept
+    assert faults(found) == (set() if kept else {"lossy"})
+
+
 def first_hits(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Return the number of the first triangle along each line (N, 3), -1 where there is none."""
     p, q, r = (scene.triangles[:, corner] for corner in range(3))
