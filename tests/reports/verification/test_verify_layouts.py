@@ -168,6 +168,7 @@ def test_a_quilt_whose_views_begin_at_the_top_left(horizontal: tuple[Scene, Plat
     assert "view 0 of the leftmost eye at the top left" in words(found)
 
 
+@pytest.mark.slow
 def test_views_read_as_hogels(full: tuple[Scene, Plates], tmp_path: Path) -> None:
     """Names of two numbers may be either; the numbers and sizes of the pictures tell which."""
     scene, plate = full
