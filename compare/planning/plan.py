@@ -104,7 +104,7 @@ class Plan(Shown):
             found.insert(0, Table(head=head, rows=rows, numbers=True))
         if self.plate is not None:
             one = self.plate
-            bound = f"{percent(one.share_beyond_at_most)} ({percent(one.confidence)})"
+            bound = f"{percent(one.share_beyond_at_most)}, with a confidence of {percent(one.confidence)}"
             judged = (
                 f"{one.hogels:,}, of which {one.scouted:,} were looked through and {one.measured:,} measured"
             )

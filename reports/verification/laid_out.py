@@ -27,7 +27,7 @@ from xfrustum.scenes.files.layouts.hogel_files import HogelFiles
 from xfrustum.scenes.files.layouts.layout import Layout, PlateShape
 from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
 from xfrustum.scenes.files.layouts.reading import LaidOutFiles, with_levels
-from xfrustum.scenes.files.layouts.tiles import Quilt
+from xfrustum.scenes.files.layouts.tiles import CubeVi, Quilt
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture, Plate
@@ -181,7 +181,7 @@ def mistaken(layout: Layout) -> tuple[Layout, ...]:
             for downward in (False, True)
             if downward or exchanged
         )
-    return ()
+    return (CubeVi(downward=False),) if isinstance(layout, CubeVi) else ()
 
 
 def _exchanged(layout: HogelFiles | Views, first: str, second: str) -> Layout:

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.model.hogel_image import NOTHING
-from xfrustum.scenes.notebook.labels import SCENE_UNITS
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
-
-if TYPE_CHECKING:
-    import xarray
+from xfrustum.scenes.model.image_facts import Labels, ShownImage, labels_of_eye, said_of_eye, table_of_eye
+from xfrustum.scenes.notebook.shown import Table
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class EyeImage(Shown):
+class EyeImage(ShownImage):
     """The picture of one eye. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
 
     Attributes
@@ -47,39 +43,11 @@ class EyeImage(Shown):
         covered: Mask = (self.triangle != NOTHING) | (self.object != NOTHING)
         return covered
 
-    def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
-        """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
-
-        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from
-        -1 to 1), and rgb or xyz. Here the film is the rectangle of the plate. The
-        eye's place is a coordinate; pupil, focus and beam are attributes.
-
-        Parameters
-        ----------
-        units
-            Name of the scene's unit of length (`scene.units`), which an image does not know.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
-        """
-        from xfrustum.scenes.model.image_facts import labelled_eye  # noqa: PLC0415 - as below
-
-        return labelled_eye(self, units)
-
     def _said(self) -> str:
-        # Images are made by the thousand: only those that are shown need what shows them.
-        from xfrustum.scenes.model.image_facts import said_of_eye  # noqa: PLC0415
-
         return said_of_eye(self)
 
     def _tables(self) -> Sequence[Table]:
-        from xfrustum.scenes.model.image_facts import table_of_eye  # noqa: PLC0415
-
         return (table_of_eye(self),)
 
-    def _figures(self) -> Sequence[Figure]:
-        from xfrustum.scenes.model.image_facts import figures  # noqa: PLC0415
-
-        return tuple(figures(self))
+    def _labels(self, units: str) -> Labels:
+        return labels_of_eye(self, units)

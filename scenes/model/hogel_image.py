@@ -6,20 +6,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.arrays import Bytes, Indices, Mask, Numbers, Singles
+from xfrustum.scenes.model.image_facts import (
+    Labels,
+    ShownImage,
+    labels_of_hogel,
+    said_of_hogel,
+    table_of_hogel,
+)
 from xfrustum.scenes.model.rendering import Rendering
-from xfrustum.scenes.notebook.labels import SCENE_UNITS
-from xfrustum.scenes.notebook.shown import Figure, Shown, Table
+from xfrustum.scenes.notebook.shown import Table
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
-
-if TYPE_CHECKING:
-    import xarray
 
 NOTHING = -1
 """Triangle and object number of a pixel that shows no surface."""
@@ -75,7 +78,7 @@ class HogelCamera:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class HogelImage(Shown):
+class HogelImage(ShownImage):
     """The image of one aperture. Row 0 is at the top; arrays are (H, W) or (H, W, 3).
 
     Attributes
@@ -173,42 +176,14 @@ class HogelImage(Shown):
             certainty=None if self.certainty is None else taken(self.certainty),
         )
 
-    def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
-        """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
-
-        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from
-        -1 to 1), and rgb or xyz. Column, row, x and y of the aperture are coordinates; the camera's numbers
-        and the scene's hash are attributes.
-
-        Parameters
-        ----------
-        units
-            Name of the scene's unit of length (`scene.units`), which an image does not know.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
-        """
-        from xfrustum.scenes.model.image_facts import labelled_hogel  # noqa: PLC0415 - as below
-
-        return labelled_hogel(self, units)
-
     def _said(self) -> str:
-        # Images are made by the thousand: only those that are shown need what shows them.
-        from xfrustum.scenes.model.image_facts import said_of_hogel  # noqa: PLC0415
-
         return said_of_hogel(self)
 
     def _tables(self) -> Sequence[Table]:
-        from xfrustum.scenes.model.image_facts import table_of_hogel  # noqa: PLC0415
-
         return (table_of_hogel(self),)
 
-    def _figures(self) -> Sequence[Figure]:
-        from xfrustum.scenes.model.image_facts import figures  # noqa: PLC0415
-
-        return tuple(figures(self))
+    def _labels(self, units: str) -> Labels:
+        return labels_of_hogel(self, units)
 
     def _mapped(self, part: Callable[[NDArray[Any]], NDArray[Any]]) -> HogelImage:
         mine = {f.name: getattr(self, f.name) for f in fields(HogelImage)}

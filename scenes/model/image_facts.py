@@ -2,27 +2,100 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from json import dumps
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.scenes.arrays import Mask, Numbers
-from xfrustum.scenes.model.eye_image import EyeImage
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
-from xfrustum.scenes.notebook.labels import NO_UNIT, Labelled, dataset
+from xfrustum.scenes.arrays import Bytes, Mask, Numbers, Singles
+from xfrustum.scenes.notebook.labels import NO_UNIT, SCENE_UNITS, Labelled, dataset
 from xfrustum.scenes.notebook.numbers import counted, digits, percent, sides
 from xfrustum.scenes.notebook.pictures import as_shown, by_height, png
-from xfrustum.scenes.notebook.shown import Figure, Table
+from xfrustum.scenes.notebook.shown import Figure, Shown, Table
 
 if TYPE_CHECKING:
     import xarray
 
+    from xfrustum.scenes.model.eye_image import EyeImage
+    from xfrustum.scenes.model.hogel_image import HogelImage
+
 HASH_DIGITS = 12
 """Number of digits of a scene's hash that a table shows: as many as tell all scenes of a lifetime apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Labels:
+    """What an image has beside its surfaces.
+
+    Attributes
+    ----------
+    images
+        Further arrays by name; None where the image has none.
+    places
+        Coordinates that belong to the whole image.
+    attributes
+        Facts of the image.
+    """
+
+    images: Mapping[str, Labelled | None]
+    places: Mapping[str, Labelled]
+    attributes: Mapping[str, object]
+
+
+class ShownImage(Shown):
+    """An image whose pixels show surfaces: a notebook shows its color and heights, and xarray labels it.
+
+    Attributes
+    ----------
+    triangle, object, position, color, certainty
+        As in `HogelImage`.
+    """
+
+    triangle: Numbers
+    object: Numbers
+    position: NDArray[np.floating]
+    color: Singles | None
+    certainty: Bytes | None
+
+    @property
+    def covered(self) -> Mask:
+        """Pixels that show a surface."""
+        raise NotImplementedError
+
+    def _labels(self, units: str) -> Labels:
+        """Return what the image has beside its surfaces, lengths in some units."""
+        raise NotImplementedError
+
+    def to_xarray(self, units: str = SCENE_UNITS) -> xarray.Dataset:
+        """Return the arrays with labels, as an `xarray.Dataset` with the names that stored plates have.
+
+        Dimensions are v and u, the film coordinates of the pixels' centers (v upward, u to the right, from
+        -1 to 1), and rgb or xyz. The place of a hogel's aperture, or of an eye, is a coordinate; the numbers
+        of the camera, and the scene's hash, are attributes. The film of an eye is the rectangle of the plate.
+
+        Parameters
+        ----------
+        units
+            Name of the scene's unit of length (`scene.units`), which images do not know.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        labels = self._labels(units)
+        return dataset({**_surfaces(self, units), **labels.images}, labels.places, labels.attributes)
+
+    def _figures(self) -> Sequence[Figure]:
+        covered, height = self.covered, self.position[..., 2]
+        where = heights_words(height).replace(" at heights", ":")
+        shown = Figure(caption=f"height{where}, dark to light", content=png(by_height(covered, height)))
+        if self.color is None:
+            return (shown,)
+        return Figure(caption="color, sRGB", content=png(as_shown(self.color, covered, height))), shown
 
 
 def said_of_hogel(image: HogelImage) -> str:
@@ -93,17 +166,8 @@ def table_of_eye(image: EyeImage) -> Table:
     return Table(rows=rows)
 
 
-def figures(image: HogelImage | EyeImage) -> Iterator[Figure]:
-    """Yield an image as a screen shows it, and by height."""
-    covered, height = image.covered, image.position[..., 2]
-    if image.color is not None:
-        yield Figure(caption="color, sRGB", content=png(as_shown(image.color, covered, height)))
-    where = heights_words(height).replace(" at heights", ":")
-    yield Figure(caption=f"height{where}, dark to light", content=png(by_height(covered, height)))
-
-
-def labelled_hogel(image: HogelImage, units: str) -> xarray.Dataset:
-    """Return a hogel image as labelled arrays; see `HogelImage.to_xarray`."""
+def labels_of_hogel(image: HogelImage, units: str) -> Labels:
+    """Return what a hogel image has beside its surfaces."""
     camera = image.camera
     places = {
         "column": Labelled(values=camera.aperture.column, meaning="column of the hogel, from the left"),
@@ -125,7 +189,6 @@ def labelled_hogel(image: HogelImage, units: str) -> xarray.Dataset:
     }
     normal, variance = image.normal, image.variance
     images = {
-        **_surfaces(image, units),
         "normal": None if normal is None else Labelled(
             values=normal, meaning="unit normal by the mesh's winding", units=NO_UNIT, last="xyz"
         ),
@@ -133,21 +196,21 @@ def labelled_hogel(image: HogelImage, units: str) -> xarray.Dataset:
             values=variance, meaning="variance of the color, which is a mean over light paths", units=NO_UNIT
         ),
     }  # fmt: skip
-    return dataset(images, places, attributes)
+    return Labels(images=images, places=places, attributes=attributes)
 
 
-def labelled_eye(image: EyeImage, units: str) -> xarray.Dataset:
-    """Return what an eye sees as labelled arrays; see `EyeImage.to_xarray`."""
+def labels_of_eye(image: EyeImage, units: str) -> Labels:
+    """Return what an eye's picture has beside its surfaces."""
     eye = image.eye
     places = {
         f"eye_{name}": Labelled(values=value, meaning=f"{name} of the eye", units=units)
         for name, value in zip("xyz", eye.position, strict=True)
     }
     attributes = {"pupil": eye.pupil, "focus": eye.focus, "beam": str(eye.beam)}
-    return dataset(_surfaces(image, units), places, attributes)
+    return Labels(images={}, places=places, attributes=attributes)
 
 
-def _surfaces(image: HogelImage | EyeImage, units: str) -> dict[str, Labelled | None]:
+def _surfaces(image: ShownImage, units: str) -> dict[str, Labelled | None]:
     color, certainty, position = image.color, image.certainty, image.position
     return {
         "triangle": Labelled(values=image.triangle, meaning="triangle number, -1 for no surface"),
@@ -168,10 +231,14 @@ def _pair(values: tuple[float, float]) -> str:
 
 
 def _surface_rows(triangle: Numbers, number: Numbers) -> list[tuple[str, str]]:
+    from xfrustum.scenes.model.hogel_image import NOTHING  # noqa: PLC0415 - it knows this module
+
     triangles, objects = (len(np.unique(one[one != NOTHING])) for one in (triangle, number))
     return [("shows", f"{counted(triangles, 'triangle')} of {counted(objects, 'object')}")]
 
 
 def _certainty_words(certainty: NDArray[np.uint8]) -> str:
+    from xfrustum.scenes.model.hogel_image import Certainty  # noqa: PLC0415 - it knows this module
+
     counts = {kind.name.lower(): int(np.count_nonzero(certainty == kind)) for kind in Certainty}
     return ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)

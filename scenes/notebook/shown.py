@@ -121,8 +121,8 @@ def _figure(one: Figure) -> str:
     source = f"data:{one.media_type};base64,{b64encode(one.content).decode()}"
     caption = escape(one.caption)
     return (
-        f'<figure style="margin: 0; width: min-content"><img src="{source}" alt="{caption}" '
-        f'style="border: {LINE}; max-width: none">'
+        '<figure style="margin: 0; width: min-content; min-width: 140px">'
+        f'<img src="{source}" alt="{caption}" style="border: {LINE}; max-width: none">'
         f"<figcaption>{caption}</figcaption></figure>"
     )
 

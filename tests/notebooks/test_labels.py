@@ -28,7 +28,7 @@ def test_an_image_is_subtracted_from_a_hogel_of_a_stored_plate(tmp_path: Path) -
     with Rasterizer(scene) as rasterizer:
         image = rasterizer.render(aperture, SETTINGS)
     labelled = image.to_xarray(units="mm")
-    for name in channels:
+    for name in map(str, channels):
         assert labelled[name].dims == hogel[name].dims
         assert labelled[name].attrs.get("units") == hogel[name].attrs.get("units")
         difference = labelled[name].astype(float) - hogel[name].astype(float)

@@ -18,6 +18,7 @@ from xfrustum.scenes.files.layouts.layout import (
     Index,
     Naming,
     Part,
+    PatternedNames,
     Pixels,
     PlateShape,
     counts,
@@ -116,7 +117,7 @@ PLENO = Views(
 
 
 @dataclass(frozen=True, kw_only=True)
-class NumberedCameras:
+class NumberedCameras(PatternedNames):
     """Views by cameras in rows, numbered from the top left as they stand (4D light-field benchmark).
 
     Lines of a film's right and lower pixels leave the plate to the viewer's left and upward. So the camera at
@@ -125,14 +126,7 @@ class NumberedCameras:
 
     name: ClassVar[str] = "hci"
     words: ClassVar[str] = "one view for each camera, numbered row by row from the top left"
-    suffix: ClassVar[str] = ".png"
-    horizontal: ClassVar[bool] = False
-    in_hogels: ClassVar[bool] = False
-
-    def index_of(self, name: str) -> Index | None:
-        """Return the camera's number."""
-        found = re.fullmatch(rf"input_Cam(\d{{3,}}){SUFFIX_PATTERN}", name, re.ASCII)
-        return None if found is None else (int(found.group(1)),)
+    pattern: ClassVar[str] = rf"input_Cam(\d{{3,}}){SUFFIX_PATTERN}"
 
     def parts(self, shape: PlateShape, naming: Naming) -> Iterator[Part]:
         """Yield one picture for each camera."""

@@ -88,11 +88,13 @@ def looks_like(
     # Somebody who states a layout knows more than the size of a picture does.
     stated = len({layout.name for layout in layouts}) == 1
     for layout in layouts:
-        named = {index: path for path in paths if (index := layout.index_of(path.name)) is not None}
+        indices = [(index, path) for path in paths if (index := layout.index_of(path.name)) is not None]
+        named = dict(indices)
         # A layout of one picture fits a folder of one.
         if not named or (() in named and len(paths) > 1):
             continue
         try:
+            _check_different(indices, named)
             found.append(_examined(place, layout, named, told, all_files=len(paths), stated=stated))
         except InputError as error:
             problems.append(f"{layout.name}: {error}")
@@ -110,6 +112,15 @@ def looks_like(
         return told is not None and one.shape != told, one.strangers > 0, one.missing > 0, order
 
     return tuple(sorted(found, key=doubts))
+
+
+def _check_different(indices: Sequence[tuple[Index, Path]], named: dict[Index, Path]) -> None:
+    """Raise InputError where two names state the same numbers: which picture is meant, nobody could tell."""
+    for index, path in indices:
+        if named[index] != path:
+            raise InputError(
+                f"{path.name} and {named[index].name} state the same numbers; keep one of them in the folder"
+            )
 
 
 def pictures_at(place: Path) -> list[Path]:

@@ -13,6 +13,7 @@ from xfrustum.scenes.files.layouts.layout import (
     Index,
     Naming,
     Part,
+    PatternedNames,
     Pixels,
     PlateShape,
     counts,
@@ -114,7 +115,7 @@ BURNETT = HogelFiles(
 BURNETT_VIEWS = HogelFiles(
     name="burnett",
     words="one aperture view for each hogel, y before x, turned by 180 degrees",
-    pattern=r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)",
+    pattern=r"(?!out_|hogel_|Hogel_)[^\d_]+_(?P<j>\d+)_(?P<i>\d+)(?:_\d+_\d+)?",
     name_of=lambda i, j, shape: f"name_{j}_{i}",
     turned=True,
 )
@@ -129,19 +130,13 @@ HOCKING = HogelFiles(
 
 
 @dataclass(frozen=True, kw_only=True)
-class RowVideos:
+class RowVideos(PatternedNames):
     """One video for each row of hogels, a frame for each hogel (T. Burnett)."""
 
     name: ClassVar[str] = "burnett"
     words: ClassVar[str] = "one video for each row of hogels, frames turned by 180 degrees"
     suffix: ClassVar[str] = ".avi"
-    horizontal: ClassVar[bool] = False
-    in_hogels: ClassVar[bool] = False
-
-    def index_of(self, name: str) -> Index | None:
-        """Return the row."""
-        found = re.fullmatch(r"HogelRow_(\d+)\.avi", name, re.ASCII)
-        return None if found is None else (int(found.group(1)),)
+    pattern: ClassVar[str] = r"HogelRow_(\d+)\.avi"
 
     def parts(self, shape: PlateShape, naming: Naming) -> Iterator[Part]:
         """Yield one video for each row."""
@@ -169,19 +164,13 @@ class RowVideos:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HogelColumns:
+class HogelColumns(PatternedNames):
     """One picture for each column of hogels: rows of hogels by mirrored directions (J. Hocking)."""
 
     name: ClassVar[str] = "hocking-columns"
     words: ClassVar[str] = "one picture for each column of hogels, a line for each hogel, mirrored"
-    suffix: ClassVar[str] = ".png"
     horizontal: ClassVar[bool] = True
-    in_hogels: ClassVar[bool] = False
-
-    def index_of(self, name: str) -> Index | None:
-        """Return the column."""
-        found = re.fullmatch(rf"Hogel_Column_(\d+){SUFFIX_PATTERN}", name, re.ASCII)
-        return None if found is None else (int(found.group(1)),)
+    pattern: ClassVar[str] = rf"Hogel_Column_(\d+){SUFFIX_PATTERN}"
 
     def parts(self, shape: PlateShape, naming: Naming) -> Iterator[Part]:
         """Yield one picture for each column."""

@@ -7,9 +7,10 @@ writing stores it. So one description serves both ways, and no pixel is computed
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from numpy.typing import NDArray
 
@@ -170,6 +171,29 @@ class Layout(Protocol):
             The files do not say it, or what they say does not fit together.
         """
         ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatternedNames:
+    """The names of a layout's files where one pattern describes them, and what most of these layouts share.
+
+    Attributes
+    ----------
+    pattern
+        Regular expression of a name; its groups are the numbers of the index.
+    suffix, horizontal, in_hogels
+        As in `Layout`.
+    """
+
+    pattern: ClassVar[str]
+    suffix: ClassVar[str] = ".png"
+    horizontal: ClassVar[bool] = False
+    in_hogels: ClassVar[bool] = False
+
+    def index_of(self, name: str) -> Index | None:
+        """Return the numbers in a name; None where it is no name of this layout."""
+        found = re.fullmatch(self.pattern, name, re.ASCII)
+        return None if found is None else tuple(int(number) for number in found.groups())
 
 
 def counts(indices: Sequence[Index], axis: int) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -13,6 +12,7 @@ from xfrustum.scenes.files.layouts.layout import (
     Index,
     Naming,
     Part,
+    PatternedNames,
     Pixels,
     PlateShape,
     middle_row,
@@ -26,18 +26,12 @@ CUBEVI_TILES, CUBEVI_TILE_PX = (8, 5), (540, 960)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mosaic:
+class Mosaic(PatternedNames):
     """One picture of all hogels: hogel (i, j) is the tile at column i, row j."""
 
     name: ClassVar[str] = "mosaic"
     words: ClassVar[str] = "one picture, hogel (i, j) is the tile at column i, row j"
-    suffix: ClassVar[str] = ".png"
-    horizontal: ClassVar[bool] = False
-    in_hogels: ClassVar[bool] = False
-
-    def index_of(self, name: str) -> Index | None:
-        """Return no numbers for any picture."""
-        return () if re.fullmatch(rf".+{SUFFIX_PATTERN}", name) else None
+    pattern: ClassVar[str] = rf".+{SUFFIX_PATTERN}"
 
     def parts(self, shape: PlateShape, naming: Naming) -> Iterator[Part]:
         """Yield the picture."""
@@ -66,7 +60,7 @@ class Mosaic:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quilt:
+class Quilt(PatternedNames):
     """One picture of views side by side, for eyes from left to right (horizontal parallax alone).
 
     The leftmost eye sees what the rightmost pixel of each hogel shows.
@@ -82,9 +76,8 @@ class Quilt:
     downward: bool = False
     exchanged: bool = False
     name: ClassVar[str] = "quilt"
-    suffix: ClassVar[str] = ".png"
     horizontal: ClassVar[bool] = True
-    in_hogels: ClassVar[bool] = False
+    pattern: ClassVar[str] = rf".*_qs(\d+)x(\d+)a\d+(?:\.\d+)?{SUFFIX_PATTERN}"
 
     @property
     def words(self) -> str:
@@ -97,11 +90,8 @@ class Quilt:
 
     def index_of(self, name: str) -> Index | None:
         """Return the numbers of columns and rows of tiles."""
-        found = re.fullmatch(rf".*_qs(\d+)x(\d+)a\d+(?:\.\d+)?{SUFFIX_PATTERN}", name, re.ASCII)
-        if found is None:
-            return None
-        stated = int(found.group(1)), int(found.group(2))
-        return stated[::-1] if self.exchanged else stated
+        stated = super().index_of(name)
+        return stated[::-1] if stated is not None and self.exchanged else stated
 
     def parts(self, shape: PlateShape, naming: Naming) -> Iterator[Part]:
         """Yield the picture."""
@@ -126,18 +116,25 @@ class Quilt:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CubeVi:
-    """A quilt of 8 x 5 tiles with view 0 at the top left."""
+class CubeVi(PatternedNames):
+    """A quilt of 8 x 5 tiles with view 0 at the top left.
 
+    Attributes
+    ----------
+    downward
+        Whether view 0 is at the top left; at the bottom left, as in other quilts, is a mistake.
+    """
+
+    downward: bool = True
     name: ClassVar[str] = "cubevi"
-    words: ClassVar[str] = "one picture of 8 x 5 views, view 0 of the leftmost eye at the top left"
-    suffix: ClassVar[str] = ".png"
     horizontal: ClassVar[bool] = True
-    in_hogels: ClassVar[bool] = False
+    pattern: ClassVar[str] = rf".+{SUFFIX_PATTERN}"
 
-    def index_of(self, name: str) -> Index | None:
-        """Return no numbers for any picture."""
-        return () if re.fullmatch(rf".+{SUFFIX_PATTERN}", name) else None
+    @property
+    def words(self) -> str:
+        """Where view 0 lies."""
+        corner = "top" if self.downward else "bottom"
+        return f"one picture of 8 x 5 views, view 0 of the leftmost eye at the {corner} left"
 
     def parts(self, shape: PlateShape, naming: Naming) -> Iterator[Part]:
         """Yield the picture."""
@@ -151,7 +148,7 @@ class CubeVi:
             index=(),
             name=f"{naming.stem or 'cubevi'}{naming.suffix}",
             size=(columns * shape.hogels[0], rows * shape.hogels[1]),
-            select=lambda pixels: tiled_views(pixels, columns, rows, downward=True),
+            select=lambda pixels: tiled_views(pixels, columns, rows, downward=self.downward),
         )
 
     def shape_of(

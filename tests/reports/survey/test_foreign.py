@@ -99,7 +99,7 @@ def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
 ) -> None:
     path, out = tmp_path / "box.toml", tmp_path / "survey"
     path.write_text(
-        named("box") + film((20, 8), (3, 2), (16, 12), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
+        named("box") + film((20, 8), (3, 2), (8, 6), (60, 60), (60, 60)) + part("box", 12, (4, 0, -14))
     )
     scene = open_scene(path)
     views = LaidOutPlate(out=tmp_path / "views", layout="views")
@@ -108,7 +108,7 @@ def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
     views.write(scene)
     asked = ("--encoding", "triangle-id")
     assert survey_of(path, views.files, out, *asked) == 0
-    assert f"note: {views.files} looks like views (192 of 192 names fit" in capsys.readouterr().err
+    assert f"note: {views.files} looks like views (48 of 48 names fit" in capsys.readouterr().err
     verified = verify(scene, str(views.files), layout="views", encoding="triangle-id")
     agree(rows_of(out), verified)
     # The layout that was found is stated to all processes, and may be stated by the user.

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from tests.support.foreign_renderers import Faulty, small
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reports.verification.verdict import Verification
@@ -163,6 +166,84 @@ def test_a_quilt_whose_views_begin_at_the_top_left(horizontal: tuple[Scene, Plat
     assert not found.passed
     assert faults(found) == {"layout"}
     assert "view 0 of the leftmost eye at the top left" in words(found)
+
+
+@pytest.mark.slow
+def test_views_read_as_hogels(full: tuple[Scene, Plates], tmp_path: Path) -> None:
+    """Names of two numbers may be either; the numbers and sizes of the pictures tell which."""
+    scene, plate = full
+    found = asked(scene, written(plate, "views", tmp_path), "hogels")
+    assert not found.passed
+    assert [(fault.fault, fault.value) for fault in found.diagnosis.faults] == [("layout", "views")]
+    assert all(hogel.corrected is not None and hogel.corrected.wrong == 0 for hogel in found.hogels)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("downward", [True, False])
+def test_a_picture_of_cubevi_begins_at_the_top_left(downward: bool, tmp_path: Path) -> None:
+    scene = scene_of((40, 1), (7, 7))
+    file = written(true_plate(scene), "cubevi", tmp_path) / "cubevi.png"
+    if not downward:
+        pixels = np.asarray(Image.open(file))
+        rows = pixels.reshape(5, -1, *pixels.shape[1:])[::-1]
+        Image.fromarray(np.ascontiguousarray(rows).reshape(pixels.shape)).save(file)
+    found = asked(scene, tmp_path, "cubevi")
+    assert found.passed == downward
+    assert faults(found) == (set() if downward else {"layout"})
+    assert downward or "view 0 of the leftmost eye at the bottom left" in words(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("layout", "program", "named"),
+    [
+        # T. Burnett's renderer samples pixels at their corners.
+        ("burnett", {"shift": (-0.5, -0.5)}, {"shift-x", "shift-y"}),
+        # J. Hocking's recipe works for scenes behind the plate only; its field of view is 70 degrees.
+        ("hocking", {"front": "missing"}, {"front-missing"}),
+        (
+            "hocking",
+            {"fov": (math.tan(math.radians(35)) / math.tan(math.radians(30)),) * 2},
+            {"fov-x", "fov-y"},
+        ),
+    ],
+)
+def test_what_the_program_of_a_layout_draws_otherwise(
+    layout: str, program: dict[str, Any], named: set[str], tmp_path: Path
+) -> None:
+    scene = small("asymmetric", 48)
+    with Faulty(scene=scene, **program) as renderer:
+        columns, rows = scene.plate.hogels
+        pixels = [
+            [packed(renderer(scene, scene.plate.aperture(i, j)).triangle) for i in range(columns)]
+            for j in range(rows)
+        ]
+    found = asked(scene, written(Plates(pixels=np.asarray(pixels), levels=255), layout, tmp_path))
+    assert f"layout {layout}" in found.source
+    assert not found.passed
+    assert faults(found) == named
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [True, False])
+def test_rows_of_hogels_as_videos(kept: bool, tmp_path: Path) -> None:
+    """Numbers survive in a video that keeps every bit, and are named lost in one that does not."""
+    av = pytest.importorskip("av", reason="needs the package av, the optional part xfrustum[video]")
+    scene = scene_of((32, 32))
+    plate = true_plate(scene)
+    for row in range(3):
+        with av.open(str(tmp_path / f"HogelRow_{row}.avi"), "w", format="avi") as video:
+            stream = video.add_stream("ffv1" if kept else "mjpeg", rate=25)
+            stream.height = stream.width = 32
+            stream.pix_fmt = "bgr0" if kept else "yuvj420p"
+            for hogel in plate.pixels[row]:
+                turned = np.ascontiguousarray(hogel[::-1, ::-1])
+                video.mux(stream.encode(av.VideoFrame.from_ndarray(turned, format="rgb24")))
+            video.mux(stream.encode(None))
+    found = asked(scene, tmp_path)
+    assert "layout burnett" in found.source
+    assert found.passed == kept
+    assert faults(found) == (set() if kept else {"lossy"})
 
 
 def first_hits(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -210,6 +210,24 @@ def test_a_folder_of_other_pictures_looks_like_nothing(tmp_path: Path) -> None:
         looks_like(tmp_path)
 
 
+def test_aperture_views_may_name_their_direction_too(tmp_path: Path) -> None:
+    before = plate(shape_for("burnett"))
+    write_files(before, target("burnett"), tmp_path)
+    for file in list(tmp_path.iterdir()):
+        row, column = file.stem.removeprefix("Hogel_").split("x")
+        file.rename(tmp_path / f"scan_{row}_{column}_0_0.png")
+    found = looks_like(tmp_path)[0]
+    assert (found.layout.name, found.shape, found.missing) == ("burnett", shape_for("burnett"), 0)
+    assert np.array_equal(LaidOutFiles(files=found).plate.pixels, before.pixels)
+
+
+def test_two_files_of_the_same_numbers_are_refused(tmp_path: Path) -> None:
+    write_files(plate(shape_for("hogels")), target("hogels"), tmp_path)
+    write_files(plate(shape_for("hogels"), "float32"), target("hogels", ".exr"), tmp_path)
+    with pytest.raises(InputError, match=r"hogel_0x0\.exr and hogel_0x0\.png state the same numbers"):
+        looks_like(tmp_path)
+
+
 def test_a_missing_view_is_named(tmp_path: Path) -> None:
     write_files(plate(shape_for("views")), target("views"), tmp_path)
     (tmp_path / "2_3.png").unlink()
