@@ -115,16 +115,14 @@ def sweep(  # noqa: PLR0913 - as `make_report`
         No usable OpenGL context, or an unknown tracer.
     """
     watch, begun, cpu_begun = Stopwatch(), time.perf_counter(), time.process_time()
-    with watch.stage("prepare"):
-        judge = _opened(scene, decision, effects)
-    with judge:
+    with _opened(scene, decision, effects, watch) as judge:
         reduction = _reduction(scene.frustum, len(apertures) * len(settings))
         measurer = SettingMeasurer(judge, reduction, causes=causes)
         measured = _run(measurer, apertures, settings, watch, progress)
         with watch.stage("repeat"):
             frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
         inspected, inspection_cpu_s = _inspected(judge, measured.rows, watch)
-    wall_s, cpu_s = time.perf_counter() - begun, time.process_time() - cpu_begun
+    wall_s = time.perf_counter() - begun
     return Sweep(
         scene=scene,
         apertures=tuple(apertures),
@@ -140,7 +138,7 @@ def sweep(  # noqa: PLR0913 - as `make_report`
         parts_s=measured.parts_s,
         wall_s=wall_s,
         frames_s=frames,
-        cpu_s={**_cpu_seconds(measurer), "inspection": inspection_cpu_s, "all": cpu_s},
+        cpu_s=_cpu_seconds(measurer, inspection_cpu_s, time.process_time() - cpu_begun),
         charged=causes,
         inspected=inspected,
     )
@@ -149,7 +147,7 @@ def sweep(  # noqa: PLR0913 - as `make_report`
 def _inspected(
     judge: Judge, rows: Sequence[Measurement], watch: Stopwatch
 ) -> tuple[tuple[InspectedHogel, ...], float]:
-    """Return the hogels in which the best setting is worst, drawn anew with it, and the CPU seconds it took."""
+    """Return the hogels where the best setting is worst, drawn anew with it, and the CPU seconds of that."""
     best = best_setting(rows).settings
     drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
     begun = time.process_time()
@@ -158,9 +156,10 @@ def _inspected(
     return found, time.process_time() - begun
 
 
-def _opened(scene: Scene, decision: Decision, effects: str) -> Judge:
-    simulated = _simulated(scene, effects)
-    return Judge(scene, reference=open_reference(scene, decision, simulated), effects=simulated)
+def _opened(scene: Scene, decision: Decision, effects: str, watch: Stopwatch) -> Judge:
+    with watch.stage("prepare"):
+        simulated = _simulated(scene, effects)
+        return Judge(scene, reference=open_reference(scene, decision, simulated), effects=simulated)
 
 
 def _devices(judge: Judge) -> dict[str, str]:
@@ -168,10 +167,11 @@ def _devices(judge: Judge) -> dict[str, str]:
     return {**provenance.machine(), **opengl}
 
 
-def _cpu_seconds(measurer: SettingMeasurer) -> dict[str, float]:
-    """Return the CPU seconds of those stages whose share of the process's time is known."""
+def _cpu_seconds(measurer: SettingMeasurer, inspection_s: float, everything_s: float) -> dict[str, float]:
+    """Return the CPU seconds of those stages whose share of the process's time is known, and of everything."""
     wanted: tuple[str, ...] = ("raster", "trace", "pictures", "alone", "repeat")
-    return {name: seconds for name, seconds in measurer.cpu_seconds.items() if name in wanted}
+    known = {name: seconds for name, seconds in measurer.cpu_seconds.items() if name in wanted}
+    return {**known, "inspection": inspection_s, "all": everything_s}
 
 
 def _simulated(scene: Scene, effects: str) -> frozenset[Effect] | None:

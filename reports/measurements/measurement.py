@@ -168,9 +168,9 @@ class TracersAlonePictured:
 
 
 BESIDES = ("pictures", "inspection", "alone", "repeat", "light")
-"""Stages that are not measuring: the pictures of the page; the hogels of the inspection page; the pixels that a
-tracer alone would have got wrong, which say nothing of a row; frames drawn again to rank them by time; and the
-section on light."""
+"""Stages that are not measuring: the pictures of the page; the hogels of the inspection page; the pixels that
+a tracer alone would have got wrong, which say nothing of a row; frames drawn again to rank them by time; and
+the section on light."""
 
 WITHIN_SWEEP = ("pictures", "inspection", "alone", "repeat")
 """Those of `BESIDES` that a sweep itself does."""

@@ -21,8 +21,8 @@ from xfrustum.reports.noticeable_study.figures import figures
 from xfrustum.reports.noticeable_study.grid import FULL, Grid
 from xfrustum.reports.noticeable_study.rows import NoticedRow, read_parquet, write_parquet
 from xfrustum.reports.noticeable_study.run import measure, replays_hash
-from xfrustum.reports.splitting_study.job import measured_by
 from xfrustum.reports.splitting_study.rows import Origin
+from xfrustum.reports.splitting_study.run import measured_by
 from xfrustum.reports.splitting_study.store import Store
 
 DEFAULT_FOLDER = Path("study") / "noticeable"

@@ -110,7 +110,7 @@ def test_a_survey_reads_any_layout_and_says_which_one_it_looks_like(
     assert survey_of(path, views.files, out, *asked) == 0
     assert f"note: {views.files} looks like views (48 of 48 names fit" in capsys.readouterr().err
     verified = verify(scene, str(views.files), layout="views", encoding="triangle-id")
-    agree(rows_of(out), verified)
+    assert_alike(rows_of(out), verified)
     # The layout that was found is stated to all processes, and may be stated by the user.
     assert survey_of(path, views.files, out, *asked, "--layout", "views") == 0
     assert "looks like" not in capsys.readouterr().err

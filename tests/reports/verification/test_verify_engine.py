@@ -138,10 +138,10 @@ def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Pat
     apertures, pattern = Plate(size=(2.0, 1.0), hogels=(2, 1)).apertures(), str(tmp_path / "{i}x{j}.png")
     (tmp_path / "0x0.png").write_bytes(b"one")
     state = state_of_images(pattern, apertures)
-    require_same_images(pattern, apertures, state)
+    require_same_images(pattern, state_of_images(pattern, apertures), state)
     (tmp_path / "1x0.png").write_bytes(b"two")
     with pytest.raises(InputError, match="a worker finds other image files than the command"):
-        require_same_images(pattern, apertures, state)
+        require_same_images(pattern, state_of_images(pattern, apertures), state)
 
 
 @pytest.mark.parametrize(
