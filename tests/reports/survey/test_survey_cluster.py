@@ -79,13 +79,16 @@ def test_workers_make_the_same_bytes_as_one_process_however_many_are_killed(
     run = started(scene_path, out)
 
     def kill_at_random() -> None:
+        seen = 0
         while run.poll() is None and len(kills) < 20:
-            time.sleep(chance.uniform(0.2, 2.0))
-            some = workers_of(run)
-            if some:
+            time.sleep(chance.uniform(0.1, 1.0))
+            some, finished = workers_of(run), len(parts_of(out))
+            # Workers are at work, and not all starting, where blocks have been finished since the last kill.
+            if some and finished > seen:
                 with suppress(psutil.NoSuchProcess):
                     chance.choice(some).kill()
                     kills.append(1)
+                    seen = finished
 
     wait_for_parts(out, 1)
     killer = threading.Thread(target=kill_at_random)
