@@ -168,7 +168,7 @@ def _devices(judge: Judge) -> dict[str, str]:
 
 
 def _cpu_seconds(measurer: SettingMeasurer, inspection_s: float, everything_s: float) -> dict[str, float]:
-    """Return the CPU seconds of those stages whose share of the process's time is known, and of everything."""
+    """Return the CPU seconds of all stages whose share of the process is known, and of everything."""
     wanted: tuple[str, ...] = ("raster", "trace", "pictures", "alone", "repeat")
     known = {name: seconds for name, seconds in measurer.cpu_seconds.items() if name in wanted}
     return {**known, "inspection": inspection_s, "all": everything_s}
