@@ -43,7 +43,7 @@ def answer(command: click.Command, asked: str) -> int:
 def scenes(context: click.Context, parameter: click.Parameter, begun: str) -> list[CompletionItem]:
     """Return a wish for names of files, and the built-in scenes whose names begin like a word."""
     del context, parameter  # click hands over both, and neither matters
-    from xfrustum.scenes.library import builtin  # noqa: PLC0415 - only where a shell asks
+    from xfrustum.scenes.library import builtin
 
     named = [CompletionItem(name) for name in builtin.names() if name.startswith(begun)]
     # Files come first: at their turn click's script for bash forgets the names that it has.
