@@ -67,6 +67,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_memory": False,
+    "write_computation_times": False,  # their page would fetch scripts from other hosts
     "show_signature": False,
     "remove_config_comments": True,
     "abort_on_example_error": False,
