@@ -205,7 +205,7 @@ def report(
             "files": {"html": files.html, "json": files.json, "parquet": files.parquet},
             **files.content,
         },
-        lambda: "\n".join((files.command, *files.notes, files.cost, str(files.html), files.sentence)),
+        lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
     )
 
 
