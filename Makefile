@@ -36,7 +36,9 @@ report:
 	@echo "Error report of the scene '$(SCENE)': sets up where that was not done, then traces the truth of the middle"
 	@echo "aperture and draws it with 25 near planes and 5 depth buffers, about half a minute; the page is $(OUT)/index.html."
 	@$(MAKE) --no-print-directory setup
-	@$(XFRUSTUM) report $(SCENE) --out $(OUT)
+	@mkdir -p build
+	@$(XFRUSTUM) report $(SCENE) --out $(OUT) >build/report.txt
+	@tail -n +2 build/report.txt; head -n 1 build/report.txt  # the path of the page, then the sentence
 
 docs: setup
 	scripts/make_docs.sh

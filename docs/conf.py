@@ -53,7 +53,6 @@ myst_links_external_new_tab = False
 # Names of the public API; docs/api/index.rst lists them.
 autosummary_generate = True
 autosummary_ignore_module_all = False
-autodoc_default_options = {"show-inheritance": False}
 python_maximum_signature_line_length = 88
 numpydoc_show_class_members = True
 numpydoc_show_inherited_class_members = False
@@ -68,6 +67,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_memory": False,
+    "write_computation_times": False,  # their page would fetch scripts from other hosts
     "show_signature": False,
     "remove_config_comments": True,
     "abort_on_example_error": False,

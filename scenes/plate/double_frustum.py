@@ -96,6 +96,8 @@ class Cull(StrEnum):
 class DoubleFrustum:
     """One way to draw the two cameras C and C*.
 
+    Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`.
+
     Attributes
     ----------
     near
@@ -115,8 +117,6 @@ class DoubleFrustum:
         plane of its own and cameras exactly at the aperture; `fit` and `offset` apply to the first.
     cull
         Faces that are left out, by the winding of their corners.
-
-    Names may be given as on the command line: `depth="d24"` is `depth=DepthFormat.D24`.
 
     Raises
     ------

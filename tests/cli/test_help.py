@@ -35,8 +35,9 @@ def parsed(arguments: list[str]) -> str:
     context = cli.make_context("xfrustum", list(arguments))
     names = []
     while isinstance(group, click.Group):
-        name, group, arguments = group.resolve_command(context, [*context._protected_args, *context.args])
-        assert name is not None
+        name, found, arguments = group.resolve_command(context, [*context._protected_args, *context.args])
+        assert name is not None and found is not None
+        group = found
         names.append(name)
         context = group.make_context(name, list(arguments), parent=context)
     return " ".join(names)

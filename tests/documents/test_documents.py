@@ -1,4 +1,4 @@
-"""Documents: links lead somewhere, every public name is documented, and examples run. `make docs` builds the site."""
+"""Documents: links lead somewhere, public names are documented, examples run. `make docs` builds the site."""
 
 from __future__ import annotations
 

@@ -73,8 +73,7 @@ EXAMPLES: dict[str, str] = {
 }
 """One line for each command that a shell takes as it is; subcommands without one show that of their group.
 
-Run from top to bottom in one empty folder that has beetle.obj, each finds what it needs
-(tests/cli/test_help.py).
+Run from top to bottom in a folder that has beetle.obj, each finds what it needs (tests/cli/test_help.py).
 """
 
 

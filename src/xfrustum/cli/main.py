@@ -214,7 +214,7 @@ def report(
     options.tell(
         as_json,
         lambda: {"files": files.places, **files.content},
-        lambda: "\n".join((files.command, *files.notes, files.cost, str(files.html), files.sentence)),
+        lambda: "\n".join((files.sentence, files.command, *files.notes, files.cost, str(files.html))),
     )
     send_to_tev(tev, files.inspection, opened.name)
 
