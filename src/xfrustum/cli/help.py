@@ -58,8 +58,8 @@ EXAMPLES: dict[str, str] = {
     "verify": "xfrustum verify asymmetric --apertures '20,20;60,40' --command 'xfrustum raster asymmetric "
     "--near 0.001 --depth d32f --mapping reversed --aperture {i},{j} --out {out}'",
     "camera": "xfrustum camera asymmetric --for json --near 0.1 --out cameras",
-    "plate": "xfrustum plate asymmetric --near 0.1 --apertures 0-7,30 --out row.zarr",
-    "convert": "xfrustum convert row.zarr views --to views",
+    "plate": "xfrustum plate hard/only-behind --near 0.1 --out plate.zarr",
+    "convert": "xfrustum convert plate.zarr plate.png --to mosaic",
     "survey": "xfrustum survey asymmetric --near 0.1 --sample 40 --resolution 64,64 --out survey",
     "view": "xfrustum view asymmetric --eye 0,0,600 --near 0.1 --resolution 160,120 --out seen",
     "study": "xfrustum study splitting --quick --out splitting",
