@@ -121,7 +121,7 @@ def sweep(  # noqa: PLR0913 - as `make_report`
         measured = _run(measurer, apertures, settings, watch, progress)
         with watch.stage("repeat"):
             frames = _repeated(measurer, measured.rows, time.perf_counter() - begun)
-        inspected, inspection_cpu_s = _inspected(judge, measured.rows, watch)
+        inspected, inspection_cpu_s = _inspected(judge, measured.rows, watch, causes=causes)
     wall_s = time.perf_counter() - begun
     return Sweep(
         scene=scene,
@@ -145,14 +145,15 @@ def sweep(  # noqa: PLR0913 - as `make_report`
 
 
 def _inspected(
-    judge: Judge, rows: Sequence[Measurement], watch: Stopwatch
+    judge: Judge, rows: Sequence[Measurement], watch: Stopwatch, *, causes: bool
 ) -> tuple[tuple[InspectedHogel, ...], float]:
     """Return the hogels where the best setting is worst, drawn anew with it, and the CPU seconds of that."""
     best = best_setting(rows).settings
     drawn = sorted((row for row in rows if row.settings == best), key=lambda row: -row.surface_fraction)
     begun = time.process_time()
     with watch.stage("inspection"):
-        found = tuple(inspected_drawings(judge, [row.aperture for row in drawn[:MAX_HOGELS]], best))
+        apertures = [row.aperture for row in drawn[:MAX_HOGELS]]
+        found = tuple(inspected_drawings(judge, apertures, best, causes=causes))
     return found, time.process_time() - begun
 
 

@@ -33,22 +33,23 @@ from xfrustum.scenes.plate.plate import Aperture
 WANTED = Wanted(color=True, causes=True)
 """What an engine must be asked for: frames in color, and causes."""
 
+WANTED_WITHOUT_CAUSES = Wanted(color=True, causes=False)
+"""The same for pages that leave causes out."""
+
 
 def inspected_drawings(
-    judge: Judge, apertures: Sequence[Aperture], setting: DoubleFrustum
+    judge: Judge, apertures: Sequence[Aperture], setting: DoubleFrustum, *, causes: bool = True
 ) -> Iterator[InspectedHogel]:
-    """Yield the hogels of some apertures, drawn with a setting."""
-    finish = partial(inspected_frame, judge.scene)
-    with closing(judge.engine(WANTED, finish).frames(apertures, (setting,))) as frames:
+    """Yield the hogels of some apertures, drawn with a setting, and perhaps the causes of their errors."""
+    finish, wanted = partial(inspected_frame, judge.scene), WANTED if causes else WANTED_WITHOUT_CAUSES
+    with closing(judge.engine(wanted, finish).frames(apertures, (setting,))) as frames:
         for one in frames:
             yield one.found
 
 
 def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
-    """Return a frame of a scene with its truth and its errors; its engine was asked for causes."""
-    maps, budget = frame.comparison.maps, frame.budget
-    assert budget is not None, "the engine was asked for causes"
-    settings = frame.settings
+    """Return a frame of a scene with its truth, its errors, and their causes where these were asked for."""
+    maps, settings = frame.comparison.maps, frame.settings
     drawing = f"rasterizer: near {digits(settings.near)}, {settings.depth_label}"
     return InspectedHogel.of(
         frame.hogel.aperture,
@@ -56,7 +57,7 @@ def inspected_frame(scene: Scene, frame: JudgedFrame) -> InspectedHogel:
         [
             image_layer(TRUTH, "truth", with_normals(frame.hogel.truth, scene)),
             image_layer(IMAGE, drawing, with_normals(frame.image, scene)),
-            Layer(name=ERROR, words="errors of the image", channels=_errors(maps, budget)),
+            Layer(name=ERROR, words="errors of the image", channels=_errors(maps, frame.budget)),
         ],
     )
 
@@ -68,8 +69,8 @@ def _badness(frame: JudgedFrame) -> str:
     return wrong if moved is None else f"{wrong}, displacement (p99) {digits(moved.p99)} px"
 
 
-def _errors(maps: ErrorMaps, budget: Budget) -> tuple[Channel, ...]:
-    """Return what judging has found out, and the causes that it is charged to."""
+def _errors(maps: ErrorMaps, budget: Budget | None) -> tuple[Channel, ...]:
+    """Return what judging has found out, and the causes that it is charged to where these were found."""
     surface, outside, shape = maps.surface, maps.outside, maps.judged.shape
     assert surface is not None and outside is not None, "a judge has the scene at hand"
     states = {
@@ -78,10 +79,16 @@ def _errors(maps: ErrorMaps, budget: Budget) -> tuple[Channel, ...]:
         "wrong surface": surface,
         "right surface, another triangle": maps.triangle,
     }
-    links = {name: budget.surface_charge == number for number, name in enumerate(budget.links)}
     return (
         classes(STATE, shape, states, "right"),
+        *(() if budget is None else _causes(budget, shape)),
+        *displacement_channels(maps.displacement),
+    )
+
+
+def _causes(budget: Budget, shape: tuple[int, int]) -> tuple[Channel, ...]:
+    links = {name: budget.surface_charge == number for number, name in enumerate(budget.links)}
+    return (
         classes(LINK, shape, links, "none"),
         classes(ROUNDING, shape, vars(budget.explanation), "none"),
-        *displacement_channels(maps.displacement),
     )

@@ -29,6 +29,8 @@ from xfrustum.reports.cluster.run import Engine, open_team, run_blocks
 from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.reports.common.json_ready import json_ready
 from xfrustum.reports.common.records import table_of
+from xfrustum.reports.inspection.foreign import inspected_figures
+from xfrustum.reports.inspection.hogels import InspectedHogel
 from xfrustum.reports.verification.file_state import (
     require_same_images,
     state_of_command,
@@ -218,10 +220,22 @@ class VerifySession(Session):
         ]
         self._job.parts.write(number, table_of(VerifiedRow, rows))
 
+    def inspected(self, column: int, row: int) -> InspectedHogel | None:
+        """Return all channels of a hogel; None where it is missing."""
+        scene = self._run.reference.scene
+        aperture = scene.plate.aperture(column, row)
+        figures = self._run.judged(self._question, aperture)[1]
+        return None if figures is None else inspected_figures(scene, aperture, *figures)
+
 
 def diagnosis_of(session: VerifySession) -> Diagnosis:
     """Return what a process has diagnosed; the question that a team of workers is asked."""
     return session.diagnosis
+
+
+def inspected_of(session: VerifySession, column: int, row: int) -> InspectedHogel | None:
+    """Return all channels of a hogel; a question that a team of workers is asked."""
+    return session.inspected(column, row)
 
 
 def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is told
@@ -272,19 +286,38 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
     name = _checked(scene, renderer, asked)
     with _folder(out) as folder:
         job = _job(scene, renderer, limits, asked, folder)
-        diagnosis = _diagnosed(engine, job, scene, told, progress=progress)
-        if diagnosis is None:
-            return None
-        hogels, worst = _read(job, asked)
+        answer = _answer(engine, job, scene, told, channels=out is not None, progress=progress)
+    if answer is None:
+        return None
     return Verification(
-        scene=scene, source=name, limits=limits, diagnosis=diagnosis, hogels=hogels, worst=worst
+        scene=scene,
+        source=name,
+        limits=limits,
+        diagnosis=answer.diagnosis,
+        hogels=answer.hogels,
+        worst=answer.worst,
     )
 
 
-def _diagnosed(
-    engine: Engine, job: VerifyJob, scene: Scene, told: Callable[[str], object], *, progress: bool
-) -> Diagnosis | None:
-    """Have all hogels judged, and return what a process has diagnosed; None where others are at work."""
+@dataclass(frozen=True, kw_only=True)
+class _Answer:
+    """What processes have found out together."""
+
+    diagnosis: Diagnosis
+    hogels: tuple[Hogel, ...]
+    worst: WorstHogels
+
+
+def _answer(
+    engine: Engine,
+    job: VerifyJob,
+    scene: Scene,
+    told: Callable[[str], object],
+    *,
+    channels: bool,
+    progress: bool,
+) -> _Answer | None:
+    """Have all hogels judged, and return what was found; None where others are at work."""
     numbers = engine.part.of(job.blocks.numbers(0))
     finished = sum(map(job.finished, numbers))
     if finished:
@@ -292,8 +325,14 @@ def _diagnosed(
     with open_team(engine, len(numbers), scene, told, draws=False) as team:
         hogels = job.blocks.hogels(0) // engine.part.count
         run_blocks(job, numbers, team, hogels, "verify", progress=progress)
-        whole = all(map(job.finished, job.blocks.numbers(0)))
-        return team.ask(job, diagnosis_of) if whole else None
+        if not all(map(job.finished, job.blocks.numbers(0))):
+            return None
+        judged, worst = _read(job, asked_apertures(scene, job.indices))
+        if channels:
+            worst.kept = [
+                replace(one, inspected=team.ask(job, inspected_of, *one.aperture.index)) for one in worst.kept
+            ]
+        return _Answer(diagnosis=team.ask(job, diagnosis_of), hogels=judged, worst=worst)
 
 
 def _checked(scene: Scene, renderer: ForeignRenderer, asked: Sequence[Aperture]) -> str:

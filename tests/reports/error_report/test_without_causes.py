@@ -137,7 +137,7 @@ def test_cpu_seconds_of_measuring_hold_those_of_frames_and_truths(
     cpu = files.content["cost"]["cpu"]
     assert 0 < cpu["frames_s"] + cpu["truths_s"] <= cpu["measuring_s"]
     assert cpu["ratio"] == pytest.approx(cpu["measuring_s"] / (cpu["frames_s"] + cpu["truths_s"]))
-    assert set(cpu["besides_s"]) == {"pictures", "alone", "repeat", "page"}
+    assert set(cpu["besides_s"]) == {"pictures", "inspection", "alone", "repeat", "page"}
     assert f"{cpu['ratio']:.2f} times as much CPU time" in files.cost
 
 
