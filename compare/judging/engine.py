@@ -14,6 +14,7 @@ from concurrent.futures import Executor, Future
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
+from threading import Lock
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
@@ -423,5 +424,20 @@ def _start(
     assert image is not None, "the first part of each pair of cameras has it"
     if compared is None:
         return charging.start(image, None)
-    frame = batch.result()[0]
-    return charging.start(image, lambda: JudgedImage(image=frame.image, errors=compared.result().errors))
+    return charging.start(image, _Beside(batch.result()[0].image, compared))
+
+
+class _Beside:
+    """The one image beside which R0 is judged, with all that is found of it: made when it is first asked for."""
+
+    def __init__(self, image: HogelImage, compared: Future[Comparison]) -> None:
+        self._image, self._compared = image, compared
+        self._lock = Lock()
+        self._made: JudgedImage | None = None
+
+    def __call__(self) -> JudgedImage:
+        errors = self._compared.result().errors
+        with self._lock:
+            if self._made is None:
+                self._made = JudgedImage(image=self._image, errors=errors)
+            return self._made

@@ -66,7 +66,7 @@ class TracingThread:
     """A reference that traces apertures one after the other, in the order in which they are submitted.
 
     They are one stream of the reference, so that triangles are sorted once for all of them. After an error
-    nothing more is traced.
+    nothing more is traced: the others end with the same error.
 
     Parameters
     ----------
@@ -85,6 +85,7 @@ class TracingThread:
     ) -> None:
         self._thread, self._machine = thread, machine
         self._asked: deque[Aperture] = deque()
+        self._failed: BaseException | None = None
         self._images = reference.stream(self._taken(), colored=colored)
 
     def submit(self, aperture: Aperture, watch: Stopwatch) -> Future[HogelImage]:
@@ -92,9 +93,16 @@ class TracingThread:
         return self._thread.submit(self._traced, aperture, watch)
 
     def _traced(self, aperture: Aperture, watch: Stopwatch) -> HogelImage:
+        if self._failed is not None:
+            raise self._failed
         with self._machine.undisturbed(), self._machine.timed(watch, "trace"):
             self._asked.append(aperture)
-            return next(self._images)
+            try:
+                return next(self._images)
+            except BaseException as error:
+                # The stream has ended: asked once more, it would only say that.
+                self._failed = error
+                raise
 
     def _taken(self) -> Iterator[Aperture]:
         """Yield each aperture when it is traced; the stream takes one at a time."""

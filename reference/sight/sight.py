@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from importlib import import_module
 from typing import Protocol
 
@@ -59,6 +59,16 @@ class SurfacePoints:
     tolerance: Floats
 
 
+KEPT_BOXES = 1 << 21
+"""Largest number of boxes of cells that are kept for the next pictures of apertures, in 41 bytes each; those
+of the last two pencils are kept however many they are."""
+
+
+def _count(boxes: CellBoxes) -> int:
+    """Return the number of boxes."""
+    return len(boxes.number)
+
+
 class Sight:
     """The triangles of a scene, ready to be searched for what hides points.
 
@@ -70,8 +80,10 @@ class Sight:
 
     def __init__(self, scene: Scene) -> None:
         self._triangles = scene.triangles
-        # The settings of one aperture share its boxes of cells.
-        self._boxes = lru_cache(maxsize=2)(partial(cell_boxes, self._triangles))
+        # The settings of one aperture share its boxes of cells, and several threads judge an aperture each.
+        self._boxes: Kept[Pencil, CellBoxes] = Kept(
+            make=partial(cell_boxes, self._triangles), size=_count, room=KEPT_BOXES, least=2
+        )
 
     @cached_property
     def _search(self) -> Search:

@@ -16,6 +16,7 @@ import numpy as np
 from xfrustum.reference.devices.arithmetic_jit import JIT, Array4f64, Bool, Float64, Int32, UInt32
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.sight.boxes import CellBoxes, cells
+from xfrustum.reference.sight.kept import Kept
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
 from xfrustum.scenes.arrays import Floats, Numbers
 
@@ -27,7 +28,7 @@ MIN_PAIR_ROOM = 1 << 12
 """Number of pairs that there is always room for."""
 
 KEPT_ROWS = 1 << 22
-"""Largest number of rows of boxes that are kept for the next picture of an aperture, in 12 bytes each."""
+"""Largest number of rows of boxes that are kept for the next pictures of apertures, in 12 bytes each."""
 
 PAIRS_PER_CHUNK = 1 << 20
 """Largest number of pairs that are yielded at once: looking at one takes some 500 bytes."""
@@ -58,8 +59,6 @@ class _Rows:
 
     Attributes
     ----------
-    boxes
-        The boxes.
     box
         Box of each row.
     begin, end
@@ -68,7 +67,6 @@ class _Rows:
         As in the boxes, for each box.
     """
 
-    boxes: CellBoxes
     box: Any
     begin: Any
     end: Any
@@ -88,7 +86,8 @@ class JitSearch:
     def __init__(self, triangles: Floats) -> None:
         with strict_arithmetic():
             self._corners = Float64(np.ascontiguousarray(triangles).ravel())
-        self._rows: _Rows | None = None
+        # The settings of one aperture share its rows, and several threads judge an aperture each.
+        self._rows: Kept[CellBoxes, _Rows] = Kept(make=_rows, size=_count, room=KEPT_ROWS)
 
     def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them.
@@ -106,7 +105,7 @@ class JitSearch:
         """
         with strict_arithmetic():
             lines = _sorted(boxes, position, own, tolerance)
-            lanes = _lanes(self._rows_of(boxes), lines.start)
+            lanes = _lanes(self._rows(boxes), lines.start)
             if not dr.width(lanes[0]):
                 return
             nearest = dr.opaque(Float64, boxes.pencil.s_range[0])
@@ -123,14 +122,6 @@ class JitSearch:
                 triangle=triangle[some].astype(np.int64),
                 sure=sure[some],
             )
-
-    def _rows_of(self, boxes: CellBoxes) -> _Rows:
-        """Return the rows of boxes, which the settings of one aperture share."""
-        if self._rows is not None and self._rows.boxes is boxes:
-            return self._rows
-        made = _rows(boxes)
-        self._rows = made if dr.width(made.box) <= KEPT_ROWS else None
-        return made
 
     def _walked(
         self, lines: _Sorted, lanes: tuple[Any, ...], center: list[Any], nearest: Any, room: int
@@ -182,7 +173,6 @@ def _rows(boxes: CellBoxes) -> _Rows:
     stride: Any = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
     cell: Any = (dr.arange(UInt32, rows) - base + top) * stride
     made = _Rows(
-        boxes=boxes,
         box=box,
         begin=cell + left,
         end=cell + right + 1,
@@ -191,6 +181,11 @@ def _rows(boxes: CellBoxes) -> _Rows:
     )
     dr.eval(made.box, made.begin, made.end)
     return made
+
+
+def _count(rows: _Rows) -> int:
+    """Return the number of rows."""
+    return int(dr.width(rows.box))
 
 
 def _lanes(rows: _Rows, start: Any) -> tuple[Any, ...]:

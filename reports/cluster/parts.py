@@ -105,7 +105,7 @@ class Parts:
         )
         raise InputError(
             f"--out {self.out}: was begun with another {', '.join(differing) or 'description'}; "
-            "give what it was begun with, or another place"
+            f"give what it was begun with, or another place, or delete {self.folder} to begin anew"
         )
 
     def claims(self) -> Claims:
@@ -135,9 +135,49 @@ class Parts:
         with self._writable():
             write_file(self.path(number), buffer.getbuffer(), host=self.out)
 
-    def read(self, number: int) -> pa.Table:
-        """Return the rows of a finished block."""
-        return pq.read_table(self.path(number))
+    def read(self, number: int, columns: list[str] | None = None) -> pa.Table:
+        """Return the rows of a finished block; all columns, or some."""
+        return pq.read_table(self.path(number), columns=columns)
+
+    def remove(self, number: int) -> None:
+        """Remove the part of a block, which is unfinished afterwards.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be written.
+        """
+        with self._writable():
+            self.path(number).unlink(missing_ok=True)
+
+    def write_beside(self, name: str, content: bytes) -> None:
+        """Write a file beside the parts, whole or not at all.
+
+        Raises
+        ------
+        InputError
+            The disk is full or cannot be written.
+        """
+        with self._writable():
+            write_file(self.folder / name, content, host=self.out)
+
+    def read_beside(self, name: str) -> bytes | None:
+        """Return a file beside the parts; None where there is none."""
+        try:
+            return (self.folder / name).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def remove_beside(self, name: str) -> None:
+        """Remove a file beside the parts, if there is one.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be written.
+        """
+        with self._writable():
+            (self.folder / name).unlink(missing_ok=True)
 
     @contextmanager
     def _writable(self) -> Iterator[None]:

@@ -131,6 +131,18 @@ def write_inspection(folder: Path, shown: Inspection) -> None:
             (folder / _file_name(one)).write_text(_beside(key, text), encoding="ascii")
 
 
+def remove_inspection(folder: Path) -> None:
+    """Remove the page of an earlier run from a folder, and the files beside it."""
+    page = folder / PAGE
+    try:
+        text = page.read_text(encoding="utf-8")
+        named = _HOGELS.validate_python(json.loads(_element(text, "data"))["hogels"])
+    except (OSError, KeyError, ValueError):
+        return  # there is none, or it is not ours to remove
+    for name in (PAGE, *(one.file for one in named if one.file is not None)):
+        (folder / Path(name).name).unlink(missing_ok=True)
+
+
 def _payload(key: str, text: str) -> str:
     """Return the element that holds a stream, or more than that."""
     return f'<script type="application/json" id="stream-{key}">"{text}"</script>\n'

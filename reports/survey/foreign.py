@@ -13,6 +13,8 @@ from xfrustum.reports.common.records import table_of
 from xfrustum.reports.survey.hogels import ShownHogel
 from xfrustum.reports.survey.rows import ForeignRow
 from xfrustum.reports.verification.file_state import require_same_images, state_of_files
+from xfrustum.reports.verification.laid_out import is_place
+from xfrustum.reports.verification.sources import absolute_pattern
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import HogelVerifier, checked_files
 from xfrustum.scenes.files.foreign_images import Encoding
@@ -60,7 +62,8 @@ class ForeignPlate:
         InputError
             There is no file of any hogel, or the files do not fit the layout.
         """
-        place = str(Path(self.pattern).absolute())
+        named = is_place(self.pattern, scene.plate) or self.layout is not None
+        place = str(Path(self.pattern).absolute()) if named else absolute_pattern(self.pattern)
         files = checked_files(scene, place, self.layout)
         if files is not None and self.layout is None:
             told(f"{self.pattern} looks like {files.words}")

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.json_ready import write_json
 from xfrustum.reports.common.outputs import Staging
@@ -62,13 +60,16 @@ def _inspection(found: Survey, pictured: Sequence[Pictured]) -> inspection.Inspe
     settings, tally = found.settings[found.best], found.tallies[found.best]
     name = next((one for one in (P99, SURFACE, FRACTION) if one in tally.maps), None)
     drawn = "images" if settings is None else f"near {digits(settings.near)}, {settings.depth_label}"
-    cells = np.full(found.scene.plate.hogels[::-1], np.nan) if name is None else tally.maps[name]
+    if name is None:
+        plate_map = PlateMap.of(found.scene.plate, "", ())
+    else:
+        plate_map = PlateMap(words=words_of(name).capitalize(), cells=tally.maps[name])
     return inspection.Inspection(
         command="survey",
         scene=found.scene,
         told=(f"The worst of the {found.extent.judged:,} hogels that were judged: {drawn}.",),
         hogels=[one.inspected for one in pictured if one.inspected is not None],
-        plate_map=PlateMap(words="" if name is None else words_of(name).capitalize(), cells=cells),
+        plate_map=plate_map,
     )
 
 

@@ -109,7 +109,8 @@ def survey(  # noqa: PLR0913 - one keyword for each option of the command
     """Judge hogels all over a plate, and write the rows, their page and survey.json.
 
     Stopped at any moment and called again it goes on where it was, and ends with the rows of a run that was
-    not disturbed. Several processes may do one survey at once.
+    not disturbed but for one column: the index of `device` is that of the worker that took the block, so
+    that with several GPUs it depends on who was free. Several processes may do one survey at once.
 
     Parameters
     ----------

@@ -39,6 +39,8 @@ class Command:
         Folder that {out} lies in; it is emptied file by file.
     timeout_s
         A run that takes longer is ended, with all processes that it started.
+    working
+        Folder in which the program runs; None for that of this process.
     """
 
     template: str
@@ -47,6 +49,7 @@ class Command:
     folder: Path
     timeout_s: float
     suffix: str = ".png"
+    working: Path | None = None
     _arguments: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -83,7 +86,7 @@ class Command:
         log = self.folder / "stderr"
         started: list[subprocess.Popen[bytes]] = []
         try:
-            _start(arguments, log, started)
+            _start(arguments, self.working, log, started)
             status = started[0].wait(self.timeout_s)
         except subprocess.TimeoutExpired as error:
             raise Problem(
@@ -96,13 +99,16 @@ class Command:
             raise Problem(f"the command {how}{_told(log)}")
 
 
-def _start(arguments: list[str], log: Path, started: list[subprocess.Popen[bytes]]) -> None:
+def _start(
+    arguments: list[str], working: Path | None, log: Path, started: list[subprocess.Popen[bytes]]
+) -> None:
     """Start a process and note it; no signal comes between, see `cli.termination`."""
     try:
         with log.open("wb") as told:
             # A session of its own, so that children of a hanging command end with it.
             process = subprocess.Popen(
                 arguments,
+                cwd=working,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=told,

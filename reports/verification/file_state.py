@@ -30,8 +30,15 @@ def state_of_images(pattern: str, apertures: Iterable[Aperture]) -> str:
     return state_of_files(pattern.format(i=one.column, j=one.row) for one in apertures)
 
 
-def state_of_command(template: str) -> str:
+def state_of_command(template: str, folder: Path) -> str:
     """Return a digest of the program of a command, and of every file that its words name.
+
+    Parameters
+    ----------
+    template
+        The command.
+    folder
+        Folder in which it runs, where files with relative names lie.
 
     Raises
     ------
@@ -39,10 +46,19 @@ def state_of_command(template: str) -> str:
         The command's quotes do not match.
     """
     words = shlex.split(template)
-    named = [path for word in words if (path := Path(word)).is_file()]
-    program = shutil.which(words[0]) if words else None
-    found = dict.fromkeys(([program] if program else []) + [str(path.absolute()) for path in named])
-    return state_of_files(found)
+    # A word may be a whole script, longer than any name of a file: `isfile` takes it for none.
+    named = [str(path) for word in words if os.path.isfile(path := folder / word)]  # noqa: PTH113
+    program = shutil.which(words[0]) if words and os.sep not in words[0] else None
+    return state_of_files(dict.fromkeys(([program] if program else []) + named))
+
+
+def require_same_command(template: str, found: str, state: str) -> None:
+    """Raise InputError where a process finds another program than the command did: by digests of both."""
+    if found != state:
+        raise InputError(
+            f"--command {template!r}: a worker finds another program, or other files that its words name; "
+            "give all the same files by the same paths, and leave them as they are while hogels are judged"
+        )
 
 
 def require_same_images(pattern: str, found: str, state: str) -> None:

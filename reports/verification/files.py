@@ -36,7 +36,11 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
         (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
         if found.inspected:
             inspection.write_inspection(staging.folder, _inspection(found))
-        return staging.commit()
+        written = staging.commit()
+    if not found.inspected:
+        # That of an earlier run would show other images than the page beside it.
+        inspection.remove_inspection(out)
+    return written
 
 
 def _inspection(found: Verification) -> inspection.Inspection:

@@ -63,6 +63,11 @@ def fields_of(template: str, allowed: Sequence[str], what: str) -> set[str]:
     return named
 
 
+def absolute_pattern(pattern: str) -> str:
+    """Return a pattern of files with its folder's absolute path, in which braces are no fields."""
+    return str(Path(str(Path.cwd()).replace("{", "{{").replace("}", "}}")) / pattern)
+
+
 FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
 """How a number may be asked for after a colon, such as 04d or .3f: at most 99 characters of it."""
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -185,6 +185,13 @@ def _files(reference: Reference, source: str, encoding: Encoding, layout: str | 
     return Files(pattern=source, reference=reference, encoding=encoding)
 
 
+class Kept(Protocol):
+    """What keeps something of hogels that pass by, such as pictures of the worst."""
+
+    def add(self, aperture: Aperture, as_found: Figures, corrected: Figures) -> None:
+        """Keep what it wants of a hogel."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Question:
     """What hogels are judged by.
@@ -269,10 +276,8 @@ class Run:
             read_as_found=ENCODING in accept and found.encoding.reading is not None,
         )
 
-    def hogels(
-        self, question: Question, apertures: Iterable[Aperture], worst: WorstHogels
-    ) -> Iterator[Hogel]:
-        """Judge some hogels and yield them in their order; the pictures of the worst are kept in `worst`."""
+    def hogels(self, question: Question, apertures: Iterable[Aperture], worst: Kept) -> Iterator[Hogel]:
+        """Judge some hogels and yield them in their order; `worst` is given the figures of each."""
         most = images_under_way(math.prod(self.reference.scene.frustum.resolution))
         with workers("judging") as pool:
             judge = partial(self._hogel, question)
@@ -292,6 +297,10 @@ class Run:
             return self.source.image(aperture)
         except Problem as problem:
             return problem
+
+    def had(self, aperture: Aperture) -> bool:
+        """Return whether there is an image of a hogel, without keeping it."""
+        return isinstance(self._had(aperture), HogelImage)
 
     def judged(self, question: Question, aperture: Aperture) -> tuple[Hogel, tuple[Figures, Figures] | None]:
         """Judge one hogel alone; see `_hogel`."""

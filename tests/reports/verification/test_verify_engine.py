@@ -4,14 +4,35 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any, cast
 
+import pyarrow.parquet as pq
 import pytest
 
 from tests.support.scene_file import film, named, part
 from xfrustum import DoubleFrustum, Rasterizer, open_scene, write_image
 from xfrustum.cli.main import main
-from xfrustum.reports.verification.file_state import require_same_images, state_of_images
+from xfrustum.compare.diagnosis.diagnosis import Diagnosis
+from xfrustum.compare.diagnosis.encodings import FoundEncoding
+from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.diagnosis.findings import Findings
+from xfrustum.compare.diagnosis.stored_truth import Restoring
+from xfrustum.compare.judging.judged import Judging
+from xfrustum.compare.renderer_model.drawn_model import DrawnModel
+from xfrustum.compare.renderer_model.orientations import Orientation
+from xfrustum.reference import Reference
+from xfrustum.reports.cluster.blocks import ListedBlocks
+from xfrustum.reports.cluster.parts import Parts
+from xfrustum.reports.cluster.run import Engine, Team, open_team
+from xfrustum.reports.cluster.ticket import SceneTicket
+from xfrustum.reports.verification import on_engine
+from xfrustum.reports.verification.block_job import ForeignRenderer, VerifyJob, source_of
+from xfrustum.reports.verification.file_state import require_same_images, state_of_command, state_of_images
+from xfrustum.reports.verification.stored_question import agreed_question
+from xfrustum.reports.verification.verdict import Limits
+from xfrustum.reports.verification.verification import Question
 from xfrustum.scenes import InputError, Plate
 
 FILES = ("index.html", "verification.json")
@@ -71,6 +92,173 @@ def test_parts_of_a_right_plate_make_the_verification_between_them(right_path: P
     assert files_of(out) == {}
     assert verified(right_path, out, pattern, "--part", "1/2") == 0
     assert files_of(out) == files_of(tmp_path / "alone") != {}
+    # Pictures would fill the disk of a large plate: only those of the worst hogels of all are made.
+    parts = sorted((out / "verification.parquet").glob("part-*"))
+    kept = [str(pq.read_table(path).to_pylist()) for path in parts]
+    assert len(kept) == 6 and not any("data:image" in text for text in kept)
+
+
+def command_of(path: Path, folder: Path) -> tuple[Path, tuple[str, str]]:
+    """Return a module that a renderer needs, and the words of a command that runs this renderer."""
+    module, script = folder / "module", folder / "render"
+    module.write_text("")
+    script.write_text(f"#!/bin/sh\n. {module}\nexec cp {path.parent}/$1x$2.exr $3\n")
+    script.chmod(0o755)
+    return module, ("--command", f"{script} {{i}} {{j}} {{out}}")
+
+
+def test_a_command_that_was_judged_to_the_end_is_judged_anew(
+    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module, words = command_of(right_path, tmp_path)
+    out = tmp_path / "verified"
+    assert verified(right_path, out, *words, "--part", "1/1") == 0
+    first = files_of(out)
+    capsys.readouterr()
+    module.write_text("exit 3\n")
+    assert verified(right_path, out, *words, "--part", "1/1") == 1
+    found = json.loads(capsys.readouterr().out)
+    assert [hogel["verdict"] for hogel in found["hogels"]] == ["missing"] * 6
+    assert not (out / "inspect.html").exists()
+    module.write_text("")
+    assert verified(right_path, out, *words, "--part", "1/1") == 0
+    assert files_of(out) == first
+    assert (out / "inspect.html").exists()
+
+
+def test_hogels_that_could_not_be_had_are_asked_for_again_when_a_command_goes_on(
+    right_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module, words = command_of(right_path, tmp_path)
+    out = tmp_path / "verified"
+    module.write_text('case "$1x$2" in 2x1) exit 3;; esac\n')
+    assert verified(right_path, out, *words, "--part", "2/2") == 0
+    # The diagnosis lacks a hogel that is there now: what was judged by it is not worth anything.
+    module.write_text("")
+    assert verified(right_path, out, *words, "--part", "1/2") == 0
+    assert files_of(out) == {}
+    assert verified(right_path, out, *words, "--part", "2/2") == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] == "pass"
+
+
+def test_blocks_with_hogels_that_could_not_be_had_are_judged_again(right_path: Path, tmp_path: Path) -> None:
+    module, words = command_of(right_path, tmp_path)
+    out = tmp_path / "verified"
+    assert verified(right_path, out, *words, "--part", "1/3") == 0
+    module.write_text('case "$1x$2" in 1x0) exit 3;; esac\n')
+    assert verified(right_path, out, *words, "--part", "2/3") == 0
+    parts = out / "verification.parquet"
+    before = {path.name: path.stat().st_mtime_ns for path in parts.glob("part-*")}
+    module.write_text("")
+    assert verified(right_path, out, *words, "--part", "2/3") == 0
+    after = {path.name: path.stat().st_mtime_ns for path in parts.glob("part-*")}
+    assert [name for name in sorted(before) if after[name] != before[name]] == ["part-0000001.parquet"]
+    assert verified(right_path, out, *words, "--part", "3/3") == 0
+    assert json.loads((out / "verification.json").read_text())["verdict"] == "pass"
+
+
+def test_a_command_runs_in_the_folder_of_the_caller(
+    right_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, _ = command_of(right_path, tmp_path)
+    command = "./render {i} {j} {out}"
+    before = state_of_command(command, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert state_of_command(command, tmp_path) == before != state_of_command(command, tmp_path.parent)
+    scene = open_scene(right_path)
+    renderer = ForeignRenderer(command=command, folder=tmp_path)
+    monkeypatch.chdir("/")
+    with source_of(Reference(scene), renderer) as source:
+        assert source.image(scene.plate.aperture(0, 0)).covered.any()
+    module.with_name("render").write_text("another\n")
+    assert state_of_command(command, tmp_path) != before
+
+
+def job_of(path: Path, renderer: ForeignRenderer, out: Path) -> VerifyJob:
+    scene = open_scene(path)
+    return VerifyJob(
+        ticket=SceneTicket.of(scene),
+        blocks=ListedBlocks(plate=scene.plate, indices=((0, 0),), size=1),
+        parts=Parts(out=out, name="verification.parquet"),
+        renderer=renderer,
+        state="of the caller",
+        limits=Limits(),
+        indices=((0, 0),),
+    )
+
+
+@pytest.mark.parametrize(
+    ("folder", "told"), [("", "a worker finds another program"), ("gone", "there is no folder")]
+)
+def test_a_worker_that_finds_another_program_than_the_command_refuses(
+    right_path: Path, tmp_path: Path, folder: str, told: str
+) -> None:
+    command_of(right_path, tmp_path)
+    renderer = ForeignRenderer(command="./render {i} {j} {out}", folder=tmp_path / folder)
+    with (
+        pytest.raises(InputError, match=told),
+        job_of(right_path, renderer, tmp_path).open(open_scene(right_path)),
+    ):
+        pass
+
+
+def test_a_word_longer_than_any_file_s_name_is_no_file(tmp_path: Path) -> None:
+    script = "import sys; " * 100
+    assert state_of_command(f"sh -c '{script}'", tmp_path) == state_of_command("sh", tmp_path)
+
+
+def question_of(near: float, encoding: FoundEncoding | None = None) -> Question:
+    model = DrawnModel(near=near, shift=(0.1, 1 / 3), orientation=Orientation(flip_x=True))
+    fault = Fault(fault="near", value=near, low=0.1, unit="cm", words="near", explains=1.0)
+    diagnosis = Diagnosis(model=model, faults=(fault,), does_not_explain=(), means="guess")
+    found = Findings(encoding=encoding or FoundEncoding(), diagnosis=diagnosis, judging=Judging())
+    return Question(asked=DrawnModel(), found=found, read_as_found=False)
+
+
+def test_all_processes_judge_by_what_the_first_one_has_diagnosed(tmp_path: Path) -> None:
+    parts = Parts(out=tmp_path, name="verification.parquet")
+    parts.open({})
+    first, mine = agreed_question(parts, lambda: (question_of(0.5), ((2, 1),)))
+    second, theirs = agreed_question(parts, lambda: pytest.fail("was diagnosed before"))
+    assert first.digest == second.digest
+    assert first.missing == second.missing == ((2, 1),)
+    wanted = question_of(0.5)
+    for one in (mine, theirs):
+        assert one.asked == wanted.asked
+        assert vars(one.found.diagnosis) == vars(wanted.found.diagnosis)
+
+
+def test_a_diagnosis_that_cannot_be_stored_must_be_that_of_the_others(tmp_path: Path) -> None:
+    parts = Parts(out=tmp_path, name="verification.parquet")
+    parts.open({})
+    encoding = FoundEncoding(restoring=cast("Restoring", object()))
+    agreed_question(parts, lambda: (question_of(0.5, encoding), ()))
+    same = question_of(0.5, encoding)
+    assert agreed_question(parts, lambda: (same, ()))[1] is same
+    with pytest.raises(InputError, match="its images are not the same each time"):
+        agreed_question(parts, lambda: (question_of(0.6, encoding), ()))
+
+
+def test_a_pattern_keeps_its_name_and_its_folder_may_have_braces(
+    right_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(right_path.parent, tmp_path / "br{a}ce")
+    monkeypatch.chdir(folder)
+
+    def alone(engine: Engine, *arguments: Any, **options: Any) -> AbstractContextManager[Team]:
+        return open_team(Engine(workers=1), *arguments, **options)
+
+    monkeypatch.setattr(on_engine, "open_team", alone)
+    found = on_engine.verify_on(
+        Engine(scheduler="tcp://elsewhere:1"),
+        open_scene(right_path),
+        ForeignRenderer(source="{i}x{j}.exr"),
+        Limits(),
+        apertures=[(0, 0)],
+        out=tmp_path / "verified",
+    )
+    assert found is not None and found.passed
+    assert found.source == "{i}x{j}.exr"
 
 
 @pytest.mark.slow
