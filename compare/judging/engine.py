@@ -428,7 +428,7 @@ def _start(
 
 
 class _Beside:
-    """The one image beside which R0 is judged, with all that is found of it: made when it is first asked for."""
+    """The image beside which R0 is judged: made once, so that what is found of it is found once."""
 
     def __init__(self, image: HogelImage, compared: Future[Comparison]) -> None:
         self._image, self._compared = image, compared

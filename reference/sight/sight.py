@@ -23,6 +23,7 @@ from xfrustum.reference.certify.processors import compiled, kernels_on_one_threa
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
 from xfrustum.reference.sight.distance import off_planes
+from xfrustum.reference.sight.kept import Kept
 from xfrustum.reference.sight.walk import Before, PointLines, film_numbers
 from xfrustum.reference.sight.walk_numpy import NumpySearch
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers

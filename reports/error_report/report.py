@@ -93,7 +93,7 @@ def default_folder(scene: Scene) -> Path:
 
 def make_report(  # noqa: PLR0913 - one parameter per option of the command
     scene: Scene,
-    out: Path | None = None,
+    out: Path | str | None = None,
     *,
     nears: Sequence[float] | None = None,
     apertures: Sequence[Aperture] | AutoApertures | None = None,
@@ -144,7 +144,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
     if not settings or not chosen:
         raise InputError("nothing to measure: give at least one near, one depth format and one aperture")
     require_seen(scene, chosen)
-    with Staging(default_folder(scene) if out is None else out, FILES) as staging:
+    with Staging(default_folder(scene) if out is None else Path(out), FILES) as staging:
         by, how = Decision(by=decided_by, tracer=tracer), {"causes": causes, "progress": progress}
         swept = sweep(scene, chosen, settings, decision=by, effects=effects, **how)
         measured, shading = _with_light(swept, apertures, settings, effects, progress)

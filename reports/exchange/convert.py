@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.exchange.plate_group import (
     PlateArray,
     is_group,
@@ -100,6 +101,8 @@ def convert(
     read_as: str | None = None,
     write_as: str | None = None,
     options: ConversionOptions | None = None,
+    *,
+    progress: bool = False,
 ) -> Conversion:
     """Write the plate of a folder, picture or Zarr group in another layout.
 
@@ -112,6 +115,8 @@ def convert(
         name of `out`.
     options
         Facts that files do not state.
+    progress
+        Whether to draw a bar on standard error.
 
     Raises
     ------
@@ -125,35 +130,75 @@ def convert(
             "say with --to in which layout to write; only names that end in .zarr say it themselves"
         )
     array = None if options.array is None else choice(PlateArray, options.array, "array")
-    plate, name, reasons = _read(source, read_as, options, array)
+    read = _read(source, read_as, options, array)
+    work = _Work(source=source, out=out, read=read, progress=progress)
     if target == ZARR:
-        return _into_group(plate, source, out, array, (name, reasons))
-    return _into_files(plate, source, out, layouts_named(target)[0].name, options, (name, reasons))
+        return _into_group(work, array)
+    return _into_files(work, layouts_named(target)[0].name, options)
 
 
-def _read(
-    source: Path, read_as: str | None, options: ConversionOptions, array: PlateArray | None
-) -> tuple[Plates, str, tuple[str, ...]]:
-    """Return the pixels of a source, the name of its layout, and what speaks for it."""
+@dataclass(frozen=True, kw_only=True)
+class _Read:
+    """What was read: pixels, the name of their layout, what speaks for it, and what is missing."""
+
+    plate: Plates
+    layout: str
+    reasons: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Work:
+    """A conversion under way."""
+
+    source: Path
+    out: Path
+    read: _Read
+    progress: bool
+
+    def done(
+        self,
+        written: Path,
+        layout: str,
+        files: int,
+        losses: tuple[str, ...] = (),
+        notes: tuple[str, ...] = (),
+    ) -> Conversion:
+        """Return what the conversion did."""
+        read = self.read
+        return Conversion(
+            source=self.source,
+            out=written,
+            read_as=read.layout,
+            reasons=read.reasons,
+            written_as=layout,
+            hogels=read.plate.shape.hogels,
+            resolution=read.plate.shape.resolution,
+            files=files,
+            losses=losses,
+            notes=(*read.notes, *notes),
+        )
+
+
+def _read(source: Path, read_as: str | None, options: ConversionOptions, array: PlateArray | None) -> _Read:
+    """Read a source."""
     if read_as == ZARR or (read_as is None and is_group(source)):
         plate, chosen = read_group(source, array)
         missing = missing_hogels(source, chosen)
-        reasons = [f"array {chosen}", plate.shape.words]
-        if missing:
-            reasons.append(f"{missing} hogels are not there and count as empty")
-        return plate, ZARR, tuple(reasons)
-    told = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
+        told = (f"{missing} hogels are not there and count as empty",) if missing else ()
+        reasons = (f"array {chosen}", plate.shape.words, *told)
+        return _Read(plate=plate, layout=ZARR, reasons=reasons, notes=told)
+    shape = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
     layouts = LAYOUTS if read_as is None else layouts_named(read_as)
-    found = looks_like(source, told, layouts)[0]
+    found = looks_like(source, shape, layouts)[0]
     if found.missing:
         raise InputError(f"{source}: {found.missing} files of the layout {found.layout.name} are not there")
-    return LaidOutFiles(files=found).plate, found.layout.name, found.reasons
+    plate = LaidOutFiles(files=found).plate
+    return _Read(plate=plate, layout=found.layout.name, reasons=found.reasons)
 
 
-def _into_group(
-    plate: Plates, source: Path, out: Path, array: PlateArray | None, read: tuple[str, tuple[str, ...]]
-) -> Conversion:
-    name, reasons = read
+def _into_group(work: _Work, array: PlateArray | None) -> Conversion:
+    plate, source, out = work.read.plate, work.source, work.out
     chosen = array or PlateArray.COLOR
     if chosen is PlateArray.TRIANGLE and plate.levels is None:
         raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
@@ -164,26 +209,23 @@ def _into_group(
         plate = Plates(pixels=with_levels(plate.pixels, before, levels), levels=levels)
     if out.exists() or out.is_symlink():
         raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
+    columns, rows = plate.shape.hogels
+    described: dict[str, object] = {"source": str(source), "layout": work.read.layout}
     try:
-        with Aside(out.absolute().parent, folder=True) as aside:
+        with (
+            Aside(out.absolute().parent, folder=True) as aside,
+            progress_bar(columns * rows, "convert", "hogel", shown=work.progress) as bar,
+        ):
             made = aside.path / "group"
-            write_group(plate, made, chosen, {"source": str(source), "layout": name})
+            write_group(plate, made, chosen, described, bar.update)
             made.rename(out)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}); choose another place") from error
-    columns, rows = plate.shape.hogels
-    return _done(plate, source, out, (name, reasons, ZARR), (columns * rows, (), ()))
+    return work.done(out, ZARR, columns * rows)
 
 
-def _into_files(
-    plate: Plates,
-    source: Path,
-    out: Path,
-    layout_name: str,
-    options: ConversionOptions,
-    read: tuple[str, tuple[str, ...]],
-) -> Conversion:
-    name, reasons = read
+def _into_files(work: _Work, layout_name: str, options: ConversionOptions) -> Conversion:
+    plate, out = work.read.plate, work.out
     single = layout_name in ONE_PICTURE and out.suffix.lower() in PICTURE_SUFFIXES
     suffix = out.suffix.lower() if single else options.suffix
     layout = layout_for(layout_name, suffix)
@@ -201,14 +243,13 @@ def _into_files(
     target = Target(layout=layout, naming=naming)
     files, losses = target.files(plate.shape), target.losses(plate)
     with Staging(out.absolute().parent if single else out) as staging:
-        write_files(plate, target, staging.folder)
+        with progress_bar(files, "convert", "file", shown=work.progress) as bar:
+            write_files(plate, target, staging.folder, bar.update)
         if layout.name == "hci":
             (staging.folder / PARAMETERS_FILE).write_text(_parameters(plate.shape), encoding="ascii")
         written = staging.commit()
     place = written[0] if single else out
-    return _done(
-        plate, source, place, (name, reasons, layout.name), (files, losses, target.notes(plate.shape))
-    )
+    return work.done(place, layout.name, files, losses, target.notes(plate.shape))
 
 
 def _is_named(layout: Layout, shape: PlateShape, naming: Naming) -> bool:
@@ -228,26 +269,4 @@ def _parameters(shape: PlateShape) -> str:
         "[intrinsics]\n"
         f"image_resolution_x_px = {columns}\nimage_resolution_y_px = {rows}\n\n"
         f"[extrinsics]\nnum_cams_x = {width}\nnum_cams_y = {height}\n"
-    )
-
-
-def _done(
-    plate: Plates,
-    source: Path,
-    out: Path,
-    names: tuple[str, tuple[str, ...], str],
-    outcome: tuple[int, tuple[str, ...], tuple[str, ...]],
-) -> Conversion:
-    (read_as, reasons, written_as), (files, losses, notes) = names, outcome
-    return Conversion(
-        source=source,
-        out=out,
-        read_as=read_as,
-        reasons=reasons,
-        written_as=written_as,
-        hogels=plate.shape.hogels,
-        resolution=plate.shape.resolution,
-        files=files,
-        losses=losses,
-        notes=notes,
     )

@@ -6,6 +6,7 @@ CONVENTIONS.md, "Plates", describes, and writes groups with the same arrays.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -92,7 +93,13 @@ def missing_hogels(place: Path, array: PlateArray) -> int:
     return int(stored.nchunks - stored.nchunks_initialized)
 
 
-def write_group(plate: Plates, place: Path, array: PlateArray, description: dict[str, object]) -> None:
+def write_group(
+    plate: Plates,
+    place: Path,
+    array: PlateArray,
+    description: dict[str, object],
+    done: Callable[[], object] = lambda: None,
+) -> None:
     """Write a plate into a new Zarr group with one chunk for each hogel.
 
     Parameters
@@ -105,6 +112,8 @@ def write_group(plate: Plates, place: Path, array: PlateArray, description: dict
         Array to be written.
     description
         Attribute of the group that says where the plate comes from.
+    done
+        Function that is called after each hogel.
     """
     group = zarr.create_group(place, attributes={LAYOUT_ATTRIBUTE: description})
     shape = plate.shape.array if array is PlateArray.COLOR else plate.shape.array[:4]
@@ -122,6 +131,7 @@ def write_group(plate: Plates, place: Path, array: PlateArray, description: dict
         for column in range(shape[1]):
             hogel = plate.pixels[row, column]
             stored[row, column] = hogel if array is PlateArray.COLOR else unpacked(hogel)
+            done()
 
 
 def packed(triangle: Numbers) -> Bytes:

@@ -61,7 +61,7 @@ class PlateFiles:
 def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     scene: Scene,
     settings: DoubleFrustum | None,
-    out: Path,
+    out: Path | str,
     apertures: Iterable[Aperture] | None = None,
     content: PlateContent | None = None,
     *,
@@ -104,7 +104,7 @@ def write_plate(  # noqa: PLR0913 - one parameter per option of the command
     """
     content = content or PlateContent()
     with source_of(scene, settings, content, judge=judge) as source:
-        store = opened_store(source, out, block)
+        store = opened_store(source, Path(out), block)
         asked = scene.plate.apertures() if apertures is None else apertures
         chosen = asked if isinstance(asked, ApertureBlocks) else list(dict.fromkeys(asked))
         with store.claims() as claims, progress_bar(len(chosen), "plate", "hogel", shown=progress) as bar:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,8 +87,10 @@ class Target:
         return ()
 
 
-def write_files(plate: Plates, target: Target, folder: Path) -> None:
-    """Write a plate into a folder.
+def write_files(
+    plate: Plates, target: Target, folder: Path, done: Callable[[], object] = lambda: None
+) -> None:
+    """Write a plate into a folder; `done` is called after each file.
 
     Raises
     ------
@@ -111,3 +113,4 @@ def write_files(plate: Plates, target: Target, folder: Path) -> None:
             write_picture(folder / part.name, picture, text)
         else:
             write_video(folder / part.name, picture.pixels)
+        done()

@@ -80,6 +80,7 @@ class Counts(click.ParamType[tuple[int, int]]):
     type=click.Choice(["color", "triangle"]),
     help="Array of a Zarr group; numbers become pixels as in --encoding triangle-id.  [default: color]",
 )
+@options.quiet_option
 @options.json_option
 def convert(
     *,
@@ -87,6 +88,7 @@ def convert(
     out: Path,
     read_as: str | None,
     write_as: str | None,
+    quiet: bool,
     as_json: bool,
     **facts: Any,
 ) -> None:
@@ -98,7 +100,8 @@ def convert(
     from xfrustum.reports.exchange.convert import ConversionOptions
     from xfrustum.reports.exchange.convert import convert as converted
 
-    done = converted(source, out, read_as, write_as, ConversionOptions(**facts))
+    told = ConversionOptions(**facts)
+    done = converted(source, out, read_as, write_as, told, progress=not quiet)
     tell_losses(done)
     options.tell(as_json, lambda: asdict(done), lambda: _words(done))
 
