@@ -101,11 +101,7 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
     asked = asked_apertures(scene, apertures)
     name = _checked(scene, renderer, asked)
-    if engine.scheduler is not None and renderer.source is not None:
-        # Workers elsewhere have another working folder.
-        renderer = replace(renderer, source=absolute_pattern(renderer.source))
-    if renderer.command is not None and renderer.folder is None:
-        renderer = replace(renderer, folder=Path.cwd())
+    renderer = _for_workers(renderer, elsewhere=engine.scheduler is not None)
     with _folder(out) as folder:
         job = _job(scene, renderer, limits, asked, folder)
         answer = _answer(engine, job, scene, told, channels=out is not None, progress=progress)
@@ -119,6 +115,15 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
         hogels=answer.hogels,
         worst=answer.worst,
     )
+
+
+def _for_workers(renderer: ForeignRenderer, *, elsewhere: bool) -> ForeignRenderer:
+    """Return a renderer as workers find it, who may have another working folder than the command."""
+    if renderer.command is not None and renderer.folder is None:
+        return replace(renderer, folder=Path.cwd())
+    if renderer.source is not None and elsewhere:
+        return replace(renderer, source=absolute_pattern(renderer.source))
+    return renderer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,8 +148,9 @@ def _answer(
     numbers = engine.part.of(job.blocks.numbers(0))
     with open_team(engine, len(numbers), scene, told, draws=False) as team:
         if job.renderer.command is not None:
+            outdated = _outdated(job, team)
             with _all_of(job):
-                _forget(job, numbers, team, told)
+                _forget(job, numbers, outdated, told)
         finished = sum(map(job.finished, numbers))
         if finished:
             told(f"{finished} of {len(numbers)} blocks were judged before, and are in {job.parts.folder}")
@@ -171,21 +177,30 @@ def _all_of(job: VerifyJob) -> Iterator[None]:
         yield
 
 
-def _forget(job: VerifyJob, numbers: range, team: Team, told: Callable[[str], object]) -> None:
+def _outdated(job: VerifyJob, team: Team) -> str | None:
+    """Return the digest of the stored question if it lacks hogels of which any can be had by now."""
+    stored = job.stored_question()
+    if stored is None or not stored.missing or not team.ask(job, can_be_had_of, stored.missing):
+        return None
+    return stored.digest
+
+
+def _forget(job: VerifyJob, numbers: range, outdated: str | None, told: Callable[[str], object]) -> None:
     """Remove what a command may answer otherwise by now.
 
-    That is everything if nothing is left to do, or if the diagnosis lacks hogels of which any can be had
-    now; else blocks with hogels that could not be had, or that were judged by another question.
+    That is everything if nothing is left to do, or if the question is outdated; else those of some blocks
+    that have hogels which could not be had, or that were judged by another question. A part of the work that
+    has no blocks removes nothing.
     """
     stored = job.stored_question()
-    if all(map(job.finished, job.blocks.numbers(0))):
+    digest = None if stored is None else stored.digest
+    if numbers and all(map(job.finished, job.blocks.numbers(0))):
         told(f"what is in {job.parts.folder} was finished; the command is judged anew")
         job.begin_anew()
-    elif stored is not None and stored.missing and team.ask(job, can_be_had_of, stored.missing):
+    elif digest is not None and digest == outdated:
         told(f"hogels can be had that were missing; what is in {job.parts.folder} is judged anew")
         job.begin_anew()
     else:
-        digest = None if stored is None else stored.digest
         for number in filter(job.finished, numbers):
             rows = job.parts.read(number, ["verdict", "question"]).to_pydict()
             if "missing" in rows["verdict"] or any(one != digest for one in rows["question"]):

@@ -112,7 +112,7 @@ def test_a_report_charges_culling_in_every_row(tmp_path: Path) -> None:
     scene = view("large-triangles", (48, 36))
     files = make_report(
         scene,
-        tmp_path / "report",
+        str(tmp_path / "report"),
         nears=[0.01],
         depths=[(DepthFormat.D24, DepthMapping.STANDARD)],
         cull=Cull.BACK,

@@ -33,7 +33,7 @@ CHUNK = {"triangle": "triangle/c/2/3/0/0", "color": "color/c/2/3/0/0/0"}
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plate that nobody disturbed."""
     out = tmp_path_factory.mktemp("clean") / "x.zarr"
-    return write_plate(small(), SETTINGS, out, content=EVERYTHING, block=(1, 1)).out
+    return write_plate(small(), SETTINGS, str(out), content=EVERYTHING, block=(1, 1)).out
 
 
 @pytest.fixture

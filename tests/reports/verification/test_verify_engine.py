@@ -154,6 +154,8 @@ def test_blocks_with_hogels_that_could_not_be_had_are_judged_again(right_path: P
     after = {path.name: path.stat().st_mtime_ns for path in parts.glob("part-*")}
     assert [name for name in sorted(before) if after[name] != before[name]] == ["part-0000001.parquet"]
     assert verified(right_path, out, *words, "--part", "3/3") == 0
+    # There are six blocks: a part that has none of them does not begin them anew.
+    assert verified(right_path, out, *words, "--part", "7/7") == 0
     assert json.loads((out / "verification.json").read_text())["verdict"] == "pass"
 
 
@@ -319,7 +321,9 @@ def test_images_that_were_drawn_again_are_another_verification(
     assert verified(right_path, out, *words) == 0
     shutil.copy(images / "0x0.exr", images / "2x1.exr")
     assert verified(right_path, out, *words) == 2
-    assert "begun with another state of the images" in capsys.readouterr().err
+    line = capsys.readouterr().err
+    assert "begun with another state of the images" in line
+    assert f"delete {out / 'verification.parquet'} to begin anew" in line
 
 
 def test_a_worker_that_finds_other_images_than_the_command_refuses(tmp_path: Path) -> None:
