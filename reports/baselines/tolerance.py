@@ -41,10 +41,13 @@ from xfrustum.scenes.errors import InputError
 FALSE_ALARMS = 0.01
 """Share of the verifications of an unchanged renderer that may fail by chance."""
 
-CHANCE = 0.05
-"""Probability with which a noise is taken to be larger than it is: above that of all hogels together, or as
-the variance of a count. These are usual levels of tests; what they miss makes limits wider, or is the few
-verifications in which a hogel's own noise is larger by less than that."""
+NOISIER_CHANCE = 0.01
+"""Probability with which chance alone makes one of many hogels of one noise look noisier than all together.
+It has its own degrees of freedom only then, and a wide limit: that is to be as rare as `FALSE_ALARMS`."""
+
+VARIANCE_CHANCE = 0.05
+"""Probability with which the variance of a count is above the bound that is taken for it. The bound only says
+how skewed small counts may be, and a count's own mean limits it too: the usual level of a test is enough."""
 
 MIN_FREEDOM = 4
 """Degrees of freedom below which a limit says little: Student's quantile at 1e-4 is 13 for 4 freedoms, 22 for
@@ -183,7 +186,7 @@ class Noise:
         """
         if not self.freedom or floor.deviation == 0:
             return self if self.freedom else floor
-        chance = float(fdtri(self.freedom, floor.freedom, 1 - CHANCE / floors))
+        chance = float(fdtri(self.freedom, floor.freedom, 1 - NOISIER_CHANCE / floors))
         if self.deviation**2 > chance * floor.deviation**2:
             return self
         return Noise(deviation=max(self.deviation, floor.deviation), freedom=max(self.freedom, floor.freedom))
@@ -210,7 +213,7 @@ def learnt(name: str, values: Sequence[float], noise: Noise, compared: int) -> A
     quantile = -float(stdtrit(noise.freedom, chance))
     amount = quantile * noise.deviation * math.sqrt(1 + 1 / count)
     if is_count(name):
-        variance = noise.deviation**2 * noise.freedom / float(chdtri(noise.freedom, 1 - CHANCE))
+        variance = noise.deviation**2 * noise.freedom / float(chdtri(noise.freedom, 1 - VARIANCE_CHANCE))
         counted = count * min(mean, variance)
         amount = max(amount, _next_count(counted, count, chance) - counted / count)
     return _about(mean, amount + _rounding(name))

@@ -134,7 +134,7 @@ def test_two_runs_of_many_hogels_say_how_noisy_each_is() -> None:
     worse = [*runs[0][:-1], replace(runs[0][-1], measures=Measures(wrong_surfaces=170.0))]
     found = beside(worse, *runs[1:])
     assert (24, 0) in {one.aperture for one in found.of_kind(Change.WORSE)}
-    assert all(one.limit is not None and one.limit < 160 for one in found.hogels)
+    assert all(one.limit is not None and one.limit < 250 for one in found.hogels)
 
 
 def test_one_noisy_hogel_among_still_ones_has_its_own_freedom_and_the_runs_are_too_few() -> None:
