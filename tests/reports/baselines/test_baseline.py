@@ -16,7 +16,7 @@ from tests.reports.baselines.synthetic import commit, repository, scene, verific
 from xfrustum.reports.baselines.baseline import Baseline, BaselineOptions, baseline, key_of
 from xfrustum.reports.baselines.changes import Change
 from xfrustum.reports.baselines.page import write_page
-from xfrustum.reports.baselines.records import read_accepted, read_run, read_told
+from xfrustum.reports.baselines.records import AcceptedRun, Run, read_accepted, read_run, read_told
 from xfrustum.reports.baselines.repository import commit_of
 from xfrustum.reports.baselines.store import ACCEPTED, HISTORY, Store
 from xfrustum.reports.baselines.summary import append_step_summary, lines, markdown, sentence
@@ -208,10 +208,12 @@ def test_only_comparable_runs_are_read_and_the_history_tells_of_the_newest(
 ) -> None:
     monkeypatch.setattr("xfrustum.reports.baselines.store.MAX_RUNS", 2)
     read: list[str] = []
-    monkeypatch.setattr(
-        "xfrustum.reports.baselines.store.read_accepted",
-        lambda path, run: read.append(run.key.device) or read_accepted(path, run),
-    )
+
+    def noted(path: Path, run: Run) -> AcceptedRun:
+        read.append(run.key.device)
+        return read_accepted(path, run)
+
+    monkeypatch.setattr("xfrustum.reports.baselines.store.read_accepted", noted)
     for device in ("toy", "other", "toy"):
         held(tmp_path, RIGHT, approve=True, device=device)
     assert read == ["toy"]
