@@ -51,6 +51,11 @@ class Diagnosis:
     does_not_explain: tuple[Fault, ...]
     means: str
 
+    @property
+    def guesses(self) -> tuple[Fault, ...]:
+        """Those of `does_not_explain` that people are told: they explain more than 0 %, as it is printed."""
+        return tuple(one for one in self.does_not_explain if round(100 * (one.explains or 0.0)) > 0)
+
 
 def diagnose(
     reference: Reference,

@@ -2,6 +2,7 @@
 
 baseline    `verify --baseline`: one verification held to the accepted measures, and kept
 changes     What changed from accepted runs to the present one, beyond noise
+editions    Accepted states of a renderer, in their order, also where branches were merged
 figures     Curves of the history page
 measures    The numbers of a hogel, and of a plate, that are kept and compared
 page        The history page: every measure over all runs, as one file that works offline

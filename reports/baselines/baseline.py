@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-from xfrustum.reports.baselines.changes import Change, Changes, MeasureChange, changes_of
+from xfrustum.reports.baselines.changes import Accepted, Change, Changes, MeasureChange, changes_of
+from xfrustum.reports.baselines.editions import Lineage, accepted_hogels, beside, lineage
 from xfrustum.reports.baselines.measures import HogelMeasures, measures_of
 from xfrustum.reports.baselines.page import write_page
-from xfrustum.reports.baselines.records import Key, Run, StoredRun, stored_run
+from xfrustum.reports.baselines.records import Key, Run, stored_run
 from xfrustum.reports.baselines.repository import Commit, commit_of
-from xfrustum.reports.baselines.store import Store, accepted_hogels, edition_of, name_of_run, with_key
+from xfrustum.reports.baselines.store import Store, name_of_run
 from xfrustum.reports.baselines.tolerance import Stated
 from xfrustum.reports.common.provenance import machine
 from xfrustum.reports.common.summaries import Summarized
@@ -29,7 +30,7 @@ class BaselineOptions:
     renderer, device
         Names under which measures are kept; the source of the images, and this machine's processor, where
         None.
-    near, accept
+    near, accept, encoding
         As given to `verify`: images judged by other options are not comparable.
     tolerance
         Tolerances that go before those learnt from repeated runs.
@@ -45,6 +46,7 @@ class BaselineOptions:
     device: str | None = None
     near: float | None = None
     accept: Sequence[str] = ()
+    encoding: str | None = None
     tolerance: Stated | None = None
     approve: bool = False
     repeated: bool = False
@@ -59,6 +61,9 @@ class BaselineRecord:
     approved: bool
     edition: int | None
     accepted_runs: int
+    new_hogels: int
+    new_beyond_limits: int
+    not_judged_hogels: int
     tolerance: str
     run: str
     commit: str | None
@@ -83,6 +88,11 @@ class Baseline(Summarized[BaselineRecord]):
         Keys under which measures of the same scene are accepted; empty where these can be compared.
     judges
         Versions of xfrustum that judged the accepted runs.
+    beside
+        First runs of accepted states that are as new as the one that counts, which was accepted last.
+    repeats_commit
+        Whether the run is of the very commit of an accepted run, neither with modifications, and not said to
+        be a repetition.
     page
         Path of the history page.
     """
@@ -92,12 +102,15 @@ class Baseline(Summarized[BaselineRecord]):
     stated: bool
     others: tuple[Key, ...]
     judges: tuple[str, ...]
+    beside: tuple[Run, ...]
+    repeats_commit: bool
     page: Path
 
     @property
     def passed(self) -> bool:
-        """Whether nothing got worse beyond the tolerance, or what did was approved."""
-        return self.run.approved or self.run.change is not Change.WORSE
+        """Whether nothing got worse and new hogels keep to the limits, or all was approved."""
+        good = self.run.change is not Change.WORSE and not self.run.new_beyond_limits
+        return self.run.approved or good
 
     @property
     def compared(self) -> bool:
@@ -124,6 +137,9 @@ class Baseline(Summarized[BaselineRecord]):
             approved=self.run.approved,
             edition=self.run.edition,
             accepted_runs=self.changes.runs,
+            new_hogels=self.run.new_hogels or 0,
+            new_beyond_limits=self.run.new_beyond_limits or 0,
+            not_judged_hogels=self.run.not_judged_hogels or 0,
             tolerance=self.tolerance_words,
             run=self.run.run,
             commit=self.run.commit,
@@ -157,19 +173,31 @@ def baseline(found: Verification, folder: Path | str, options: BaselineOptions |
     store.check()
     key = key_of(found, options)
     everything = store.accepted()
-    accepted = with_key(everything, key)
+    runs = [run for run in everything if run.key == key]
+    editions = lineage(runs)
+    measured = store.measures(runs)
     hogels = tuple(measures_of(hogel) for hogel in found.hogels)
-    changes = changes_of(hogels, accepted_hogels(accepted), options.tolerance)
-    run = _run(found, key, options, changes, accepted)
+    present = frozenset(one.place for one in hogels)
+    there = {place for one in measured for place in one.places}
+    measured = tuple(one.of_places(present) for one in measured)
+    accepted = accepted_hogels(measured, editions)
+    changes = changes_of(hogels, accepted, options.tolerance)
+    commit = commit_of(options.repository or Path())
+    run = _run(found, key, options, changes, commit)
+    run = _counted(run, found, accepted, len(there - present))
+    run = _in_edition(run, editions, repeated=options.repeated)
     store.keep(stored_run(run, hogels, changes))
     write_page(store)
-    others = {one.run.key for one in everything if one.run.key.scene_hash == key.scene_hash}
+    others = {one.key for one in everything if one.key.scene_hash == key.scene_hash}
+    as_new = beside(measured, editions, present)
     return Baseline(
         run=run,
         changes=changes,
         stated=options.tolerance is not None,
-        others=() if accepted else tuple(sorted(others, key=str)),
-        judges=_judges(accepted, hogels),
+        others=() if runs else tuple(sorted(others, key=str)),
+        judges=_judges(runs, hogels, accepted),
+        beside=tuple(one for one in runs if one.run in as_new),
+        repeats_commit=not options.repeated and _repeats(commit, runs),
         page=store.page,
     )
 
@@ -180,6 +208,8 @@ def key_of(found: Verification, options: BaselineOptions) -> Key:
     judged = [f"compare {judging.compared}", f"max-color {judging.color_tolerance:.6g}"]
     if options.near:
         judged.append(f"near {options.near:.9g}")
+    if options.encoding:
+        judged.append(f"encoding {options.encoding}")
     if options.accept:
         judged.append(f"accept {','.join(sorted(options.accept))}")
     return Key(
@@ -191,21 +221,10 @@ def key_of(found: Verification, options: BaselineOptions) -> Key:
 
 
 def _run(
-    found: Verification,
-    key: Key,
-    options: BaselineOptions,
-    changes: Changes,
-    accepted: Sequence[StoredRun],
+    found: Verification, key: Key, options: BaselineOptions, changes: Changes, commit: Commit | None
 ) -> Run:
+    """Return the present run, which belongs to no edition yet."""
     now = datetime.now(UTC)
-    commit = commit_of(options.repository or Path())
-    edition = None
-    if options.approve:
-        edition = max((edition_of(one.run) for one in accepted), default=0)
-        differs = changes.change in (Change.WORSE, Change.BETTER, Change.NEW)
-        repeats = options.repeated or _repeats(commit, [one.run for one in accepted])
-        if not edition or (differs and not repeats):
-            edition += 1
     return Run(
         run=name_of_run(now),
         time=now.isoformat(timespec="seconds"),
@@ -218,25 +237,48 @@ def _run(
         verdict="pass" if found.passed else "fail",
         change=changes.change,
         approved=options.approve,
-        edition=edition,
+        edition=None,
+        began=None,
+        follows=(),
+        new_hogels=None,
+        new_beyond_limits=None,
+        not_judged_hogels=None,
         faults=tuple(fault.words for fault in found.diagnosis.faults),
     )
 
 
-def _repeats(commit: Commit | None, accepted: Sequence[Run]) -> bool:
-    """Return whether a run of the newest edition is of the very same commit, neither with modifications."""
-    newest = max((edition_of(run) for run in accepted), default=0)
-    return (
-        commit is not None
-        and not commit.modified
-        and any(
-            edition_of(run) == newest and run.commit == commit.hash and not run.modified for run in accepted
-        )
+def _counted(run: Run, found: Verification, accepted: Accepted, not_judged: int) -> Run:
+    """Return the run with the numbers of hogels that were not compared."""
+    new = [hogel for hogel in found.hogels if hogel.aperture.index not in accepted]
+    return replace(
+        run,
+        new_hogels=len(new),
+        new_beyond_limits=sum(not hogel.passed for hogel in new),
+        not_judged_hogels=not_judged,
     )
 
 
-def _judges(accepted: Sequence[StoredRun], hogels: Sequence[HogelMeasures]) -> tuple[str, ...]:
+def _in_edition(run: Run, editions: Lineage, *, repeated: bool) -> Run:
+    """Return the run with the edition that it begins or repeats, where it was approved."""
+    if not run.approved:
+        return run
+    # Only the user knows that a difference is noise: at the same commit, a compiler may have got worse.
+    if editions.order and (run.change is Change.SAME or repeated):
+        began, *follows = editions.newest
+        return replace(run, edition=editions.number, began=began, follows=tuple(follows))
+    return replace(run, edition=editions.number + 1, began=run.run, follows=editions.newest)
+
+
+def _repeats(commit: Commit | None, accepted: Sequence[Run]) -> bool:
+    """Return whether an accepted run is of the very same commit, neither with modifications."""
+    return (
+        commit is not None
+        and not commit.modified
+        and any(run.commit == commit.hash and not run.modified for run in accepted)
+    )
+
+
+def _judges(runs: Sequence[Run], hogels: Sequence[HogelMeasures], accepted: Accepted) -> tuple[str, ...]:
     """Return the versions that judged the runs with which hogels are compared."""
-    compared = accepted_hogels(accepted)
-    names = {run for one in hogels if one.place in compared for run in compared[one.place][0].runs}
-    return tuple(sorted({one.run.xfrustum for one in accepted if one.run.run in names}))
+    names = {run for one in hogels if one.place in accepted for run in accepted[one.place][0].runs}
+    return tuple(sorted({one.xfrustum for one in runs if one.run in names}))

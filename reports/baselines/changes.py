@@ -16,7 +16,7 @@ from xfrustum.reports.baselines.measures import (
     is_count,
     total,
 )
-from xfrustum.reports.baselines.tolerance import Allowed, Noise, Stated, learnt
+from xfrustum.reports.baselines.tolerance import MIN_FREEDOM, Allowed, Noise, Stated, learnt
 from xfrustum.reports.common.formatting import digits
 
 
@@ -104,12 +104,15 @@ class Changes:
         Largest number of accepted runs that a hogel is compared with; 0 where nothing is accepted.
     noisy
         Whether repeated runs differ from one another.
+    uncertain
+        Number of measures whose limits are learnt from noise with less than `MIN_FREEDOM` degrees of freedom.
     """
 
     plate: tuple[MeasureChange, ...]
     hogels: tuple[MeasureChange, ...]
     runs: int
     noisy: bool
+    uncertain: int = 0
 
     def of_kind(self, change: Change) -> tuple[MeasureChange, ...]:
         """Return the changes of hogels, then those of the plate; the largest of each measure first."""
@@ -139,7 +142,7 @@ class Edition:
     """One hogel in the runs of one accepted state: `runs` has their names, `kept` what they measured."""
 
     runs: tuple[str, ...]
-    kept: tuple[HogelMeasures, ...]
+    kept: Sequence[HogelMeasures]
 
 
 Accepted = Mapping[Place, Sequence[Edition]]
@@ -180,16 +183,14 @@ def changes_of(now: Sequence[HogelMeasures], accepted: Accepted, stated: Stated 
     """
     hogels, fresh = _hogels(now, accepted)
     plate, fresh_of_plate = _plate(now, accepted)
-    noises = [Noise.of(one.editions) for one in (*plate, *hogels)]
-    of_hogels = list(zip(hogels, noises[len(plate) :], strict=True))
-    floors = {
-        name: Noise.over_hogels([noise for one, noise in of_hogels if one.measure == name]) for name in NAMES
-    }
-    noises[len(plate) :] = [noise.at_least(floors[one.measure]) for one, noise in of_hogels]
+    noises = _noises(plate, hogels)
     compared = sum(noise.deviation > 0 for noise in noises)
+    uncertain = 0
 
     def judged(one: _Compared, noise: Noise) -> MeasureChange:
+        nonlocal uncertain
         allowed = stated.allowed(one.measure, one.values) if stated is not None else None
+        uncertain += allowed is None and noise.deviation > 0 and noise.freedom < MIN_FREEDOM
         return _judged(one, allowed or learnt(one.measure, one.values, noise, compared))
 
     found = [judged(one, noise) for one, noise in zip((*plate, *hogels), noises, strict=True)]
@@ -198,7 +199,22 @@ def changes_of(now: Sequence[HogelMeasures], accepted: Accepted, stated: Stated 
         hogels=(*found[len(plate) :], *fresh),
         runs=max((len(accepted[one.place][0].runs) for one in now if one.place in accepted), default=0),
         noisy=compared > 0,
+        uncertain=uncertain,
     )
+
+
+def _noises(plate: Sequence[_Compared], hogels: Sequence[_Compared]) -> list[Noise]:
+    """Return the noise of each measure of the plate, then of the hogels: no less than all hogels tell."""
+    of_hogels = [Noise.of(one.editions) for one in hogels]
+    by_name: dict[str, list[Noise]] = {name: [] for name in NAMES}
+    for one, noise in zip(hogels, of_hogels, strict=True):
+        by_name[one.measure].append(noise)
+    floors = {name: Noise.over_hogels(several) for name, several in by_name.items()}
+    sums = {name: Noise.of_sum(several) for name, several in by_name.items() if is_count(name)}
+    return [Noise.of(one.editions).at_least({**floors, **sums}[one.measure]) for one in plate] + [
+        noise.at_least(floors[one.measure], len(by_name[one.measure]))
+        for one, noise in zip(hogels, of_hogels, strict=True)
+    ]
 
 
 def _hogels(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Compared], list[MeasureChange]]:

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from xfrustum.reports.baselines.changes import in_units, is_shown
 from xfrustum.reports.baselines.measures import NAMES, WORDS, is_count
-from xfrustum.reports.baselines.records import StoredRun
+from xfrustum.reports.baselines.records import ToldRun
 from xfrustum.reports.common.figure_style import style
 
 MEASURED, LIMIT, WORSE, ACCEPTED = "#0072B2", "#8C8C8C", "#D55E00", "#009E73"
@@ -24,12 +24,12 @@ CURVE_PX = 250
 """Height of a curve, pixels."""
 
 
-def measured_names(runs: Sequence[StoredRun]) -> tuple[str, ...]:
+def measured_names(runs: Sequence[ToldRun]) -> tuple[str, ...]:
     """Return the measures that are not zero, or unknown, in all runs."""
     return tuple(name for name in NAMES if any(is_shown(name, one.plate.now.value(name)) for one in runs))
 
 
-def curve(name: str, runs: Sequence[StoredRun]) -> go.Figure:
+def curve(name: str, runs: Sequence[ToldRun]) -> go.Figure:
     """Draw one measure of the plate over all runs, with its limit, what got worse, and what was accepted."""
     places = list(range(len(runs)))
     values = [one.plate.now.value(name) for one in runs]
@@ -52,7 +52,7 @@ def curve(name: str, runs: Sequence[StoredRun]) -> go.Figure:
         text=texts,
         hovertemplate="%{text}<extra></extra>",
     )
-    worse = [place for place in places if any(name in row.worse for row in runs[place].rows)]
+    worse = [place for place in places if name in runs[place].worse or name in runs[place].plate.worse]
     approved = [place for place in places if runs[place].run.approved]
     _mark(figure, values, approved, {"symbol": "circle-open", "size": 14, "color": ACCEPTED})
     _mark(figure, values, worse, {"symbol": "x-thin", "size": 10, "color": WORSE})
@@ -100,12 +100,12 @@ def _thinned(places: Sequence[int]) -> list[int]:
     return [place for place in places if (len(places) - 1 - place) % step == 0]
 
 
-def _short(one: StoredRun) -> str:
+def _short(one: ToldRun) -> str:
     """Return the commit of a run as it is written below a curve; its date where there is none."""
     return one.run.time[5:10] if one.run.commit is None else one.run.commit[:7]
 
 
-def _hover(name: str, one: StoredRun) -> str:
+def _hover(name: str, one: ToldRun) -> str:
     """Return what is shown under the cursor."""
     run, plate = one.run, one.plate
     subject = (run.subject or "").replace("<", "&lt;")
@@ -114,7 +114,7 @@ def _hover(name: str, one: StoredRun) -> str:
     if plate.accepted.value(name) is not None:
         accepted, limit = plate.accepted.value(name), plate.limit.value(name)
         lines.append(f"accepted {in_units(name, accepted)}, limit {in_units(name, limit)}")
-    worse = sum(name in row.worse for row in one.rows if row.place is not None)
+    worse = one.worse.get(name, 0)
     if worse:
         lines.append(f"worse in {worse} {'hogel' if worse == 1 else 'hogels'}")
     lines.append(" ".join(part for part in (_short(one), cut) if part))

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 
-from xfrustum.reports.baselines.changes import Change, MeasureChange, ranked
+from xfrustum.reports.baselines.changes import Change, MeasureChange
+from xfrustum.reports.baselines.editions import lineage
 from xfrustum.reports.baselines.figures import curve, measured_names
 from xfrustum.reports.baselines.measures import NAMES, WORDS
-from xfrustum.reports.baselines.records import Key, Run, StoredRun
-from xfrustum.reports.baselines.store import OPTION, Store, edition_of
+from xfrustum.reports.baselines.records import Key, Run, ToldRun
+from xfrustum.reports.baselines.store import OPTION, Store
 from xfrustum.reports.common.outputs import write_output
 from xfrustum.reports.common.templates_environment import html_page
-
-MAX_RUNS = 400
-"""Largest number of runs of one renderer that the page shows: the newest; the files have all."""
-
-MAX_CHANGES = 4
-"""Largest number of changes of one run that the page names."""
 
 MAX_TRIES = 10
 """Largest number of times that one process makes the page because others keep runs meanwhile."""
@@ -26,11 +20,12 @@ MAX_TRIES = 10
 
 @dataclass(frozen=True, kw_only=True)
 class TableRow:
-    """One run as a line of the table: what it was of, and what changed."""
+    """One run as a line of the table: what it was of, what changed, and which hogels were not compared."""
 
     run: Run
     changes: tuple[MeasureChange, ...]
     more: int
+    hogels: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +44,6 @@ class Story:
         Measures that were zero, or unknown, throughout, in words.
     table
         The runs, the newest first.
-    left_out
-        Number of older runs that are not shown.
     """
 
     key: Key
@@ -61,7 +54,6 @@ class Story:
     curves: tuple[str, ...]
     silent: str
     table: tuple[TableRow, ...]
-    left_out: int
 
 
 def write_page(store: Store) -> None:
@@ -77,59 +69,65 @@ def write_page(store: Store) -> None:
     """
     for _ in range(MAX_TRIES):
         names = store.names()
-        write_output(store.page, render_page(store.history()).encode(), OPTION)
+        page = render_page(store.history(), store.accepted(), store.older())
+        write_output(store.page, page.encode(), OPTION)
         if store.names() == names:
             return
 
 
-def render_page(history: Sequence[StoredRun]) -> str:
-    """Return one HTML document that needs nothing else; of the same runs, always the same."""
-    by_key: dict[Key, list[StoredRun]] = {}
+def render_page(history: Sequence[ToldRun], accepted: Sequence[Run], older: int = 0) -> str:
+    """Return one HTML document that needs nothing else; of the same runs, always the same.
+
+    Parameters
+    ----------
+    history, accepted
+        Runs that are shown, and those that are accepted, the oldest first.
+    older
+        Number of older runs that are not shown.
+    """
+    by_key: dict[Key, list[ToldRun]] = {}
     for one in history:
         by_key.setdefault(one.run.key, []).append(one)
     # The renderer that was verified last comes first.
     newest = sorted(by_key.values(), key=lambda runs: runs[-1].run.run, reverse=True)
     stories, figures = [], {}
     for number, runs in enumerate(newest):
-        shown = runs[-MAX_RUNS:]
-        places = {f"curve-{number}-{name}": curve(name, shown) for name in measured_names(shown)}
+        places = {f"curve-{number}-{name}": curve(name, runs) for name in measured_names(runs)}
         figures.update(places)
-        stories.append(_story(runs, shown, tuple(places)))
-    values = {"stories": stories, "figures": figures, "runs": len(history)}
+        of_key = [run for run in accepted if run.key == runs[-1].run.key]
+        stories.append(_story(runs, of_key, tuple(places)))
+    values = {"stories": stories, "figures": figures, "runs": len(history) + older, "older": older}
     return html_page("history.html.j2", {}, values)
 
 
-def _story(runs: Sequence[StoredRun], shown: Sequence[StoredRun], curves: tuple[str, ...]) -> Story:
+def _story(shown: Sequence[ToldRun], accepted: Sequence[Run], curves: tuple[str, ...]) -> Story:
     last = shown[-1]
     measured = measured_names(shown)
     return Story(
         key=last.run.key,
         scene=last.run.scene,
-        sentence=_sentence(last, shown),
-        accepted=_accepted([one.run for one in runs]),
+        sentence=" ".join(filter(None, (_sentence(last, shown), last.run.hogels_sentence))),
+        accepted=_accepted(accepted),
         last=last.run,
         curves=curves,
         silent=", ".join(WORDS[name] for name in NAMES if name not in measured),
         table=tuple(_table_row(one) for one in reversed(shown)),
-        left_out=len(runs) - len(shown),
     )
 
 
-def _table_row(one: StoredRun) -> TableRow:
-    changes = changes_of_run(one)
-    return TableRow(run=one.run, changes=changes[:MAX_CHANGES], more=max(0, len(changes) - MAX_CHANGES))
-
-
-def changes_of_run(one: StoredRun) -> tuple[MeasureChange, ...]:
-    """Return what got worse in a run, or, where nothing did, what got better; see `ranked`."""
-    found = chain.from_iterable(row.changes for row in one.rows)
-    return ranked(change for change in found if change.change is one.run.change)
+def _table_row(one: ToldRun) -> TableRow:
+    return TableRow(
+        run=one.run,
+        changes=one.changes,
+        more=one.changed - len(one.changes),
+        hogels=one.run.hogels_words,
+    )
 
 
 def _accepted(runs: Sequence[Run]) -> str:
-    """Return which runs are accepted now, as far as the history knows."""
-    newest = max((edition_of(run) for run in runs), default=0)
-    current = [run for run in runs if newest and edition_of(run) == newest]
+    """Return which runs of a renderer are accepted now."""
+    editions = lineage(runs)
+    current = [run for run in runs if editions.of_run[run.run] == editions.newest[0]]
     if not current:
         return "Nothing is accepted."
     first, count = current[0], len(current)
@@ -137,9 +135,9 @@ def _accepted(runs: Sequence[Run]) -> str:
     return f"Accepted: {commit}{first.time[:10]}, {count} {'run' if count == 1 else 'runs'}."
 
 
-def _sentence(last: StoredRun, shown: Sequence[StoredRun]) -> str:
+def _sentence(last: ToldRun, shown: Sequence[ToldRun]) -> str:
     """Return what became of the last run, and since when."""
-    run, changes = last.run, changes_of_run(last)
+    run, changes = last.run, last.changes
     accepted = " and was accepted" if run.approved else ""
     if run.change is Change.NEW:
         return f"Nothing had been accepted before the last run{', which' + accepted[4:] if accepted else ''}."

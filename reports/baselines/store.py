@@ -11,20 +11,34 @@ which write at once lose nothing, and branches of a repository that hold accepte
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from xfrustum.reports.baselines.changes import Accepted, Edition
-from xfrustum.reports.baselines.measures import HogelMeasures, Place
-from xfrustum.reports.baselines.records import Key, Run, StoredRun, parquet_bytes, read_run
+from xfrustum.reports.baselines.records import (
+    AcceptedRun,
+    Run,
+    StoredRun,
+    ToldRun,
+    check_file,
+    parquet_bytes,
+    read_accepted,
+    read_head,
+    read_told,
+)
 from xfrustum.reports.common.outputs import check_writable_folder, write_output
 from xfrustum.scenes.errors import InputError
 
 ACCEPTED, HISTORY, PAGE = "accepted", "history", "history.html"
 
 OPTION = "--baseline"
+
+MAX_RUNS = 400
+"""Largest number of runs that the history page shows: the newest; the files have all."""
+
+MAX_CHANGES = 4
+"""Largest number of changes of one run that the page names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +52,11 @@ class Store:
     """
 
     folder: Path
-    _read: dict[Path, StoredRun] = field(default_factory=dict, repr=False, compare=False)
+    _heads: dict[Path, Run] = field(default_factory=dict, repr=False, compare=False)
+    _told: dict[Path, ToldRun] = field(default_factory=dict, repr=False, compare=False)
 
     def check(self) -> None:
-        """See, before any work is spent, that runs can be kept here and that those kept can be read.
+        """See, before any work is spent, that runs can be kept here and that files have a run's columns.
 
         Raises
         ------
@@ -54,21 +69,34 @@ class Store:
                 check_writable_folder(self.folder / name)
         except InputError as error:
             raise InputError(str(error).replace("--out", OPTION, 1)) from error
-        self.accepted()
-        self.history()
+        for path in (*self._files(ACCEPTED), *self._files(HISTORY)[-MAX_RUNS:]):
+            check_file(path)
 
     @property
     def page(self) -> Path:
         """Path of the history page."""
         return self.folder / PAGE
 
-    def accepted(self) -> tuple[StoredRun, ...]:
-        """Return the accepted runs, the oldest first."""
-        return self._runs(ACCEPTED)
+    def accepted(self) -> tuple[Run, ...]:
+        """Return which runs are accepted, the oldest first; no file is read twice, for none changes."""
+        paths = self._files(ACCEPTED)
+        self._heads.update({path: read_head(path) for path in paths if path not in self._heads})
+        return tuple(self._heads[path] for path in paths)
 
-    def history(self) -> tuple[StoredRun, ...]:
-        """Return all runs, the oldest first."""
-        return self._runs(HISTORY)
+    def measures(self, runs: Collection[Run]) -> tuple[AcceptedRun, ...]:
+        """Return what some accepted runs measured."""
+        return tuple(read_accepted(self._path(ACCEPTED, run), run) for run in runs)
+
+    def history(self) -> tuple[ToldRun, ...]:
+        """Return the newest runs, at most `MAX_RUNS`, the oldest first; no file is read twice."""
+        for path in self._files(HISTORY)[-MAX_RUNS:]:
+            if path not in self._told:
+                self._told[path] = read_told(path, MAX_CHANGES)
+        return tuple(self._told[path] for path in sorted(self._told)[-MAX_RUNS:])
+
+    def older(self) -> int:
+        """Return the number of runs that are older than those of the history page."""
+        return max(0, len(self._files(HISTORY)) - MAX_RUNS)
 
     def names(self) -> frozenset[str]:
         """Return the names of the files of all runs."""
@@ -89,49 +117,16 @@ class Store:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise InputError(f"{OPTION} {folder}: cannot be made ({error.strerror})") from error
-            write_output(folder / f"{stored.run.run}.parquet", parquet_bytes(stored), OPTION)
+            write_output(self._path(name, stored.run), parquet_bytes(stored), OPTION)
 
     def _files(self, name: str) -> list[Path]:
         folder = self.folder / name
         return sorted(folder.glob("*.parquet")) if folder.is_dir() else []
 
-    def _runs(self, name: str) -> tuple[StoredRun, ...]:
-        """Return the runs of a folder; no file is read twice, for none changes."""
-        found = []
-        for path in self._files(name):
-            if path not in self._read:
-                # The hogels in which nothing changed are not part of the story.
-                self._read[path] = read_run(path, changed_only=name == HISTORY)
-            found.append(self._read[path])
-        return tuple(sorted(found, key=lambda one: one.run.run))
+    def _path(self, name: str, run: Run) -> Path:
+        return self.folder / name / f"{run.run}.parquet"
 
 
 def name_of_run(time: datetime) -> str:
     """Return a name for a run that no other run has, and that sorts by time."""
     return f"{time:%Y%m%dT%H%M%S.%fZ}-{secrets.token_hex(4)}"
-
-
-def with_key(runs: Iterable[StoredRun], key: Key) -> tuple[StoredRun, ...]:
-    """Return the runs whose measures are comparable."""
-    return tuple(one for one in runs if one.run.key == key)
-
-
-def accepted_hogels(runs: Iterable[StoredRun]) -> Accepted:
-    """Return the accepted runs of each hogel by edition, the newest first."""
-    of_place: dict[Place, dict[int, list[tuple[str, HogelMeasures]]]] = {}
-    for one in runs:
-        for hogel in one.hogels:
-            editions = of_place.setdefault(hogel.place, {})
-            editions.setdefault(edition_of(one.run), []).append((one.run.run, hogel))
-    return {
-        place: [
-            Edition(runs=tuple(name for name, _ in several), kept=tuple(hogel for _, hogel in several))
-            for _, several in sorted(editions.items(), reverse=True)
-        ]
-        for place, editions in of_place.items()
-    }
-
-
-def edition_of(run: Run) -> int:
-    """Return the edition of a run; 0 where it was not accepted."""
-    return run.edition or 0

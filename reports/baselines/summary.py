@@ -9,6 +9,7 @@ from pathlib import Path
 from xfrustum.reports.baselines.baseline import Baseline
 from xfrustum.reports.baselines.changes import Change, MeasureChange, in_units, is_shown
 from xfrustum.reports.baselines.measures import WORDS
+from xfrustum.reports.baselines.tolerance import MIN_FREEDOM
 from xfrustum.reports.verification.files import sentence as verdict_sentence
 from xfrustum.reports.verification.verdict import Verification
 
@@ -52,7 +53,22 @@ def lines(held: Baseline) -> str:
 
 def notes(held: Baseline) -> list[str]:
     """Return what may be misunderstood otherwise."""
-    told = []
+    told = [held.run.hogels_sentence] if held.run.hogels_words else []
+    if held.beside:
+        runs = ", ".join(f"{one.run} ({one.commit[:7]})" if one.commit else one.run for one in held.beside)
+        told.append(
+            f"besides the state that counts, another was accepted, in another branch or at once: {runs}; "
+            "--approve settles it"
+        )
+    if held.changes.uncertain:
+        told.append(
+            f"too few runs: the limits of {held.changes.uncertain} measures are learnt with fewer than "
+            f"{MIN_FREEDOM} degrees of freedom; approve more runs, with --repeated"
+        )
+    if held.run.change in (Change.WORSE, Change.BETTER) and held.repeats_commit:
+        told.append(
+            "a run of this very commit is accepted: if the renderer has noise, give --approve --repeated"
+        )
     for other in held.others:
         differ = [
             f"{name} {getattr(other, name)!r}, not {getattr(held.run.key, name)!r}"
@@ -81,6 +97,8 @@ def markdown(held: Baseline, found: Verification) -> str:
     rows = [_row(one) for one in (*plate, *changed[:MAX_ROWS])]
     text = [f"### xfrustum verify: {_plain(held.run.scene)}", "", _plain(sentence(held)), ""]
     text += [_plain(verdict_sentence(found)), ""]
+    if held.run.hogels_words:
+        text += [_plain(held.run.hogels_sentence), ""]
     text += [
         "| measure | where | accepted | limit | now | change |",
         "| --- | --- | ---: | ---: | ---: | --- |",

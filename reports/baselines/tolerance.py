@@ -8,13 +8,22 @@ degrees of freedom, and the noise is normal, the next run exceeds
 
 with a chosen probability, t being the quantile of Student's distribution (the prediction interval of one
 further observation). As many measures of many hogels are compared at once, that probability is
-`FALSE_ALARMS` divided by their number (Bonferroni), so that an unchanged renderer fails one verification in a
-hundred at most.
+`FALSE_ALARMS` divided by their number (Bonferroni).
+
+Few runs say little of one hogel, and repeat by chance now and then. What they say of all hogels together is
+much more: s is never smaller than that of the same measure over all hogels (root of the mean variance), whose
+degrees of freedom add up. A hogel that is noisier than that beyond chance keeps its own. The variance of a
+plate's sum is no smaller than the sum of its hogels' variances, and the noise of a plate's largest distance
+no smaller than that of its hogels.
+
+Small counts are not normal. The part of a count that varies is taken to be a Poisson variable at least, whose
+mean is its variance: if it was K in n runs together, the next exceeds y with at most the probability that a
+negative binomial variable, the successes of probability 1/(n + 1) before failure K + 1, does. That is exact,
+as the next is binomial given the sum of all.
 
 Noise stays when a change is accepted: s^2 is the variance within editions, of all that were accepted (f is
-the sum of their numbers of runs, less one each). Few runs repeat by chance now and then: s is never taken to
-be smaller than that of the same measure over all hogels together (root of the mean variance). Where all
-repeated runs are alike, or none was repeated, there is no noise, and counts are compared exactly.
+the sum of their numbers of runs, less one each). Where all repeated runs are alike in a measure, in all
+hogels, or none was repeated, that measure has no noise, and counts are compared exactly.
 """
 
 from __future__ import annotations
@@ -24,13 +33,25 @@ import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from scipy.special import stdtrit
+from scipy.special import betainc, chdtri, fdtri, stdtrit
 
 from xfrustum.reports.baselines.measures import NAMES, is_count
 from xfrustum.scenes.errors import InputError
 
 FALSE_ALARMS = 0.01
 """Share of the verifications of an unchanged renderer that may fail by chance."""
+
+NOISIER_CHANCE = 0.01
+"""Probability with which chance alone makes one of many hogels of one noise look noisier than all together.
+It has its own degrees of freedom only then, and a wide limit: that is to be as rare as `FALSE_ALARMS`."""
+
+VARIANCE_CHANCE = 0.05
+"""Probability with which the variance of a count is above the bound that is taken for it. The bound only says
+how skewed small counts may be, and a count's own mean limits it too: the usual level of a test is enough."""
+
+MIN_FREEDOM = 4
+"""Degrees of freedom below which a limit says little: Student's quantile at 1e-4 is 13 for 4 freedoms, 22 for
+3, 71 for 2 and 3183 for one."""
 
 ROUNDING_PX = 1e-6
 """Difference of two displacements, in pixels, that is rounding: a root mean square of a million terms, each
@@ -110,7 +131,7 @@ class Noise:
     """
 
     deviation: float
-    freedom: int
+    freedom: float
 
     @classmethod
     def of(cls, editions: Sequence[Sequence[float]]) -> Noise:
@@ -126,16 +147,49 @@ class Noise:
 
     @classmethod
     def over_hogels(cls, several: Sequence[Noise]) -> Noise:
-        """Return the noise of one measure over all hogels together, with the freedom that one hogel has."""
+        """Return the noise that one measure has in all hogels together: the root of the mean variance."""
         repeated = [one for one in several if one.freedom]
-        if not repeated:
-            return cls(deviation=0.0, freedom=0)
-        mean = sum(one.deviation**2 for one in repeated) / len(repeated)
-        return cls(deviation=math.sqrt(mean), freedom=max(one.freedom for one in repeated))
+        weights = [one.freedom for one in repeated]
+        return cls._mixed(repeated, weights, sum(weights))
 
-    def at_least(self, other: Noise) -> Noise:
-        """Return this noise, but no less than another; all of the other where nothing was repeated here."""
-        return Noise(deviation=max(self.deviation, other.deviation), freedom=self.freedom or other.freedom)
+    @classmethod
+    def of_sum(cls, several: Sequence[Noise]) -> Noise:
+        """Return the noise of the sum over hogels whose noises have nothing to do with one another."""
+        repeated = [one for one in several if one.freedom]
+        return cls._mixed(repeated, [1.0] * len(repeated), 1.0)
+
+    @classmethod
+    def _mixed(cls, several: Sequence[Noise], weights: Sequence[float], whole: float) -> Noise:
+        """Return the root of a weighted sum of variances over a whole.
+
+        Its degrees of freedom are those of Satterthwaite (1946), (sum w v)^2 / sum (w v)^2/f, with estimates
+        of the two sums that are not biased: v^2 f/(f + 2) for the square of a variance v. Where all noises
+        are alike they are the sum of the freedoms; where one hogel alone has noise, its own.
+        """
+        squares = [weight * one.deviation**2 for weight, one in zip(weights, several, strict=True)]
+        if not any(squares):
+            return cls(deviation=0.0, freedom=sum(one.freedom for one in several))
+        spread = sum(square**2 / (one.freedom + 2) for square, one in zip(squares, several, strict=True))
+        freedoms = [one.freedom for one in several]
+        freedom = min(max(sum(squares) ** 2 / spread - 2, min(freedoms)), sum(freedoms))
+        return cls(deviation=math.sqrt(sum(squares) / whole), freedom=freedom)
+
+    def at_least(self, floor: Noise, floors: int = 1) -> Noise:
+        """Return this noise, but no less than a floor; the floor's freedom counts where this may be chance.
+
+        Parameters
+        ----------
+        floor
+            Noise of many hogels together.
+        floors
+            Number of measures that are compared with their floors at once.
+        """
+        if not self.freedom or floor.deviation == 0:
+            return self if self.freedom else floor
+        chance = float(fdtri(self.freedom, floor.freedom, 1 - NOISIER_CHANCE / floors))
+        if self.deviation**2 > chance * floor.deviation**2:
+            return self
+        return Noise(deviation=max(self.deviation, floor.deviation), freedom=max(self.freedom, floor.freedom))
 
 
 def learnt(name: str, values: Sequence[float], noise: Noise, compared: int) -> Allowed:
@@ -155,8 +209,40 @@ def learnt(name: str, values: Sequence[float], noise: Noise, compared: int) -> A
     mean, count = math.fsum(values) / len(values), len(values)
     if noise.deviation == 0:
         return _about(mean, _rounding(name))
-    quantile = float(stdtrit(noise.freedom, 1 - FALSE_ALARMS / max(compared, 1)))
-    return _about(mean, quantile * noise.deviation * math.sqrt(1 + 1 / count) + _rounding(name))
+    chance = FALSE_ALARMS / max(compared, 1)
+    quantile = -float(stdtrit(noise.freedom, chance))
+    amount = quantile * noise.deviation * math.sqrt(1 + 1 / count)
+    if is_count(name):
+        variance = noise.deviation**2 * noise.freedom / float(chdtri(noise.freedom, 1 - VARIANCE_CHANCE))
+        counted = count * min(mean, variance)
+        amount = max(amount, _next_count(counted, count, chance) - counted / count)
+    return _about(mean, amount + _rounding(name))
+
+
+def _next_count(counted: float, runs: int, chance: float) -> int:
+    """Return the smallest number that the next count of a Poisson variable exceeds by chance at most.
+
+    Parameters
+    ----------
+    counted
+        Sum of the counts of the runs that are known.
+    runs
+        Number of these runs.
+    chance
+        Probability with which the next run may exceed the number.
+    """
+
+    def exceeds(number: int) -> bool:
+        # Successes before failure K + 1 are more than y with the probability I_q(y + 1, K + 1).
+        return float(betainc(number + 1, counted + 1, 1 / (runs + 1))) > chance
+
+    low, high = -1, 1
+    while exceeds(high):
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if exceeds(middle) else (low, middle)
+    return high
 
 
 def _about(mean: float, amount: float) -> Allowed:

@@ -54,10 +54,10 @@ def send_page(page: Path, title: str, address: str) -> int:
                 for name, channels in hogel.values().items():
                     _send(viewer, f"{title} {hogel.aperture[0]},{hogel.aperture[1]} {name}", hogel, channels)
                     sent += 1
-    except OSError as error:
+    except (OSError, OverflowError) as error:  # a port beyond 65535 overflows
         raise InputError(
-            f"--tev {address}: no viewer answers ({error.strerror or error}); start one first: "
-            f"tev --host {address.replace('localhost', '127.0.0.1')}; {page} is written, all the same"
+            f"--tev {address}: no viewer answers ({getattr(error, 'strerror', None) or error}); start one "
+            f"first: tev --host {address.replace('localhost', '127.0.0.1')}; {page} is written, all the same"
         ) from error
     return sent
 

@@ -68,6 +68,7 @@ def render_page(found: Verification) -> str:
         "summary": record,
         "sentence": sentence(found),
         "explained": explained(found),
+        "guesses": found.diagnosis.guesses,
         "as_found": _worded(record.as_found),
         "corrected": _worded(record.corrected),
         "versions": {**versions(), **machine()},
@@ -142,7 +143,7 @@ def table(found: Verification) -> str:
         lines += [f"  explained: {told}" for told in explained(found)]
     elif found.explained is False:
         lines.append("  no known fault explains what is wrong")
-        lines += [f"    {fault.words}" for fault in found.diagnosis.does_not_explain]
+        lines += [f"    {fault.words}" for fault in found.diagnosis.guesses]
     else:
         judged = any(hogel.as_found for hogel in found.hogels)
         lines.append("  nothing found" if judged else "  nothing: no hogel could be judged")

@@ -14,6 +14,10 @@ USUAL_ADDRESS = "localhost:14158"
 """Address at which tev listens unless it is told otherwise."""
 
 
+MAX_PORT = 65535
+"""Largest number of a TCP port: it has 16 bits."""
+
+
 class Address(click.ParamType[str]):
     """A host and a port."""
 
@@ -21,9 +25,11 @@ class Address(click.ParamType[str]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the address, checked."""
-        if not re.fullmatch(r"[\w.-]+:\d{1,5}", str(value)):
+        found = re.fullmatch(r"[\w.-]+:(\d{1,5})", str(value), re.ASCII)
+        if found is None or not 0 < int(found[1]) <= MAX_PORT:
             self.fail(
-                f"{value!r} is no HOST:PORT; write --tev alone as the last word, or --tev {USUAL_ADDRESS}",
+                f"{value!r} is no HOST:PORT with a port up to {MAX_PORT}; write --tev alone as the last "
+                f"word, or --tev {USUAL_ADDRESS}",
                 param,
                 ctx,
             )
@@ -48,8 +54,12 @@ def check_tev(address: str | None) -> None:
 
 
 def send_to_tev(address: str | None, page: Path, title: str) -> None:
-    """Send the images of a page that was written, where that was asked for."""
+    """Send the images of a page that was written, where asked for; none answering is a note, and no error."""
     if address is not None:
         from xfrustum.reports.inspection.tev import send_page
+        from xfrustum.scenes.errors import InputError
 
-        say(f"note: {send_page(page, title, address)} images sent to tev at {address}")
+        try:
+            say(f"note: {send_page(page, title, address)} images sent to tev at {address}")
+        except InputError as error:
+            say(f"note: {error}")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from xfrustum.reports.baselines.changes import Change, Changes, Edition, changes_of
 from xfrustum.reports.baselines.measures import NAMES, HogelMeasures, Measures, Place, is_count, total
@@ -113,6 +115,64 @@ def test_an_unchanged_renderer_with_noise_fails_about_as_rarely_as_is_said() -> 
     assert failures <= 8
 
 
+def noisy(draw: Callable[[], NDArray[Any]], runs: int) -> list[list[HogelMeasures]]:
+    """Return runs of a plate with a row of hogels whose numbers of wrong surfaces are drawn."""
+    return [
+        [
+            HogelMeasures(place=(i, 0), by="triangle", measures=Measures(wrong_surfaces=float(number)))
+            for i, number in enumerate(draw())
+        ]
+        for _ in range(runs)
+    ]
+
+
+def test_two_runs_of_many_hogels_say_how_noisy_each_is() -> None:
+    """One degree of freedom for each of 25 hogels: Student's quantile of them all is about 4, not 13,000."""
+    draw = np.random.default_rng(9)
+    runs = noisy(lambda: 100 + draw.normal(0, 5, 25), 3)
+    assert beside(runs[0], *runs[1:]).change is Change.SAME
+    worse = [*runs[0][:-1], replace(runs[0][-1], measures=Measures(wrong_surfaces=170.0))]
+    found = beside(worse, *runs[1:])
+    assert (24, 0) in {one.aperture for one in found.of_kind(Change.WORSE)}
+    assert all(one.limit is not None and one.limit < 250 for one in found.hogels)
+
+
+def test_one_noisy_hogel_among_still_ones_has_its_own_freedom_and_the_runs_are_too_few() -> None:
+    runs = [[hogel(wrong_surfaces=value), *(hogel((i, 0)) for i in range(1, 9))] for value in (90.0, 110.0)]
+    found = beside([hogel(wrong_surfaces=150.0), *runs[0][1:]], *runs)
+    assert found.change is Change.SAME
+    assert found.uncertain > 0
+
+
+def test_the_noise_of_a_plate_is_no_less_than_that_of_its_hogels_together() -> None:
+    """In both runs the sum is 40, by chance: Poisson noise of 40 has a deviation of 6."""
+    runs = [[hogel((i, 0), wrong_surfaces=float(4 + s * (-1) ** i)) for i in range(10)] for s in (-2, 2)]
+    now = [hogel((i, 0), wrong_surfaces=5.0) for i in range(10)]
+    assert beside(now, *runs).change is Change.SAME
+    (limit,) = {one.limit for one in beside(now, *runs).plate if one.measure == "wrong_surfaces"}
+    assert limit is not None and 50 < limit < 90
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mean", [0.05, 0.2, 2.0, 100.0])
+@pytest.mark.parametrize("runs", [2, 8])
+def test_poisson_noise_that_was_seen_fails_one_verification_in_a_hundred_at_most(
+    mean: float, runs: int
+) -> None:
+    """Failures among 1,000 verifications of 25 hogels are at most 10 by expectation, and 24 by chance.
+
+    At a rate of 1 % more than 24 happen with a probability of 5e-5. Where all accepted runs were alike no
+    noise was seen, and measures are compared exactly.
+    """
+    draw = np.random.default_rng(11)
+    failures = 0
+    for _ in range(1000):
+        found, *accepted = noisy(lambda: draw.poisson(mean, 25), runs + 1)
+        changes = beside(found, *accepted)
+        failures += changes.noisy and changes.change is Change.WORSE
+    assert failures <= 24
+
+
 def test_a_change_of_several_deviations_is_found_in_spite_of_noise() -> None:
     draw = np.random.default_rng(8)
     runs = [[hogel(wrong_surfaces=float(1000 + draw.normal(0, 3)))] for _ in range(8)]
@@ -159,7 +219,7 @@ def test_the_limit_lies_above_all_that_was_accepted_where_it_can_be_known(
 
 def test_the_limit_is_that_of_the_next_observation() -> None:
     """Student's quantile for 1 % and two degrees of freedom is 6.9646 (any table)."""
-    allowed = learnt("wrong_surfaces", [9.0, 10.0, 11.0], Noise.of([[9.0, 10.0, 11.0]]), 1)
+    allowed = learnt("displacement_max_px", [9.0, 10.0, 11.0], Noise.of([[9.0, 10.0, 11.0]]), 1)
     assert FALSE_ALARMS == 0.01
     assert allowed.high == pytest.approx(10 + 6.9646 * math.sqrt(4 / 3), rel=1e-4)
 

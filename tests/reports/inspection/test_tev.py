@@ -113,7 +113,7 @@ def test_where_no_viewer_answers_the_files_are_there_and_one_line_says_how_to_st
 ) -> None:
     address, images = f"localhost:{free_port()}", str(inspected.scene.parent / "image-{i}-{j}.exr")
     arguments = ["verify", str(inspected.scene), images, "--apertures", "1,0", "--quiet"]
-    assert main([*arguments, "--out", str(tmp_path / "out"), "--tev", address]) == 2
+    assert main([*arguments, "--out", str(tmp_path / "out"), "--tev", address]) == 1
     told = capsys.readouterr()
     assert "Not right" in told.out
     (line,) = told.err.strip().splitlines()
@@ -126,6 +126,7 @@ def test_where_no_viewer_answers_the_files_are_there_and_one_line_says_how_to_st
     [
         (["verify", "two-spheres", "{i}{j}.png", "--tev"], "--out"),
         (["survey", "--near", "1", "--out", "x", "--tev", "two-spheres"], "HOST:PORT"),
+        (["survey", "two-spheres", "--near", "1", "--out", "x", "--tev", "localhost:99999"], "65535"),
     ],
 )
 def test_strange_wishes_are_refused_before_any_work(

@@ -171,7 +171,13 @@ def baseline_options(command: options.Command) -> options.Command:
     return wrapped
 
 
-def _held(found: Verification, asked: BaselineAsked, near: float | None, accept: tuple[str, ...]) -> Baseline:
+def _held(
+    found: Verification,
+    asked: BaselineAsked,
+    near: float | None,
+    accept: tuple[str, ...],
+    encoding: str | None,
+) -> Baseline:
     """Hold a verification to a baseline, and append the summary that GitHub shows."""
     from xfrustum.reports.baselines.baseline import BaselineOptions
     from xfrustum.reports.baselines.baseline import baseline as held_to
@@ -182,6 +188,7 @@ def _held(found: Verification, asked: BaselineAsked, near: float | None, accept:
         device=asked.device,
         near=near,
         accept=accept,
+        encoding=encoding,
         tolerance=asked.tolerance,
         approve=asked.approve,
         repeated=asked.repeated,
@@ -321,6 +328,8 @@ def verify(
 
         Store(folder=baseline.folder).check()
     accepted = accept or ()
+    # What is stated although it is the default judges the same.
+    encoding = None if asked["encoding"] == "rgb" and asked["command"] is None else asked["encoding"]
     if where.asked:
         on_engine = _verified_on(
             opened, where, out, near=near, accept=accepted, tev=tev, progress=not quiet, **asked
@@ -337,7 +346,7 @@ def verify(
         write_verification(found, out)
     if junit is not None:
         write_junit(found, junit)
-    held = None if baseline is None else _held(found, baseline, near, accepted)
+    held = None if baseline is None else _held(found, baseline, near, accepted, encoding)
     options.tell(as_json, lambda: _summary(found, held), lambda: _text(found, held))
     if out is not None and found.inspected:
         send_to_tev(tev, out / INSPECTION, opened.name)
