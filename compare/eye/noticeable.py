@@ -232,8 +232,8 @@ def replay_noise_arcsec(
     distance = viewer.distance - height
     slope = (math.hypot(*display.size) + eyes_apart(viewer, display)) / 2 / viewer.distance
     seen = eye_pixel * distance / viewer.distance
-    off = display.pixel + eye_pixel / 2 / viewer.distance
-    off = off + slope * SAME_PLACE * (seen + display.pitch) / distance
+    direct = display.pixel + eye_pixel / 2 / viewer.distance
+    off = direct + slope * SAME_PLACE * (seen + display.pitch) / distance
     screen = display.frustum.screen
     sheared = 0.0 if screen is None else (display.pitch + eye_pixel / 2) / abs(screen.height)
     noise = (moved * off + aside * sheared) / distance

@@ -113,7 +113,8 @@ def planned_record(
     rays = None
     if display.millimeters is not None:
         rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
-    measured, noise, beyond, with_cuts = None, None, (), None
+    measured, noise, with_cuts = None, None, None
+    beyond: tuple[str, ...] = ()
     if settings is not None:
         workbench = ReplayWorkbench(scene, viewer)
         with progress_bar(None, "eyes", "hogel", shown=progress) as bar:

@@ -17,6 +17,9 @@ from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.scenes.plate.double_frustum import Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
+Case = tuple[str, float, float, Pivot, DepthBuffer]
+"""Scene, pitch, distance, pivot and depth buffer."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Predicted:
@@ -100,6 +103,11 @@ class NoticedRow(Seat, Setting, Predicted, Measured):
         return self.crack_arcmin is not None and self.crack_arcmin > self.crack_hidden_arcmin
 
     @property
+    def case(self) -> Case:
+        """Everything but near: plate and place, pivot, depth buffer."""
+        return self.scene, self.pitch, self.distance, self.pivot, self.buffer
+
+    @property
     def offset_seen(self) -> bool:
         """Whether the viewer notices the near offset, whatever the depth buffer does."""
         return self.stereo_seen or self.crack_seen
@@ -140,15 +148,23 @@ def decisive(rows: Sequence[NoticedRow]) -> frozenset[int]:
     For each plate, place and depth buffer that is the largest near whose offset is not noticed: a larger one
     is noticed, and a smaller one leaves more to be wrong by depth. None where every near is noticed.
     """
-    found: dict[tuple[Seat, Pivot, DepthBuffer], int] = {}
+    found: dict[Case, int] = {}
     for index, row in enumerate(rows):
-        if row.offset_seen:
-            continue
-        seat = Seat(scene=row.scene, pitch=row.pitch, distance=row.distance)
-        best = found.setdefault((seat, row.pivot, row.buffer), index)
-        if row.near > rows[best].near:
-            found[seat, row.pivot, row.buffer] = index
+        if not row.offset_seen and row.near > rows[found.setdefault(row.case, index)].near:
+            found[row.case] = index
     return frozenset(found.values())
+
+
+def starved_nears(rows: Sequence[NoticedRow]) -> dict[Case, float]:
+    """Return the largest nears at which a replay shows too much that is wrong by depth.
+
+    A smaller near of the same case leaves more to be wrong, whatever the closed form says of it.
+    """
+    found: dict[Case, float] = {}
+    for row in rows:
+        if row.is_replayed and row.depth_seen:
+            found[row.case] = max(row.near, found.get(row.case, 0.0))
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
