@@ -233,7 +233,13 @@ def windows(rows: Rows) -> list[Windows]:
         pixels = dict.fromkeys(((row.scene, row.pivot) for row in own), False)
         for row in own:
             pixels[row.scene, row.pivot] |= row.right_in_pixels
-        unnoticed = [row for row in own if row.is_replayed and not row.noticed]
+        unnoticed = [
+            row
+            for row in own
+            if row.is_replayed
+            and not row.noticed
+            and (row.replayed_stereo_arcsec or 0.0) <= STEREO_ACUITY_ARCSEC
+        ]
         found.append(
             Windows(
                 buffer=buffer,

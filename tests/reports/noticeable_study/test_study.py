@@ -101,10 +101,13 @@ def test_one_pair_is_enough_only_where_a_replay_says_so(rows: tuple[NoticedRow, 
     (found,) = facts.windows([replayed, smaller])
     assert (found.eye, found.eye_cases, found.replayed) == (0, 1, 1)
     assert starved_nears([replayed, smaller]) == {one.case: 0.3}
-    (found,) = facts.windows([replace(replayed, replayed_depth_wrong=0.0), smaller])
+    right = replace(replayed, replayed_depth_wrong=0.0, replayed_stereo_arcsec=1.0)
+    (found,) = facts.windows([right, smaller])
     assert (found.eye, found.certain) == (1, 1)
+    (found,) = facts.windows([replace(right, replayed_stereo_arcsec=25.0), smaller])
+    assert found.eye == 0
     # Of 1,152 pixels not even none that is wrong shows that no more than one in a thousand is.
-    (found,) = facts.windows([replace(replayed, replayed_depth_wrong=0.0, replayed_pixels=1152)])
+    (found,) = facts.windows([replace(right, replayed_pixels=1152)])
     assert (found.eye, found.certain) == (1, 0)
 
 
