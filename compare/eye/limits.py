@@ -9,11 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arguments import real, settle
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.plate.frustum import Frustum
 
 ACUITY_ARCMIN = 1.0
 """Smallest angle that a good eye resolves."""
@@ -112,7 +115,8 @@ class DisplayLimits:
         stereo acuity, scene units; None where the length of the unit is not known.
     near_crack
         Largest near offset whose gap opens no crack that the viewer resolves, and that is wider than a hogel,
-        in surfaces that run through the plate, seen through its border; scene units.
+        in surfaces that run through the plate, seen through its corners with pivot `aperture`; scene units,
+        infinite where the corners are seen along the shear.
     """
 
     viewer: Viewer
@@ -127,8 +131,37 @@ class DisplayLimits:
 
     @property
     def near(self) -> float:
-        """Largest near offset that the viewer cannot see by any of these, scene units."""
+        """Largest near offset that the viewer cannot see by any of these, scene units.
+
+        It is that of surfaces at the plate; what stands before it is seen to change more (`noticeable`).
+        """
         return self.near_crack if self.near_stereo is None else min(self.near_crack, self.near_stereo)
+
+
+def gap_slope(frustum: Frustum, size: tuple[float, float], distance: float, aside: float = 1.0) -> float:
+    """Return how far aside the halves of a surface part at the plate, as a multiple of how far in depth.
+
+    Seen along a ray of slope m through an aperture of shear k, halves that are moved by 1 in depth and by c k
+    aside part by 2 |c k - m|. That is linear over the plate, and so largest at one of its corners.
+
+    Parameters
+    ----------
+    size
+        Width and height of the plate, scene units.
+    distance
+        Distance of the eye straight before its middle, scene units.
+    aside
+        The c above: 1 with pivot `aperture`, 0 with pivot `camera`.
+    """
+    slopes = []
+    for x in (-0.5, 0.5):
+        for y in (-0.5, 0.5):
+            corner = np.array([x * size[0], y * size[1]])
+            shear = np.zeros(2)
+            if frustum.screen is not None:
+                shear = (np.array(frustum.screen.center) - corner) / -frustum.screen.height
+            slopes.append(float(np.linalg.norm(aside * shear - corner / distance)))
+    return max(slopes)
 
 
 def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
@@ -140,8 +173,7 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
     pitch = max(pitches)
     # What can be told apart: by the display, or by the eye, whichever is coarser.
     finest = max(pitch / distance, viewer.acuity_arcmin / ARCMIN_PER_RADIAN)
-    # Seen through the border of the plate, at this slope, a gap of 2 n is 2 n times the slope wide.
-    slope = max(scene.plate.size) / 2 / distance
+    slope = gap_slope(scene.frustum, scene.plate.size, distance)
     near_stereo = None
     if unit is not None:
         apart = viewer.eyes_apart_mm / unit
@@ -157,5 +189,5 @@ def display_limits(scene: Scene, viewer: Viewer) -> DisplayLimits:
         before=distance * finest / (pixel + finest),
         rays_per_pupil=None if unit is None else viewer.pupil_mm / unit / (distance * pixel),
         near_stereo=near_stereo,
-        near_crack=finest * distance / (2 * slope),
+        near_crack=finest * distance / (2 * slope) if slope else math.inf,
     )

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.eye.limits import GREEN_MM, MILLIMETERS, Viewer
+from xfrustum.compare.eye.limits import GREEN_MM, MILLIMETERS, Viewer, gap_slope
 from xfrustum.compare.eye.loss import ARCMIN_PER_RADIAN
 from xfrustum.compare.eye.moved import replayed_distance
+from xfrustum.compare.eye.stereo import SAME_PLACE
 from xfrustum.reference.lines.lines import film_window
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
@@ -116,6 +117,29 @@ def runs_through_plate(scene: Scene) -> bool:
     return bool(inside.all(axis=1).any())
 
 
+def surface_content(scene: Scene) -> Content:
+    """Return the depths of all surfaces within the reach, whether anybody sees them or not.
+
+    Without a look at the scene they stand for what a plate shows: no less is noticed of them.
+    """
+    lowest, highest = scene.height_ranges
+    sides: list[tuple[float, float] | None] = []
+    for low, high, reach in zip((lowest, -highest), (highest, -lowest), scene.frustum.reach, strict=True):
+        within = (high >= 0) & (low <= reach)
+        ends = np.clip(low[within], 0, reach), np.clip(high[within], 0, reach)
+        sides.append((float(ends[0].min()), float(ends[1].max())) if within.any() else None)
+    return Content(before=sides[0], behind=sides[1], through=runs_through_plate(scene))
+
+
+def require_before_viewer(scene: Scene, content: Content, viewer: Viewer) -> None:
+    """Raise an InputError where a plate shows something behind a viewer."""
+    if content.before is not None and content.before[1] >= viewer.distance:
+        raise InputError(
+            f"{scene.name} shows something {content.before[1]:.3g} {scene.units} before the "
+            f"plate, behind a viewer at {viewer.distance:g}; choose a larger distance"
+        )
+
+
 def eyes_apart(viewer: Viewer, display: Display) -> float:
     """Return the distance of a viewer's eyes, scene units.
 
@@ -180,25 +204,56 @@ def stereo_change_arcsec(
     return float(changes.max() - changes.min())
 
 
+def replay_noise_arcsec(
+    content: Content, viewer: Viewer, display: Display, settings: DoubleFrustum, eye_pixel: float
+) -> float:
+    """Return by how much a replay's change of disparity may differ from the closed form, arc seconds.
+
+    Parameters
+    ----------
+    eye_pixel
+        Width that a pixel of the eyes' films has on the plate, scene units.
+
+    Notes
+    -----
+    Along the line of slope u of a hogel of shear k, a point that is moved by m is shown m u - c k aside of
+    its place (`disparity_changes` has c); the closed form has the slope of sight in place of u. To first
+    order in m, the difference of two eyes then is off by m/R times the sum of these:
+
+    * the pixel of a hogel: an eye is shown the nearest one, whose u is at most half a pixel off, in each eye;
+    * the hogel, at most half a pitch beside the line of sight, in each eye, which changes k;
+    * the right eye's pixel, at most half of one beside that of the left eye's point, which changes u and k;
+    * the point that it shows, the same up to `SAME_PLACE`, and so at another R, at the largest slope.
+
+    It is the largest on each side of the plate, and a difference has one point on each.
+    """
+    height = content.heights
+    moved, aside = (np.abs(one) for one in _shifts(np.abs(height), display.frustum, settings))
+    distance = viewer.distance - height
+    slope = (math.hypot(*display.size) + eyes_apart(viewer, display)) / 2 / viewer.distance
+    seen = eye_pixel * distance / viewer.distance
+    direct = display.pixel + eye_pixel / 2 / viewer.distance
+    off = direct + slope * SAME_PLACE * (seen + display.pitch) / distance
+    screen = display.frustum.screen
+    sheared = 0.0 if screen is None else (display.pitch + eye_pixel / 2) / abs(screen.height)
+    noise = (moved * off + aside * sheared) / distance
+    sides = (noise[np.signbit(height)], noise[~np.signbit(height)])
+    return sum(float(one.max(initial=0)) for one in sides) * ARCSEC_PER_RADIAN
+
+
 def crack_arcmin(viewer: Viewer, display: Display, settings: DoubleFrustum) -> float:
     """Return the largest angle under which a viewer sees the crack in a surface that runs through the plate.
 
-    Seen along a ray of slope m through an aperture of shear k, halves that are moved by m0 in depth and c0 k
-    aside part by 2 |c0 k - m0 m|. That is linear over the plate, and so largest at one of its corners.
+    Halves that are moved by m0 in depth and c0 k aside, with shear k, part by 2 m0 times `gap_slope`.
     """
     moved, aside = (float(one[0]) for one in _shifts(np.zeros(1), display.frustum, settings))
     if settings.offset is Offset.NONE:
         # What is nearer than n is clipped on both sides.
         moved = settings.near
-    widths = []
-    for x in (-0.5, 0.5):
-        for y in (-0.5, 0.5):
-            corner = np.array([x * display.size[0], y * display.size[1]])
-            shear = np.zeros(2)
-            if display.frustum.screen is not None:
-                shear = (np.array(display.frustum.screen.center) - corner) / -display.frustum.screen.height
-            widths.append(float(np.linalg.norm(2 * (aside * shear - moved * corner / viewer.distance))))
-    return max(widths) / viewer.distance * ARCMIN_PER_RADIAN
+    if not moved:
+        return 0.0
+    slope = gap_slope(display.frustum, display.size, viewer.distance, aside / moved)
+    return 2 * moved * slope / viewer.distance * ARCMIN_PER_RADIAN
 
 
 def blur_arcmin(height: float, viewer: Viewer, display: Display) -> dict[str, float]:

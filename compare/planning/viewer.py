@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from xfrustum.compare.eye.limits import Viewer
@@ -12,6 +12,7 @@ from xfrustum.compare.eye.noticeable import (
     Content,
     Display,
     finest_separation,
+    require_before_viewer,
     resolved_crack,
     runs_through_plate,
     stereo_change_arcsec,
@@ -20,7 +21,6 @@ from xfrustum.compare.planning.cuts import SMALLEST_PER_REACH
 from xfrustum.compare.planning.numbers import index_below, largest_index, round_number
 from xfrustum.compare.planning.views import Requirement
 from xfrustum.compare.scouting.scout import Scout
-from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum
 from xfrustum.tolerances import MAX_DEPTH_WRONG
 
@@ -37,7 +37,8 @@ class NearLimit:
     name
         `STEREO` or `CRACK`.
     largest_near
-        Largest near that stays below it without cuts, three digits, scene units; None where every near does.
+        Largest near that stays below it, three digits, scene units; None where every near does, and 0 where
+        not even the smallest does.
     allowed
         What the viewer does not notice: arc seconds of disparity, or arc minutes of a crack's width.
     hidden_by
@@ -134,38 +135,62 @@ class EyeRequirement(Requirement):
     @property
     def limits(self) -> tuple[NearLimit, ...]:
         """What a viewer may notice of a near without cuts: how large near may be for each."""
-        stereo = NearLimit(
-            name=STEREO,
-            largest_near=self._largest(self.stereo_excess),
-            allowed=self.viewer.stereo_acuity_arcsec,
-            hidden_by="stereo acuity",
-        )
-        if not self.content.through:
-            return (stereo,)
-        near = self._largest(self.crack_excess)
-        name, allowed, _ = resolved_crack(self.viewer, self.display, DoubleFrustum(near=near or self._end))
-        crack = NearLimit(name=CRACK, largest_near=near, allowed=allowed, hidden_by=name)
-        return stereo, crack
+        return self.limits_with(DoubleFrustum(near=self._smallest))
+
+    def limits_with(self, settings: DoubleFrustum) -> tuple[NearLimit, ...]:
+        """Return what a viewer may notice of a near with the cuts and the pivot of some settings.
+
+        Change of depth is left out where the length of the scene's unit is not known.
+        """
+        found = []
+        if self.display.millimeters is not None:
+            found.append(
+                NearLimit(
+                    name=STEREO,
+                    largest_near=self._largest(self.stereo_excess, settings),
+                    allowed=self.viewer.stereo_acuity_arcsec,
+                    hidden_by="stereo acuity",
+                )
+            )
+        if self.content.through:
+            near = self._largest(self.crack_excess, settings)
+            at = self._end(settings) if near is None else near or self._smallest
+            name, allowed, _ = resolved_crack(self.viewer, self.display, replace(settings, near=at))
+            found.append(NearLimit(name=CRACK, largest_near=near, allowed=allowed, hidden_by=name))
+        return tuple(found)
 
     @property
     def binding(self) -> NearLimit | None:
         """The limit that leaves the smallest near; None where no near is noticed."""
-        found = [one for one in self.limits if one.largest_near is not None]
-        return min(found, key=lambda one: one.largest_near or math.inf) if found else None
+        return binding(self.limits)
 
     @property
-    def _end(self) -> float:
+    def _smallest(self) -> float:
+        return round_number(index_below(SMALLEST_PER_REACH * self.display.frustum.longest_reach))
+
+    def _end(self, settings: DoubleFrustum) -> float:
+        """Return the largest near that makes sense: up to the first cut, or less than the reach."""
+        if settings.slabs:
+            return settings.slabs[0]
         return round_number(index_below(self.display.frustum.longest_reach, strictly=True))
 
-    def _largest(self, excess: Callable[[DoubleFrustum], float]) -> float | None:
-        """Return the largest near that is not noticed; None where that is any."""
-        if excess(DoubleFrustum(near=self._end)) <= 1:
+    def _largest(self, excess: Callable[[DoubleFrustum], float], settings: DoubleFrustum) -> float | None:
+        """Return the largest near that is not noticed; None where that is any, 0 where it is none."""
+
+        def unnoticed(near: float) -> bool:
+            return excess(replace(settings, near=near)) <= 1
+
+        end, lowest = self._end(settings), index_below(self._smallest)
+        if unnoticed(end):
             return None
-        lowest = index_below(SMALLEST_PER_REACH * self.display.frustum.longest_reach)
-        found = largest_index(
-            lowest, index_below(self._end), lambda near: excess(DoubleFrustum(near=near)) <= 1
-        )
-        return round_number(lowest if found is None else found)
+        found = largest_index(lowest, index_below(end), unnoticed)
+        return 0.0 if found is None else round_number(found)
+
+
+def binding(limits: Sequence[NearLimit]) -> NearLimit | None:
+    """Return the limit that leaves the smallest near; None where no near is noticed."""
+    found = [one for one in limits if one.largest_near is not None]
+    return min(found, key=lambda one: one.largest_near or 0.0) if found else None
 
 
 _HIDING = {
@@ -214,11 +239,7 @@ def eye_requirement(
         The length of the scene's unit is not known, or something is seen behind the viewer.
     """
     display, content = Display.of(scouted.scene), seen_content(scouted)
-    if content.before is not None and content.before[1] >= viewer.distance:
-        raise InputError(
-            f"{scouted.scene.name} shows something {content.before[1]:.3g} {scouted.scene.units} before the "
-            f"plate, behind a viewer at {viewer.distance:g}; choose a larger distance"
-        )
+    require_before_viewer(scouted.scene, content, viewer)
     reach, limit = scouted.scene.frustum.longest_reach, None
     if separation is None:
         found = finest_separation(content.farthest, viewer, display)

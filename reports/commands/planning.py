@@ -157,8 +157,20 @@ def spread_apertures(plate: Plate, count: int) -> list[Aperture]:
     return [plate.aperture(*index) for index in list(chosen)[:count]]
 
 
-def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: Requirement) -> str:
-    """Return a plan as aligned lines that end in the command that draws so."""
+def table(
+    made: Plan,
+    scene: Scene,
+    apertures: Sequence[Aperture],
+    requirement: Requirement,
+    exceeded: Sequence[str] | None = None,
+) -> str:
+    """Return a plan as aligned lines that end in the command that draws so.
+
+    Parameters
+    ----------
+    exceeded
+        What a replay to a viewer's eyes shows beyond what is required; None where nothing was replayed.
+    """
     lines = [_filled(made.reason)]
     settings = made.settings
     if settings is None or made.predicted is None or made.measured is None:
@@ -180,19 +192,26 @@ def table(made: Plan, scene: Scene, apertures: Sequence[Aperture], requirement: 
         predicted, measured = getattr(made.predicted, key), getattr(made.measured, key)
         allowed = "any" if math.isinf(limit) else f"{limit:.3g}"
         lines.append(f"{title:<{width}}  {allowed:>9}  {predicted:>9.3g}  {measured:>9.3g}  {unit}")
-    return "\n".join([*lines, _answer(made, apertures, requirement), "", command(made, scene, apertures)])
+    return "\n".join(
+        [*lines, _answer(made, apertures, requirement, exceeded), "", command(made, scene, apertures)]
+    )
 
 
-def _answer(made: Plan, apertures: Sequence[Aperture], requirement: Requirement) -> str:
+def _answer(
+    made: Plan, apertures: Sequence[Aperture], requirement: Requirement, exceeded: Sequence[str] | None
+) -> str:
     """Say whether a plan holds, and where that is known."""
     known = made.plate
-    answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, measured at "
+    replayed = "replayed to two eyes and " if exceeded is not None else ""
+    answer = f"The plan {'holds' if made.within else 'DOES NOT HOLD'}, {replayed}measured at "
     if known is None:
         count = "one aperture" if len(apertures) == 1 else f"the worst of {len(apertures)} apertures"
         return f"{answer}{count}."
     worst, share = known.worst, known.share_beyond_at_most
     assert worst is not None and made.measured is not None
-    if not made.within and meets(made.measured, requirement) and worst.excess(requirement) <= 1:
+    if exceeded:
+        answer = "The plan DOES NOT HOLD for two eyes that it was replayed to. Its hogels were measured at "
+    elif not made.within and meets(made.measured, requirement) and worst.excess(requirement) <= 1:
         # What the reason began with is all that is amiss.
         answer = "Without these apertures the plan holds, measured at "
     sentences = [

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from xfrustum.compare.eye.limits import Viewer
-from xfrustum.compare.eye.noticeable import blur_arcmin
+from xfrustum.compare.eye.noticeable import blur_arcmin, replay_noise_arcsec
 from xfrustum.compare.planning.plan import Plan
-from xfrustum.compare.planning.viewer import CRACK, EyeRequirement, NearLimit
+from xfrustum.compare.planning.viewer import CRACK, EyeRequirement, NearLimit, binding
+from xfrustum.compare.scouting.sample import CONFIDENCE
 from xfrustum.reports.common.formatting import digits, percent
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.replayed import Replayed, ReplayWorkbench
@@ -28,6 +30,8 @@ class PlannedRecord:
         Pixels of a hogel that a pupil catches along an axis.
     limits
         What the viewer may notice of a near without cuts, and how large near may be for each.
+    limits_with_cuts
+        The same with the plan's cuts; None without a plan, and where it has no cuts.
     binding
         Name of the limit that leaves the smallest near; None where no near is noticed.
     stereo_change_arcsec, crack_arcmin
@@ -39,6 +43,11 @@ class PlannedRecord:
         What decides it; None where it was asked for.
     measured
         What a replay of the plan shows to two eyes; None without a plan.
+    noise_arcsec
+        By how much the replay's change of disparity may differ from that of a finer display and finer eyes
+        (`replay_noise_arcsec`); None without a plan.
+    exceeded
+        What the replay shows beyond what is required, in words: empty where nothing, and without a plan.
     """
 
     viewer: Viewer
@@ -53,15 +62,50 @@ class PlannedRecord:
     separation: float | None
     separation_limited_by: str | None
     measured: Replayed | None
+    limits_with_cuts: tuple[NearLimit, ...] | None = None
+    noise_arcsec: float | None = None
+    exceeded: tuple[str, ...] = ()
+
+
+def exceeded(found: Replayed, requirement: EyeRequirement, noise_arcsec: float) -> tuple[str, ...]:
+    """Return what a replay shows beyond what a viewer requires, in words.
+
+    A change of disparity counts where it is beyond stereo acuity by more than the replay's own noise: a plan
+    takes the largest near that is not noticed, so that acuity itself is what its replay shows.
+    """
+    parts = []
+    change, acuity = found.disparity_change_arcsec, requirement.viewer.stereo_acuity_arcsec
+    if change is not None and change > acuity + noise_arcsec:
+        parts.append(
+            f"two eyes see depths off by {digits(change)} arc seconds of disparity, more than "
+            f"{digits(acuity)} and the replay's noise of {digits(noise_arcsec)}"
+        )
+    if found.depth_wrong > requirement.max_wrong:
+        parts.append(
+            f"{percent(found.depth_wrong)} of {found.judged:,} pixels are wrong by depth, more than "
+            f"{percent(requirement.max_wrong)}"
+        )
+    return tuple(parts)
+
+
+def replayed_plan(made: Plan, record: PlannedRecord) -> Plan:
+    """Return a plan that holds only where its replay does too."""
+    if not record.exceeded:
+        return made
+    reason = f"{made.reason} But replayed it does not hold: {' and '.join(record.exceeded)}."
+    return replace(made, within=False, reason=reason)
 
 
 def planned_record(
     scene: Scene, made: Plan, requirement: EyeRequirement, *, progress: bool = False
 ) -> PlannedRecord:
-    """Return what a viewer notices of a plan that was made for his eyes, measured by a replay."""
+    """Return what a viewer notices of a plan that was made for his eyes, measured by a replay.
+
+    `replayed_plan` has what follows for the plan.
+    """
     settings, viewer, display = made.settings, requirement.viewer, requirement.display
     farthest = max(requirement.content.farthest, key=abs, default=0.0)
-    blurs, binding, limit = (
+    blurs, binds, limit = (
         blur_arcmin(farthest, viewer, display),
         requirement.binding,
         requirement.separation_limit,
@@ -69,10 +113,15 @@ def planned_record(
     rays = None
     if display.millimeters is not None:
         rays = viewer.pupil_mm / display.millimeters / (viewer.distance * display.pixel)
-    measured = None
+    measured, noise, with_cuts = None, None, None
+    beyond: tuple[str, ...] = ()
     if settings is not None:
+        workbench = ReplayWorkbench(scene, viewer)
         with progress_bar(None, "eyes", "hogel", shown=progress) as bar:
-            measured = ReplayWorkbench(scene, viewer).measure(settings, bar.update)
+            measured = workbench.measure(settings, bar.update)
+        noise = replay_noise_arcsec(requirement.content, viewer, display, settings, workbench.eye_pixel)
+        beyond = exceeded(measured, requirement, noise)
+        with_cuts = requirement.limits_with(settings) if settings.slabs else None
     return PlannedRecord(
         viewer=viewer,
         pitch_arcmin=blurs["pitch"],
@@ -80,12 +129,15 @@ def planned_record(
         diffraction_arcmin=blurs["diffraction"],
         rays_per_pupil=rays,
         limits=requirement.limits,
-        binding=None if binding is None else binding.name,
+        binding=None if binds is None else binds.name,
         stereo_change_arcsec=None if settings is None else requirement.stereo_change(settings),
         crack_arcmin=None if settings is None else requirement.crack_width(settings),
         separation=requirement.separation,
         separation_limited_by=None if limit is None else limit[0],
         measured=measured,
+        limits_with_cuts=with_cuts,
+        noise_arcsec=noise,
+        exceeded=beyond,
     )
 
 
@@ -95,24 +147,38 @@ def planned_table(record: PlannedRecord, units: str) -> str:
     lines = [
         f"for a viewer at {digits(viewer.distance)} {units}, eyes {digits(viewer.eyes_apart_mm)} mm apart:"
     ]
-    for limit in record.limits:
-        largest = "any near" if limit.largest_near is None else f"near up to {limit.largest_near:g} {units}"
-        if limit.name == CRACK:
-            what = f"the crack at the plate, {digits(limit.allowed)} arc minutes ({limit.hidden_by})"
-        else:
-            what = f"change of depth, {digits(limit.allowed)} arc seconds of disparity"
-        binds = "  <- binds" if limit.name == record.binding else ""
-        lines.append(f"  {what:<66}  {largest}{binds}")
+    lines += _limit_lines(record.limits, "without cuts", units)
+    if record.limits_with_cuts is not None:
+        lines += _limit_lines(record.limits_with_cuts, "with these cuts", units)
     found = record.measured
     if found is None:
         return "\n".join(lines)
     if record.stereo_change_arcsec is not None and found.disparity_change_arcsec is not None:
         lines.append(
             f"  two eyes see depths off by {digits(record.stereo_change_arcsec)} arc seconds of disparity; "
-            f"replayed, {digits(found.disparity_change_arcsec)} ({found.matched:,} points)"
+            f"replayed, {digits(found.disparity_change_arcsec)} ({found.matched:,} points), which is known "
+            f"to within {digits(record.noise_arcsec or 0.0)}"
         )
     lines.append(
         f"  replayed, {percent(found.depth_wrong)} of what both eyes are shown is wrong by depth "
-        f"({found.hogels:,} hogels)"
+        f"({found.judged:,} pixels of {found.hogels:,} hogels; at most {percent(found.depth_wrong_at_most)}, "
+        f"with a confidence of {percent(CONFIDENCE)})"
     )
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"  beyond what is required: {one}" for one in record.exceeded)])
+
+
+def _limit_lines(limits: Sequence[NearLimit], cuts: str, units: str) -> list[str]:
+    """Return a line for each thing that a viewer may notice, with the largest near that he does not."""
+    found, lines = binding(limits), []
+    for limit in limits:
+        if limit.largest_near is None:
+            largest = "any near"
+        else:
+            largest = f"near up to {limit.largest_near:g} {units}" if limit.largest_near else "no near"
+        if limit.name == CRACK:
+            what = f"the crack at the plate, {digits(limit.allowed)} arc minutes ({limit.hidden_by})"
+        else:
+            what = f"change of depth, {digits(limit.allowed)} arc seconds of disparity"
+        binds = "  <- binds" if limit == found else ""
+        lines.append(f"  {f'{cuts}: {what}':<82}  {largest}{binds}")
+    return lines

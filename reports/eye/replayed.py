@@ -11,6 +11,7 @@ from xfrustum.compare.eye.loss import Views, renderer_loss
 from xfrustum.compare.eye.noticeable import Display, eyes_apart
 from xfrustum.compare.eye.stereo import DepthShift, disparity
 from xfrustum.compare.prediction.chain import with_exact_depth
+from xfrustum.compare.scouting.sample import share_at_most
 from xfrustum.reference.eye.view import EyeReference
 from xfrustum.reports.eye.sources import Drawing
 from xfrustum.reports.eye.viewing import stereo_eyes
@@ -42,6 +43,8 @@ class Replayed:
     wrong, depth_wrong
         Share of both eyes' judged pixels with a wrong surface, and share of those that are right with exact
         depth.
+    judged
+        Number of both eyes' judged pixels.
     """
 
     hogels: int
@@ -50,6 +53,12 @@ class Replayed:
     depth: DepthShift | None
     wrong: float
     depth_wrong: float
+    judged: int
+
+    @property
+    def depth_wrong_at_most(self) -> float:
+        """Upper bound of the share that is wrong by depth, as if pixels were drawn at random."""
+        return share_at_most(round(self.depth_wrong * self.judged), self.judged)
 
 
 class ReplayWorkbench:
@@ -82,6 +91,11 @@ class ReplayWorkbench:
         self._control: tuple[DoubleFrustum, list[Mask]] | None = None
 
     @property
+    def eye_pixel(self) -> float:
+        """Width that a pixel of the eyes' films has on the plate, scene units."""
+        return self._scene.plate.size[0] / self._views[0].eye.resolution[0]
+
+    @property
     def hogels(self) -> int:
         """Number of hogels that the eyes are shown."""
         return len(hogels_of(view.taken for view in self._views))
@@ -112,6 +126,7 @@ class ReplayWorkbench:
             depth=pair.depth,
             wrong=sum(int(one.sum()) for one in wrong) / judged,
             depth_wrong=by_depth / judged,
+            judged=judged,
         )
 
     def _drawn(self, settings: DoubleFrustum) -> list[Views]:

@@ -12,6 +12,7 @@ from xfrustum.reports.measurements.best import pixels
 from xfrustum.reports.noticeable_study import facts
 from xfrustum.reports.noticeable_study.facts import Rows
 from xfrustum.reports.noticeable_study.figures import CURVES, MAP
+from xfrustum.reports.noticeable_study.grid import PIXELS
 from xfrustum.reports.splitting_study.advice import buffer_name
 from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
@@ -49,6 +50,10 @@ def document(rows: Rows, origin: Origin, *, pictured: bool = False) -> str:
     own = list(rows)
     values = {
         "rule_near": facts.rule_near,
+        "rule": facts.kept_rule(own),
+        "scene_rules": facts.rule_of_scenes(own),
+        "pixels_needed": PIXELS,
+        "crack_free_mm": 1000 * facts.rule_metres() * math.radians(ACUITY_ARCMIN / 60),
         "thresholds": facts.thresholds(own),
         "crack_alone": facts.crack_alone(own),
         "ratios": facts.replay_ratios(own),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC, Viewer
 from xfrustum.reports.noticeable_study.grid import DepthBuffer
-from xfrustum.reports.noticeable_study.rows import NoticedRow
+from xfrustum.reports.noticeable_study.rows import NoticedRow, decisive
+from xfrustum.reports.noticeable_study.rule import Kept, kept, safe_near, sheared_limits
 from xfrustum.scenes.plate.double_frustum import Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
@@ -140,6 +141,8 @@ class Replays:
         Number of the others, and the smallest change among them.
     depth_wrong
         Largest share of pixels wrong by depth, for each depth buffer.
+    fewest_pixels, most_pixels
+        Smallest and largest number of judged pixels of both eyes in a replay.
     """
 
     count: int
@@ -151,6 +154,8 @@ class Replays:
     seen: int
     least_seen: float
     depth_wrong: dict[DepthBuffer, float]
+    fewest_pixels: int
+    most_pixels: int
 
 
 def replays(rows: Rows) -> Replays:
@@ -174,6 +179,8 @@ def replays(rows: Rows) -> Replays:
         seen=len(above),
         least_seen=min(above, default=math.nan),
         depth_wrong=wrong,
+        fewest_pixels=min((row.replayed_pixels or 0 for row in own), default=0),
+        most_pixels=max((row.replayed_pixels or 0 for row in own), default=0),
     )
 
 
@@ -186,8 +193,12 @@ class Windows:
     buffer
         Format and mapping.
     eye, eye_cases
-        Cases in which the viewer notices nothing at some near of the study, of all scenes, pivots, pitches
-        and distances.
+        Cases in which a replay at some near of the study shows nothing to be noticed, of all scenes, pivots,
+        pitches and distances.
+    replayed
+        Cases that were replayed at the largest near whose offset is not noticed.
+    certain
+        Those counted by `eye` in which also the exact bound of the share that is wrong by depth is allowed.
     pixels, pixel_cases
         Cases in which `plan` would be content with some near, of all scenes and pivots.
     starved_below
@@ -197,6 +208,8 @@ class Windows:
     buffer: DepthBuffer
     eye: int
     eye_cases: int
+    replayed: int
+    certain: int
     pixels: int
     pixel_cases: int
     starved_below: float | None
@@ -206,22 +219,34 @@ class Windows:
         """Whether one pair of frusta is enough for an eye in all cases."""
         return self.eye == self.eye_cases
 
+    @property
+    def always_split(self) -> bool:
+        """Whether no replay of this depth buffer left nothing to notice."""
+        return self.eye == 0
+
 
 def windows(rows: Rows) -> list[Windows]:
     """Return where one pair of frusta is enough, by depth buffer."""
     found = []
     for buffer in dict.fromkeys(row.buffer for row in rows):
         own = [row for row in rows if row.buffer == buffer]
-        eye = dict.fromkeys(((row.scene, row.pivot, row.pitch, row.distance) for row in own), False)
         pixels = dict.fromkeys(((row.scene, row.pivot) for row in own), False)
         for row in own:
-            eye[row.scene, row.pivot, row.pitch, row.distance] |= not row.noticed
             pixels[row.scene, row.pivot] |= row.right_in_pixels
+        unnoticed = [
+            row
+            for row in own
+            if row.is_replayed
+            and not row.noticed
+            and (row.replayed_stereo_arcsec or 0.0) <= STEREO_ACUITY_ARCSEC
+        ]
         found.append(
             Windows(
                 buffer=buffer,
-                eye=sum(eye.values()),
-                eye_cases=len(eye),
+                eye=len({row.case for row in unnoticed}),
+                eye_cases=len({row.case for row in own}),
+                replayed=len({own[index].case for index in decisive(own) if own[index].is_replayed}),
+                certain=len({r.case for r in unnoticed if r.depth_wrong_at_most <= MAX_DEPTH_WRONG}),
                 pixels=sum(pixels.values()),
                 pixel_cases=len(pixels),
                 starved_below=max((row.near for row in own if row.depth_seen), default=None),
@@ -241,6 +266,13 @@ class Disagreement:
         or crack at an eye.
     example
         The cell that no eye notices in which most hogels are displaced too much; None where there is none.
+    hogel_cases
+        Number of scenes, pivots and nears: displacement of hogels depends on nothing else.
+    places
+        Number of pitches and distances, in each of which these are set before eyes.
+    displaced, unseen_somewhere, unseen_everywhere
+        Number of hogel cases whose worst hogel is displaced too much; of those that no eye notices at some
+        place; and of those that no eye notices at any.
     """
 
     pixels_only: int
@@ -248,6 +280,11 @@ class Disagreement:
     both: int
     neither: int
     example: NoticedRow | None
+    hogel_cases: int
+    places: int
+    displaced: int
+    unseen_somewhere: int
+    unseen_everywhere: int
 
 
 def disagreement(rows: Rows) -> Disagreement:
@@ -256,12 +293,22 @@ def disagreement(rows: Rows) -> Disagreement:
     eyes = {row: row.stereo_seen or row.crack_seen for row in own}
     moved = {row: row.pixels_worst is None or row.pixels_worst > TOLERANCE_PX for row in own}
     unseen = [row for row in own if moved[row] and not eyes[row]]
+
+    def hogels(some: Iterable[NoticedRow]) -> set[tuple[str, Pivot, float]]:
+        return {(row.scene, row.pivot, row.near) for row in some}
+
+    displaced = hogels(row for row in own if moved[row])
     return Disagreement(
         pixels_only=len(unseen),
         eyes_only=sum(eyes[row] and not moved[row] for row in own),
         both=sum(eyes[row] and moved[row] for row in own),
         neither=sum(not eyes[row] and not moved[row] for row in own),
         example=max(unseen, key=lambda row: (row.pixels_beyond, row.pixels_median or math.inf), default=None),
+        hogel_cases=len(hogels(own)),
+        places=len({(row.pitch, row.distance) for row in own}),
+        displaced=len(displaced),
+        unseen_somewhere=len(hogels(unseen)),
+        unseen_everywhere=len(displaced - hogels(row for row in own if eyes[row])),
     )
 
 
@@ -323,6 +370,29 @@ def shear_factor(rows: Rows) -> dict[str, tuple[float, float]]:
         finite = [ratio for ratio in ratios if np.isfinite(ratio)]
         found[scene] = min(finite), max(finite)
     return found
+
+
+def kept_rule(rows: Rows) -> tuple[Kept, Kept, tuple[float, float] | None]:
+    """Return how the rule does without shear and with it, and the limits with shear over the rule's."""
+    sheared = {(row.scene, row.pivot) for row in rows if row.sheared}
+    limits = [
+        (one.scene, distance, near)
+        for one in thresholds(rows)
+        if (one.scene, one.pivot) in sheared
+        for distance, near in one.stereo.items()
+        if near is not None
+    ]
+    return kept(rows, sheared=False), kept(rows, sheared=True), sheared_limits(rows, limits)
+
+
+def rule_of_scenes(rows: Rows) -> list[tuple[str, dict[float, float]]]:
+    """Return the near of the rule at each distance, for every scene with surfaces before the plate, mm."""
+    found: dict[str, dict[float, float]] = {}
+    for row in rows:
+        if row.nearest_distance < row.distance:
+            near = safe_near(row.distance, row.nearest_distance)
+            found.setdefault(row.scene, {})[row.distance] = near
+    return list(found.items())
 
 
 def crack_alone(rows: Rows) -> list[str]:

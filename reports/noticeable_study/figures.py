@@ -11,7 +11,7 @@ from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC
 from xfrustum.reports.common.figure_style import COLORS
 from xfrustum.reports.common.templates_environment import svg_picture
 from xfrustum.reports.noticeable_study.facts import Rows
-from xfrustum.reports.noticeable_study.rows import NoticedRow
+from xfrustum.reports.noticeable_study.rows import NoticedRow, starved_nears
 from xfrustum.reports.splitting_study.advice import buffer_name
 from xfrustum.reports.splitting_study.figures import Map, Panel, svg
 
@@ -47,14 +47,17 @@ def noticed_map(rows: Rows) -> Map:
     pitch = pitches[len(pitches) // 2]
     own = [row for row in rows if row.pitch == pitch]
     buffers = list(dict.fromkeys(row.buffer for row in own))
-    cases = list(dict.fromkeys(map(case_name, own)))
+    cases, starved = list(dict.fromkeys(map(case_name, own))), starved_nears(own)
+
+    def color(row: NoticedRow) -> str:
+        return _color(row, by_depth=row.depth_seen or row.near <= starved.get(row.case, 0.0))
 
     def panel(distance: float) -> Panel:
         lines = []
         for case in cases:
             for buffer in buffers:
                 line = [r for r in own if (r.distance, case_name(r), r.buffer) == (distance, case, buffer)]
-                lines.append(tuple(_color(row) for row in sorted(line, key=lambda row: -row.near)))
+                lines.append(tuple(color(row) for row in sorted(line, key=lambda row: -row.near)))
         return Panel(title=f"from {distance:g} mm", lines=tuple(lines))
 
     return Map(
@@ -68,9 +71,9 @@ def noticed_map(rows: Rows) -> Map:
     )
 
 
-def _color(row: NoticedRow) -> str:
+def _color(row: NoticedRow, *, by_depth: bool) -> str:
     offset = 2 if row.crack_seen else 1 if row.stereo_seen else 0
-    if row.depth_seen:
+    if by_depth:
         return _NOTICED[4 if offset else 3][0]
     return _NOTICED[offset][0]
 

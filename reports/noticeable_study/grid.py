@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import TypeVar
@@ -102,10 +103,10 @@ class Grid:
     nears, buffers, pitches, distances
         As in `Cell`.
     replayed_nears
-        Nears that are replayed with all depth buffers at the middle pitch and distance, and the middle one of
-        them with the middle buffer at every other pitch and distance.
-    columns
-        Columns of the eyes' films in replays.
+        Nears that are replayed with all depth buffers at the middle pitch and distance, whatever closed forms
+        say of them; `rows.decisive` names the others that are replayed.
+    pixels
+        Smallest number of pixels that the films of both eyes have together in replays.
 
     Raises
     ------
@@ -119,7 +120,7 @@ class Grid:
     pitches: tuple[float, ...]
     distances: tuple[float, ...]
     replayed_nears: tuple[float, ...]
-    columns: int
+    pixels: int
 
     def __post_init__(self) -> None:
         some = (self.scenes, self.nears, self.buffers, self.pitches, self.distances, self.replayed_nears)
@@ -144,14 +145,20 @@ class Grid:
                     mapping=mapping,
                 )
 
-    def is_replayed(self, cell: Cell) -> bool:
-        """Return whether a cell is replayed too."""
+    def is_replayed_anyway(self, cell: Cell) -> bool:
+        """Return whether a cell is replayed whatever closed forms say of it."""
         in_middle = (cell.pitch, cell.distance) == (_middle(self.pitches), _middle(self.distances))
-        if in_middle:
-            return cell.near in self.replayed_nears
-        off_one = _middle(self.pitches) == cell.pitch or _middle(self.distances) == cell.distance
-        usual = cell.buffer == _middle(self.buffers) and cell.near == _middle(self.replayed_nears)
-        return off_one and usual
+        return in_middle and cell.near in self.replayed_nears
+
+    def columns(self, size: tuple[float, float]) -> int:
+        """Return the columns of an eye's film before a plate of some size, as few as give `pixels`."""
+        width, height = size
+        fewest = max(1, math.isqrt(round(self.pixels / 2 * width / height)) - 1)
+        return next(
+            columns
+            for columns in itertools.count(fewest)
+            if 2 * columns * max(1, round(columns * height / width)) >= self.pixels
+        )
 
 
 def _middle(values: tuple[T, ...]) -> T:
@@ -162,6 +169,10 @@ BOTH = (Pivot.APERTURE, Pivot.CAMERA)
 
 NEARS = tuple(float(f"{near:.3g}") for near in np.geomspace(10.0, 1e-3, 9))
 """Nears from 10 mm down to 1 micrometer, half a decade apart."""
+
+PIXELS = 4742
+"""Number of pixels of which one may be wrong by depth without doubt: the exact bound of Clopper and Pearson
+at 95 % is then no more than `tolerances.MAX_DEPTH_WRONG`, 0.1 %. Where none is wrong, 2,995 would do."""
 
 FULL = Grid(
     scenes=(
@@ -175,7 +186,7 @@ FULL = Grid(
     pitches=(0.25, 0.5, 1.0),
     distances=(300.0, 600.0, 1200.0),
     replayed_nears=(NEARS[1], NEARS[3], NEARS[5]),
-    columns=48,
+    pixels=PIXELS,
 )
 
 QUICK = replace(
@@ -185,5 +196,5 @@ QUICK = replace(
     pitches=(1.0,),
     distances=(600.0,),
     buffers=(D16, D32F),
-    columns=16,
+    pixels=384,
 )

@@ -10,10 +10,15 @@ import pyarrow.parquet as pq
 from pydantic import TypeAdapter
 
 from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC
+from xfrustum.compare.scouting.sample import share_at_most
 from xfrustum.reports.common.records import named_columns, table_of
-from xfrustum.reports.noticeable_study.grid import Seat, Setting
+from xfrustum.reports.noticeable_study.grid import DepthBuffer, Seat, Setting
 from xfrustum.reports.splitting_study.rows import Origin
+from xfrustum.scenes.plate.double_frustum import Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
+
+Case = tuple[str, float, float, Pivot, DepthBuffer]
+"""Scene, pitch, distance, pivot and depth buffer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +44,10 @@ class Predicted:
         Share of these apertures that are displaced by more than half a pixel.
     asked_separation
         Separation that `plan` asks for without a viewer: a thousandth of the reach.
+    nearest_distance
+        Distance from the eyes of the nearest surface before the plate; the plate's own where there is none.
+    sheared
+        Whether what is replayed is sheared: the frustum is recentered, and the pivot is `aperture`.
     """
 
     stereo_arcsec: float
@@ -52,6 +61,8 @@ class Predicted:
     pixels_worst: float | None
     pixels_beyond: float
     asked_separation: float
+    nearest_distance: float
+    sheared: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,12 +77,15 @@ class Measured:
         Number of surface points that both eyes were shown.
     replayed_wrong, replayed_depth_wrong
         Share of pixels with wrong surfaces, and with such as exact depth shows rightly.
+    replayed_pixels
+        Number of pixels of both eyes that these are shares of.
     """
 
     replayed_stereo_arcsec: float | None = None
     replayed_points: int | None = None
     replayed_wrong: float | None = None
     replayed_depth_wrong: float | None = None
+    replayed_pixels: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,9 +103,31 @@ class NoticedRow(Seat, Setting, Predicted, Measured):
         return self.crack_arcmin is not None and self.crack_arcmin > self.crack_hidden_arcmin
 
     @property
+    def case(self) -> Case:
+        """Everything but near: plate and place, pivot, depth buffer."""
+        return self.scene, self.pitch, self.distance, self.pivot, self.buffer
+
+    @property
+    def offset_seen(self) -> bool:
+        """Whether the viewer notices the near offset, whatever the depth buffer does."""
+        return self.stereo_seen or self.crack_seen
+
+    @property
     def noticed(self) -> bool:
         """Whether the viewer notices anything of near and depth buffer."""
-        return self.stereo_seen or self.crack_seen or self.depth_seen
+        return self.offset_seen or self.depth_seen
+
+    @property
+    def is_replayed(self) -> bool:
+        """Whether the cell was replayed."""
+        return self.replayed_pixels is not None
+
+    @property
+    def depth_wrong_at_most(self) -> float:
+        """Upper bound of the share of pixels wrong by depth, as of a random sample; 1 where not replayed."""
+        if self.replayed_pixels is None or self.replayed_depth_wrong is None:
+            return 1.0
+        return share_at_most(round(self.replayed_depth_wrong * self.replayed_pixels), self.replayed_pixels)
 
     @property
     def right_in_pixels(self) -> bool:
@@ -104,6 +140,31 @@ class NoticedRow(Seat, Setting, Predicted, Measured):
         """Whether the depth buffer confuses what the viewer tells apart, or was measured to be wrong."""
         wrong = self.replayed_depth_wrong is not None and self.replayed_depth_wrong > MAX_DEPTH_WRONG
         return wrong or self.ordered_separation > self.resolved_separation
+
+
+def decisive(rows: Sequence[NoticedRow]) -> frozenset[int]:
+    """Return the indices of the rows that decide whether one pair of frusta is enough.
+
+    For each plate, place and depth buffer that is the largest near whose offset is not noticed: a larger one
+    is noticed, and a smaller one leaves more to be wrong by depth. None where every near is noticed.
+    """
+    found: dict[Case, int] = {}
+    for index, row in enumerate(rows):
+        if not row.offset_seen and row.near > rows[found.setdefault(row.case, index)].near:
+            found[row.case] = index
+    return frozenset(found.values())
+
+
+def starved_nears(rows: Sequence[NoticedRow]) -> dict[Case, float]:
+    """Return the largest nears at which a replay shows too much that is wrong by depth.
+
+    A smaller near of the same case leaves more to be wrong, whatever the closed form says of it.
+    """
+    found: dict[Case, float] = {}
+    for row in rows:
+        if row.is_replayed and row.depth_seen:
+            found[row.case] = max(row.near, found.get(row.case, 0.0))
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

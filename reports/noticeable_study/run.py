@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.resources import files
 from itertools import groupby
 
@@ -26,13 +26,13 @@ from xfrustum.compare.scouting.scout import Scout, scout
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.replayed import Replayed, ReplayWorkbench
 from xfrustum.reports.noticeable_study.grid import Cell, Grid
-from xfrustum.reports.noticeable_study.rows import Measured, NoticedRow, Predicted
+from xfrustum.reports.noticeable_study.rows import Measured, NoticedRow, Predicted, decisive
 from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.reports.splitting_study.store import Store, origin_hash
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
-from xfrustum.scenes.plate.double_frustum import DoubleFrustum
+from xfrustum.scenes.plate.double_frustum import DoubleFrustum, Pivot
 from xfrustum.tolerances import TOLERANCE_PX
 
 REPLAYS = "replay"
@@ -53,32 +53,46 @@ def replays_hash(origin: Origin) -> str:
 def measure(grid: Grid, store: Store, *, progress: bool = False) -> tuple[NoticedRow, ...]:
     """Return one row per cell in the grid's order."""
     cells = list(grid.cells())
-    _replay([cell for cell in cells if grid.is_replayed(cell)], grid.columns, store, progress=progress)
+    rows = predicted_rows(cells, progress=progress)
+    chosen = to_replay(grid, cells, rows)
+    _replay([cells[index] for index in chosen], grid, store, progress=progress)
     found, reader = store.get(REPLAYS), TypeAdapter(Replayed)
-    rows = []
-    forms = ClosedForms()
-    with progress_bar(len(cells), "closed forms", "cell", shown=progress) as bar:
-        for cell in cells:
-            replay = found.get(_key(cell, grid.columns)) if grid.is_replayed(cell) else None
-            measured = Measured() if replay is None else _measured(reader.validate_python(replay))
-            rows.append(NoticedRow(**vars(cell), **vars(forms.predicted(cell)), **vars(measured)))
-            bar.update()
+    for index in chosen:
+        replay = reader.validate_python(found[_key(cells[index], grid.pixels)])
+        rows[index] = replace(rows[index], **vars(_measured(replay)))
     return tuple(rows)
 
 
-def _key(cell: Cell, columns: int) -> str:
-    return f"{columns} {cell.key}"
+def predicted_rows(cells: Sequence[Cell], *, progress: bool = False) -> list[NoticedRow]:
+    """Return what closed forms say of some cells."""
+    rows, forms = [], ClosedForms()
+    with progress_bar(len(cells), "closed forms", "cell", shown=progress) as bar:
+        for cell in cells:
+            rows.append(NoticedRow(**vars(cell), **vars(forms.predicted(cell))))
+            bar.update()
+    return rows
 
 
-def _replay(cells: Sequence[Cell], columns: int, store: Store, *, progress: bool) -> None:
+def to_replay(grid: Grid, cells: Sequence[Cell], rows: Sequence[NoticedRow]) -> list[int]:
+    """Return the indices of the cells that are replayed: those that decide, and those that are anyway."""
+    decides = decisive(rows)
+    return [index for index, cell in enumerate(cells) if index in decides or grid.is_replayed_anyway(cell)]
+
+
+def _key(cell: Cell, pixels: int) -> str:
+    return f"{pixels} {cell.key}"
+
+
+def _replay(cells: Sequence[Cell], grid: Grid, store: Store, *, progress: bool) -> None:
     done = store.get(REPLAYS).keys()
-    missing = sorted((cell for cell in cells if _key(cell, columns) not in done), key=_seat_and_near)
+    missing = sorted((cell for cell in cells if _key(cell, grid.pixels) not in done), key=_seat_and_near)
     with progress_bar(len(missing), "replays", "plate", shown=progress and bool(missing)) as bar:
         for seat, group in groupby(missing, key=lambda cell: cell.seat):
             bar.set_postfix_str(f"{seat.scene}, pitch {seat.pitch:g}, {seat.distance:g} mm", refresh=False)
-            workbench = ReplayWorkbench(seat.opened(), seat.viewer, columns)
+            scene = seat.opened()
+            workbench = ReplayWorkbench(scene, seat.viewer, grid.columns(scene.plate.size))
             for cell in group:
-                store.put(REPLAYS, _key(cell, columns), asdict(workbench.measure(cell.settings)))
+                store.put(REPLAYS, _key(cell, grid.pixels), asdict(workbench.measure(cell.settings)))
                 bar.update()
 
 
@@ -93,6 +107,7 @@ def _measured(replay: Replayed) -> Measured:
         replayed_points=replay.matched,
         replayed_wrong=replay.wrong,
         replayed_depth_wrong=replay.depth_wrong,
+        replayed_pixels=replay.judged,
     )
 
 
@@ -111,6 +126,8 @@ class ClosedForms:
         hidden_by, hidden, width = resolved_crack(cell.viewer, display, settings)
         resolved = finest_separation(content.farthest, cell.viewer, display)
         assert resolved is not None
+        frustum = scouted.scene.frustum
+        before = 0.0 if content.before is None else content.before[1]
         moved = self._displacements(cell.scene, DoubleFrustum(near=cell.near, pivot=cell.pivot))
         median, worst = float(np.median(moved)), float(moved.max())
         return Predicted(
@@ -124,7 +141,9 @@ class ClosedForms:
             pixels_median=median if math.isfinite(median) else None,
             pixels_worst=worst if math.isfinite(worst) else None,
             pixels_beyond=float((moved > TOLERANCE_PX).mean()),
-            asked_separation=SEPARATION_PER_REACH * scouted.scene.frustum.longest_reach,
+            asked_separation=SEPARATION_PER_REACH * frustum.longest_reach,
+            nearest_distance=cell.distance - before,
+            sheared=frustum.recentered and cell.pivot is Pivot.APERTURE,
         )
 
     def _scouted(self, name: str) -> Scout:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -11,8 +12,20 @@ from tests.support.scene_file import film, named, part
 from xfrustum.cli.main import main
 from xfrustum.compare.eye.limits import Viewer
 from xfrustum.compare.eye.noticeable import Content, Display, stereo_change_arcsec
+from xfrustum.compare.planning.plan import Plan
 from xfrustum.compare.planning.viewer import CRACK, STEREO, EyeRequirement
-from xfrustum.scenes import DoubleFrustum, Scene, open_scene
+from xfrustum.compare.planning.views import Quality, Requirement
+from xfrustum.compare.scouting.sample import RandomSample
+from xfrustum.reports.commands.planning import make_viewer_plan, table
+from xfrustum.reports.eye.planned import (
+    PlannedRecord,
+    exceeded,
+    planned_record,
+    planned_table,
+    replayed_plan,
+)
+from xfrustum.reports.eye.replayed import Replayed
+from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, Scene, open_scene
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +77,108 @@ def test_a_cut_that_is_fitted_leaves_a_smaller_gap(scene_file: str) -> None:
     whole, cut = DoubleFrustum(near=2.0), DoubleFrustum(near=2.0, slabs=(6.0,))
     assert 0 < wanted.stereo_change(cut) < wanted.stereo_change(whole)
     assert (wanted.crack_width(cut) or 0.0) == pytest.approx((wanted.crack_width(whole) or 0.0) * 6 / 8)
+
+
+def test_where_even_the_smallest_near_is_noticed_none_is_named(scene_file: str) -> None:
+    scene = open_scene(scene_file)
+    wanted = requirement(scene, Viewer(distance=600.0, stereo_acuity_arcsec=1e-9))
+    assert not wanted.allows(DoubleFrustum(near=1e-8 * scene.frustum.longest_reach))
+    stereo, crack = wanted.limits
+    assert stereo.largest_near == 0.0
+    assert crack.largest_near != 0.0
+    assert wanted.binding == stereo
+    assert "no near" in planned_table(record_of(wanted), "mm")
+
+
+def test_limits_are_told_without_cuts_and_with_those_of_the_plan(scene_file: str) -> None:
+    wanted = requirement(open_scene(scene_file), Viewer(distance=600.0))
+    cut = DoubleFrustum(near=0.2, slabs=(0.4,))
+    (without, _), (with_cuts, _) = wanted.limits, wanted.limits_with(cut)
+    assert without.largest_near is not None
+    assert with_cuts.largest_near is None or with_cuts.largest_near > without.largest_near
+    told = planned_table(record_of(wanted, limits_with_cuts=wanted.limits_with(cut)), "mm")
+    assert "without cuts: change of depth" in told
+    assert "with these cuts: change of depth" in told
+    assert "with these cuts" not in planned_table(record_of(wanted), "mm")
+
+
+def record_of(wanted: EyeRequirement, **changes: Any) -> PlannedRecord:
+    return PlannedRecord(
+        viewer=wanted.viewer,
+        pitch_arcmin=1.0,
+        pixel_arcmin=1.0,
+        diffraction_arcmin=1.0,
+        rays_per_pupil=None,
+        limits=wanted.limits,
+        binding=STEREO,
+        stereo_change_arcsec=20.0,
+        crack_arcmin=0.1,
+        separation=1.0,
+        separation_limited_by="pitch",
+        measured=changes.pop("measured", None),
+        **changes,
+    )
+
+
+SHOWN = Replayed(
+    hogels=48, matched=300, disparity_change_arcsec=20.4, depth=None, wrong=0.1, depth_wrong=0.0, judged=1728
+)
+
+
+@pytest.mark.parametrize(
+    ("shown", "beyond"),
+    [
+        (SHOWN, ""),
+        # 2 of 1,728 pixels are 0.116 %, which is more than 0.1 %.
+        (replace(SHOWN, depth_wrong=2 / 1728), "wrong by depth"),
+        (replace(SHOWN, depth_wrong=1 / 1728), ""),
+        (replace(SHOWN, disparity_change_arcsec=22.0), "arc seconds"),
+        (replace(SHOWN, disparity_change_arcsec=None), ""),
+    ],
+)
+def test_a_plan_holds_only_where_its_replay_does(scene_file: str, shown: Replayed, beyond: str) -> None:
+    scene = open_scene(scene_file)
+    wanted = requirement(scene, Viewer(distance=600.0))
+    quality = Quality(displacement_p99_px=9.0, depth_wrong=0.0, misordered=0.0, separation=0.1)
+    made = Plan(
+        near=0.2,
+        slabs=(),
+        depth=DepthFormat.D16,
+        mapping=DepthMapping.STANDARD,
+        predicted=quality,
+        measured=quality,
+        within=True,
+        reason="One pair of frusta is enough.",
+    )
+    record = record_of(
+        wanted, measured=shown, noise_arcsec=1.0, exceeded=exceeded(shown, wanted, noise_arcsec=1.0)
+    )
+    judged = replayed_plan(made, record)
+    told = table(judged, scene, [scene.plate.middle], wanted, record.exceeded)
+    assert judged.within == (not beyond)
+    assert (beyond in judged.reason) and ("DOES NOT HOLD" in told) == bool(beyond)
+    assert ("The plan holds, replayed to two eyes" in told) == (not beyond)
+    assert f"{shown.judged:,} pixels" in planned_table(record, "mm")
+
+
+@pytest.mark.slow
+def test_a_plan_whose_replay_shows_too_much_wrong_by_depth_does_not_hold() -> None:
+    car = open_scene("car")
+    scene = replace(
+        car,
+        plate=replace(car.plate, hogels=(16, 12)),
+        frustum=replace(car.frustum, resolution=(48, 48)),
+    )
+    choices = [(DepthFormat.D16, DepthMapping.STANDARD)]
+    viewer, sample = Viewer(distance=40.0), RandomSample(hogels=4)
+    made, wanted = make_viewer_plan(scene, viewer, Requirement(), choices, sample=sample)
+    record = planned_record(scene, made, wanted)
+    assert made.within
+    assert record.measured is not None
+    assert record.measured.depth_wrong > wanted.max_wrong
+    judged = replayed_plan(made, record)
+    assert not judged.within
+    assert "wrong by depth" in judged.reason
 
 
 @pytest.mark.slow

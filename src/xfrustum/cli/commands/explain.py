@@ -92,7 +92,7 @@ def _tell_with_viewer(plan: EffectsPlan, viewer: tuple[float, str | None], *, as
     from xfrustum.reports.effects import table as effects_table
     from xfrustum.reports.effects.viewer import viewer_record, viewer_table
 
-    record = viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings.near)
+    record = viewer_record(plan.scene, scene_length(viewer, plan.scene), plan.settings)
     options.tell(
         as_json,
         lambda: {**effects_table.summary(plan), "viewer": json_object(record)},

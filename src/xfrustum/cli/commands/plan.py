@@ -220,14 +220,16 @@ def _plan_for_eyes(
 ) -> None:
     from xfrustum.reports.commands.planning import make_viewer_plan, table
     from xfrustum.reports.common.json_ready import json_object
-    from xfrustum.reports.eye.planned import planned_record, planned_table
+    from xfrustum.reports.eye.planned import planned_record, planned_table, replayed_plan
 
     made, seen = make_viewer_plan(scene, viewer, requirement, buffers, sample=sample, progress=not quiet)
     options.warn_of(scene)
     record = planned_record(scene, made, seen, progress=not quiet)
-    options.tell(
-        as_json,
-        lambda: {**made.summary(), "viewer": json_object(record)},
+    made = replayed_plan(made, record)
+
+    def text() -> str:
         # The last line is the command that draws so, as in all plans.
-        lambda: f"{planned_table(record, scene.units)}\n\n{table(made, scene, [scene.plate.middle], seen)}",
-    )
+        planned = table(made, scene, [scene.plate.middle], seen, record.exceeded)
+        return f"{planned_table(record, scene.units)}\n\n{planned}"
+
+    options.tell(as_json, lambda: {**made.summary(), "viewer": json_object(record)}, text)
