@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -222,12 +222,13 @@ def _hogels(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Com
     compared, fresh = [], []
     for hogel in now:
         editions = accepted.get(hogel.place, ())
-        newest = editions[0].kept if editions else ()
+        kept = [tuple(edition.kept) for edition in editions]
+        newest = kept[0] if kept else ()
         # What counts another kind of wrong pixels is another measure.
         alike = len({one.by for one in (hogel, *newest)} - {None}) <= 1
         for name in NAMES:
             value = hogel.measures.value(name)
-            known = [_known(name, [one.measures for one in edition.kept]) for edition in editions]
+            known = [_known(name, [one.measures for one in edition]) for edition in kept]
             if known and known[0] and (alike or name != "wrong_pixels"):
                 # A missing hogel is counted as such, and not once more for each of its other measures.
                 if value is not None or not hogel.measures.missing:
@@ -249,13 +250,18 @@ def _plate(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Comp
     if len({accepted[one.place][0].runs for one in common}) != 1:
         numbers = total([one.measures for one in now])
         return [], [_fresh(name, None, value) for name in NAMES if (value := numbers.value(name)) is not None]
-    present = _totals(common, [one.measures for one in common], accepted)
+    whole = {
+        one.place
+        for one in common
+        if not one.measures.missing and not any(kept.measures.missing for kept in accepted[one.place][0].kept)
+    }
+    present = _totals(common, whole)
     totals = []
     for several in zip(*(accepted[one.place] for one in common), strict=False):
         if len({one.runs for one in several}) > 1:
             break
         kept = zip(*(one.kept for one in several), strict=True)
-        totals.append([_totals(common, [one.measures for one in run], accepted) for run in kept])
+        totals.append([_totals(run, whole) for run in kept])
     compared = []
     for name in NAMES:
         known = [_known(name, one) for one in totals]
@@ -266,15 +272,10 @@ def _plate(now: Sequence[HogelMeasures], accepted: Accepted) -> tuple[list[_Comp
     return compared, []
 
 
-def _totals(common: Sequence[HogelMeasures], measures: Sequence[Measures], accepted: Accepted) -> Measures:
+def _totals(hogels: Sequence[HogelMeasures], whole: Collection[Place]) -> Measures:
     """Return the totals over hogels that are there, now and in the accepted runs; all missing ones count."""
-    there = [
-        one
-        for hogel, one in zip(common, measures, strict=True)
-        if not hogel.measures.missing
-        and not any(kept.measures.missing for kept in accepted[hogel.place][0].kept)
-    ]
-    missing = total([Measures(missing=one.missing) for one in measures])
+    there = [one.measures for one in hogels if one.place in whole]
+    missing = total([Measures(missing=one.measures.missing) for one in hogels])
     return replace(total(there), missing=missing.missing)
 
 

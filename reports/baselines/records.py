@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from sys import intern
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from xfrustum.reports.baselines.changes import Change, Changes, MeasureChange, r
 from xfrustum.reports.baselines.measures import NAMES, HogelMeasures, Measures, Place, total
 from xfrustum.reports.common.json_ready import INLINED
 from xfrustum.reports.common.records import named_columns, table_of
+from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.errors import InputError
 
 
@@ -183,7 +186,7 @@ class StoredRun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcceptedRun:
-    """Measures of the hogels of an accepted run, as Arrow columns.
+    """Measures of the hogels of an accepted run, as arrays.
 
     Attributes
     ----------
@@ -191,28 +194,31 @@ class AcceptedRun:
         The run.
     places
         Column and row of each hogel.
-    by, numbers
-        Property by which pixels are wrong, and the value of each measure, by its name.
+    by
+        Property by which pixels of each hogel are wrong.
+    numbers
+        Values of the measures, shape (hogels, measures); NaN where one is not known.
     """
 
     run: Run
     places: tuple[Place, ...]
-    by: pa.StringArray
-    numbers: Mapping[str, pa.DoubleArray]
+    by: tuple[str | None, ...]
+    numbers: Floats
 
     def hogel(self, row: int) -> HogelMeasures:
         """Return the measures of one hogel."""
-        numbers = {name: column[row].as_py() for name, column in self.numbers.items()}
-        return HogelMeasures(place=self.places[row], by=self.by[row].as_py(), measures=Measures(**numbers))
+        numbers = [None if math.isnan(number) else number for number in self.numbers[row].tolist()]
+        measures = Measures(**dict(zip(NAMES, numbers, strict=True)))
+        return HogelMeasures(place=self.places[row], by=self.by[row], measures=measures)
 
     def of_places(self, places: Collection[Place]) -> AcceptedRun:
         """Return these measures of some hogels only."""
-        rows = pa.array([row for row, place in enumerate(self.places) if place in places], pa.int64())
+        rows = [row for row, place in enumerate(self.places) if place in places]
         return AcceptedRun(
             run=self.run,
-            places=tuple(self.places[row] for row in rows.to_pylist()),
-            by=self.by.take(rows),
-            numbers={name: column.take(rows) for name, column in self.numbers.items()},
+            places=tuple(self.places[row] for row in rows),
+            by=tuple(self.by[row] for row in rows),
+            numbers=self.numbers[rows],
         )
 
 
@@ -333,8 +339,8 @@ def read_accepted(path: Path, run: Run) -> AcceptedRun:
         return AcceptedRun(
             run=run,
             places=tuple(places),
-            by=table["by"].combine_chunks(),
-            numbers={name: table[name].combine_chunks() for name in NAMES},
+            by=tuple(None if one is None else intern(one) for one in table["by"].to_pylist()),
+            numbers=np.stack([table[name].to_numpy().astype(np.float64) for name in NAMES], axis=-1),
         )
 
 
