@@ -151,6 +151,7 @@ QUICK = ("numbers not plus one",)
 """The commonest one; the others are slow."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ENCODED]
 )

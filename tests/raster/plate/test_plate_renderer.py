@@ -287,7 +287,7 @@ def scattered(seed: int, count: int, size: float) -> Floats:
     return np.asarray(middle + random.normal(scale=size, size=(count, 3, 3)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.integers(0, 1 << 20),
     st.sampled_from([0.3, 3.0, 40.0, 1e4, 1e7]),

@@ -159,7 +159,7 @@ def fits(scene: Scene) -> None:
     assert scene.plate.size[0] >= high[0] - low[0] and scene.plate.size[1] >= high[1] - low[1]
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(
     st.tuples(*[st.floats(0.01, 1.0)] * 3),
     st.tuples(*[st.floats(-50.0, 50.0)] * 3),

@@ -215,6 +215,7 @@ def _as_in_the_paper(row: StudyRow) -> bool:
     return drawn == (Camera.C, Pivot.APERTURE, None, Offset.PLATE, ())
 
 
+@pytest.mark.slow
 def test_rows_of_one_family_alone_give_a_document_too(
     published: tuple[tuple[StudyRow, ...], Origin], tmp_path: Path
 ) -> None:

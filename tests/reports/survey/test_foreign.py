@@ -74,6 +74,7 @@ def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
     assert "This hogel is missing" in page
 
 
+@pytest.mark.slow
 def test_images_that_were_drawn_again_are_another_survey(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
