@@ -18,6 +18,7 @@ from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes import HogelImage, Scene, open_scene
 from xfrustum.scenes.arrays import Mask
 from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.tolerances import MAX_WRONG
 
 SIDE = 32
 FILM = film((40.0, 40.0), hogels=(1, 1), resolution=(SIDE, SIDE), fov_deg=(60.0, 60.0), reach=(50.0, 60.0))
@@ -32,7 +33,7 @@ def box_at(folder: Path, x: float) -> Scene:
     return open_scene(str(file))
 
 
-def verified(scene: Scene, covered: Mask, **asked: float) -> Verification:
+def verified(scene: Scene, covered: Mask, max_wrong: float = MAX_WRONG) -> Verification:
     """Verify a renderer that names the box in some pixels (H, W)."""
     camera = Reference(scene).camera(scene.plate.middle)
     image = HogelImage(
@@ -41,7 +42,7 @@ def verified(scene: Scene, covered: Mask, **asked: float) -> Verification:
         object=np.where(covered, 0, NOTHING).astype(np.int32),
         position=np.full((*covered.shape, 3), np.nan),
     )
-    return xfrustum.verify(scene, lambda _, __: image, **asked)
+    return xfrustum.verify(scene, lambda _, __: image, max_wrong=max_wrong)
 
 
 def test_an_object_that_fills_the_film_is_right_though_nothing_can_be_registered(tmp_path: Path) -> None:
