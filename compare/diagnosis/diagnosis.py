@@ -147,7 +147,8 @@ def _fitted(
         means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
         return fit, means if fit.holds else f"{means}, which no convention explains"
     if pictures:
-        fit = replace(register(reference, pictures, nominal), by_color=True)
+        by_objects = all(picture.color is None for picture in pictures)
+        fit = replace(register(reference, pictures, nominal), by_color=True, by_objects=by_objects)
         return fit, f"registration of {len(pictures)} pictures"
     none = nominal.parameters
     fit = GeometryFit(model=nominal, low=none, high=none, free=(), noise_px=0.0)

@@ -210,7 +210,9 @@ def _written(name: str, scene: Scene, number: float) -> float:
 
 
 def _witnesses(fit: GeometryFit) -> str:
-    return "colors" if fit.by_color else "images"
+    if fit.by_color:
+        return "object numbers" if fit.by_objects else "colors"
+    return "images"
 
 
 def _alternatives(

@@ -98,7 +98,9 @@ class GeometryFit:
     spoiled
         Column and row of the hogels that were left out, as their files are named.
     by_color
-        Whether the guess rests on colors alone.
+        Whether the guess rests on pictures, of colors or of objects, that were registered.
+    by_objects
+        Whether these pictures name objects, all of them, and have no colors.
     """
 
     model: DrawnModel
@@ -109,6 +111,7 @@ class GeometryFit:
     alternatives: tuple[DrawnModel, ...] = ()
     spoiled: frozenset[tuple[int, int]] = frozenset()
     by_color: bool = False
+    by_objects: bool = False
 
     @property
     def holds(self) -> bool:

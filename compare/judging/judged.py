@@ -19,17 +19,16 @@ from functools import partial
 import numpy as np
 
 from xfrustum.compare.judging.foreign_cameras import foreign_cameras
-from xfrustum.compare.judging.outline_shift import (
-    Steps,
-    contrast,
-    missing_outlines,
-    outline_displacement,
-    steps_of,
-    true_outlines,
+from xfrustum.compare.judging.image_displacement import (
+    COLOR_ONLY,
+    MeasuredBy,
+    picture_displacement,
+    point_displacement,
 )
-from xfrustum.compare.metrics.displacement import Spread, lengths
+from xfrustum.compare.judging.outline_shift import contrast, missing_outlines, true_outlines
+from xfrustum.compare.metrics.displacement import Spread
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.metrics.film import existing_triangles, pixel_centers
+from xfrustum.compare.metrics.film import existing_triangles
 from xfrustum.compare.metrics.surface import (
     SurfaceErrors,
     covered_by,
@@ -61,17 +60,6 @@ class Compared(StrEnum):
     """Places where pictures show something, and where outlines run; their shading may be any."""
 
 
-class MeasuredBy(StrEnum):
-    """Means by which a displacement was measured."""
-
-    POINTS = "surface points"
-    """The surface point of each pixel; where a pixel's line misses the triangle that it names, the point of
-    that triangle drawn nearest to it."""
-    OUTLINES = "registration of outlines"
-    NOTHING = "nothing"
-    """The displacement cannot be known."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Judging:
     """How images are judged.
@@ -96,9 +84,6 @@ WRONG_WORDS = {
     "outlines": "wrong outlines",
 }
 """Words for what `Figures.wrong` counts, by `Figures.by`."""
-
-COLOR_ONLY = ("color", "outlines")
-"""Values of `Figures.by` of pictures that name no surfaces."""
 
 SURFACES = "wrong surfaces"
 
@@ -270,7 +255,7 @@ def judge(
     radiance = None
     if surface is not None and image.color is not None and judging.compared is Compared.COLOR:
         radiance = _wrong_colors(reference, question, answer, upright, judging) & shown & ~surface
-    spread, measured_by = _displacement(reference, question, answer, upright, by)
+    spread, measured_by = seen.displacement(reference.scene, question)
     causes = seen.causes(reference.scene, question) if explained else None
     return Figures(
         shown=int(shown.sum()),
@@ -333,6 +318,12 @@ class _Compared:
         cameras = foreign_cameras(scene, question, self.answer.camera.aperture)
         return find_causes(scene.triangles, cameras, self.answer, self.upright, self.differs)
 
+    def displacement(self, scene: Scene, question: DrawnModel) -> tuple[Spread | None, MeasuredBy]:
+        """Return how far what the image shows has moved, and what that was measured by."""
+        if self.by == "triangle" or np.isfinite(self.upright.position[..., :2]).any():
+            return point_displacement(scene, question, self.answer, self.upright)
+        return picture_displacement(self.answer, self.upright, self.by, self.differs)
+
 
 def _compared(
     reference: Reference, question: DrawnModel, image: HogelImage, points: Floats, judging: Judging
@@ -367,47 +358,6 @@ def _differing(answer: HogelImage, image: HogelImage, covered: Mask, by: str, to
         lost = missing_outlines(true_outlines(answer), contrast(image))
         return np.not_equal(answer.covered, covered) | lost
     return np.asarray(getattr(answer, by) != getattr(image, by))
-
-
-def _displacement(
-    reference: Reference, question: DrawnModel, answer: HogelImage, image: HogelImage, by: str
-) -> tuple[Spread | None, MeasuredBy]:
-    """Return how far what an image shows has moved, and what that was measured by."""
-    if by == "triangle" or np.isfinite(image.position[..., :2]).any():
-        places = question.project(reference.scene, answer.camera.aperture, image.position.astype(np.float64))
-        length = lengths(places - pixel_centers(answer.camera))
-        known = np.isfinite(length)
-        # What most pixels do not say, the others do not say for them.
-        if 2 * known.sum() < covered_by(image).sum():
-            return None, MeasuredBy.NOTHING
-        spread = Spread.of(length[known])
-        return spread, MeasuredBy.NOTHING if spread is None else MeasuredBy.POINTS
-    expected, shown = _outlines(answer, image, by)
-    spread = outline_displacement(expected, shown)
-    return spread, MeasuredBy.NOTHING if spread is None else MeasuredBy.OUTLINES
-
-
-MAX_EDGE_CONTRAST = 0.1
-"""Contrast, of the square root of the radiance, beyond which one edge counts no more than another."""
-
-
-def _outlines(answer: HogelImage, image: HogelImage, by: str) -> tuple[Steps, Steps]:
-    """Return where an answer has outlines, and where an image has."""
-    if by in COLOR_ONLY:
-        seen = contrast(image)
-        capped = Steps(
-            across=np.minimum(seen.across, MAX_EDGE_CONTRAST), down=np.minimum(seen.down, MAX_EDGE_CONTRAST)
-        )
-        if by == "outlines":
-            return true_outlines(answer), capped
-        expected = contrast(answer)
-        return Steps(
-            across=np.minimum(expected.across, MAX_EDGE_CONTRAST),
-            down=np.minimum(expected.down, MAX_EDGE_CONTRAST),
-        ), capped
-    if by == "object":
-        return steps_of(answer.object), steps_of(image.object)
-    return steps_of(answer.covered.astype(np.int8)), steps_of(covered_by(image).astype(np.int8))
 
 
 def invalid_claims(reference: Reference, question: DrawnModel, image: HogelImage) -> Mask:

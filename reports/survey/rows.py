@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from xfrustum.compare.attribution.budget import CauseNumbers
+from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judge import JudgedDrawing
-from xfrustum.compare.judging.judged import ColorFigures, MeasuredBy, SurfaceFigures
+from xfrustum.compare.judging.judged import ColorFigures, SurfaceFigures
 from xfrustum.compare.metrics.comparison import Comparison, ComparisonNumbers
 from xfrustum.compare.metrics.displacement import Spread, lengths
 from xfrustum.reports.common.records import named_columns

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import (
     SURFACES,
     WRONG_WORDS,
     ColorFigures,
     HogelNumbers,
-    MeasuredBy,
     SurfaceFigures,
 )
 
 DISPLACEMENT, COLORS = "displacement", "wrong colors"
 """Names of what is compared with limits, beside the kinds of wrong pixels that `compare.judging.judged`
 names."""
+
+NOT_MEASURED = "not measured, as there are no outlines"
+"""Words for the displacement of an image whose truth has nothing that could be seen to move."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,9 +110,11 @@ def _displacement_words(figures: HogelNumbers | PlateNumbers) -> str:
     name = f"{DISPLACEMENT} (p99{' of the worst hogel' if whole else ''})"
     spread = figures.displacement_px
     if spread is None:
+        if figures.displacement_by == MeasuredBy.NO_OUTLINES:
+            return f"{name} {NOT_MEASURED}"
         return f"{name} unknown"
     p99 = spread.worst_p99 if isinstance(spread, WorstDisplacement) else spread.p99
     means = figures.displacement_by.split(" or ")
-    by = " or ".join(one for one in means if one != MeasuredBy.NOTHING)
+    by = " or ".join(one for one in means if one not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES))
     elsewhere = ", unknown of other hogels" if MeasuredBy.NOTHING in means else ""
     return f"{name} {p99:.3g} px by {by}{elsewhere}"

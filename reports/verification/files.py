@@ -123,15 +123,18 @@ def _xml_text(text: str) -> str:
 
 def sentence(found: Verification) -> str:
     """Return the verdict in one sentence, with the figures of the worst hogel that decided it."""
+    count = len(found.hogels)
     missing = sum(bool(hogel.problem) for hogel in found.hogels)
     bad = sum(not hogel.passed and not hogel.problem for hogel in found.hogels)
     if found.passed:
         kept = ", ".join(check.words for check in found.checks)
-        return f"Right: all {len(found.hogels)} hogels keep to the limits: at most {kept}."
+        who = "the hogel keeps" if count == 1 else f"all {count} hogels keep"
+        return f"Right: {who} to the limits: at worst {kept}."
     exceeded = ", ".join(check.words for check in found.checks if not check.held)
-    parts = [f"{bad} of {len(found.hogels)} hogels exceed a limit: up to {exceeded}"] if bad else []
+    who = "the hogel exceeds" if count == 1 else f"{bad} of {count} hogels exceed{'s' if bad == 1 else ''}"
+    parts = [f"{who} a limit: at worst {exceeded}"] if bad else []
     if missing:
-        parts.append(f"{missing} of {len(found.hogels)} could not be had (--apertures names which to judge)")
+        parts.append(f"{missing} of {count} could not be had (--apertures names which to judge)")
     return f"Not right: {'; and '.join(parts)}."
 
 

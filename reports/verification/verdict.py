@@ -10,10 +10,18 @@ import numpy as np
 
 from xfrustum.compare.diagnosis.diagnosis import Diagnosis
 from xfrustum.compare.diagnosis.faults import Fault
+from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
 from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.inspection.hogels import InspectedHogel
-from xfrustum.reports.verification.figures import COLORS, DISPLACEMENT, PlateNumbers, percent, totals
+from xfrustum.reports.verification.figures import (
+    COLORS,
+    DISPLACEMENT,
+    NOT_MEASURED,
+    PlateNumbers,
+    percent,
+    totals,
+)
 from xfrustum.reports.verification.worst_hogels import WorstHogels
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
@@ -39,13 +47,14 @@ class Check:
     figure
         What is limited, in words.
     value
-        A share of pixels, or pixels of displacement; None where it cannot be known.
+        A share of pixels, or pixels of displacement; None where it cannot be known, or need not be.
     limit
         Largest value that is still right; None where nothing is limited.
     unit
         `share` or `px`.
     held
-        Whether the limit is kept. What cannot be known keeps none.
+        Whether the limit is kept. What cannot be known keeps none, but the displacement of a truth without
+        outlines need not be known.
     """
 
     figure: str
@@ -58,8 +67,10 @@ class Check:
     def words(self) -> str:
         """The figure and its limit, as text, page and JUnit print them."""
         limit = "no limit" if self.limit is None else f"limit {_sized(self.limit, self.unit)}"
-        value = "unknown" if self.value is None else _sized(self.value, self.unit)
-        return f"{self.figure} {value} ({limit})"
+        if self.value is not None:
+            return f"{self.figure} {_sized(self.value, self.unit)} ({limit})"
+        excused = self.held and self.limit is not None
+        return f"{self.figure} {NOT_MEASURED if excused else 'unknown'} ({limit})"
 
 
 def _sized(value: float, unit: str) -> str:
@@ -117,10 +128,15 @@ class Limits:
         return (*found, self._displacement(figures))
 
     def _displacement(self, figures: Figures) -> Check:
-        """Compare a displacement; of an image that shows nothing there is none, and none is asked for."""
+        """Compare a displacement; an image that shows nothing has none, and none is asked for.
+
+        Nor is one asked for where the truth has no outline that a picture could show elsewhere: wrong pixels
+        judge it alone.
+        """
         spread, limit = figures.displacement_px, self.displacement_px
         value = spread.p99 if spread is not None else None if figures.claimed else 0.0
-        held = limit is None or (value is not None and value <= limit)
+        excused = value is None and figures.measured_by is MeasuredBy.NO_OUTLINES
+        held = limit is None or excused or (value is not None and value <= limit)
         return Check(figure=DISPLACEMENT, value=value, limit=limit, unit="px", held=held)
 
 
@@ -135,7 +151,8 @@ def worst_checks(hogels: Sequence[tuple[Check, ...]]) -> tuple[Check, ...]:
 
 
 def _badness(check: Check) -> tuple[bool, float]:
-    return not check.held, np.inf if check.value is None else check.value
+    unknown = -1.0 if check.held else np.inf
+    return not check.held, unknown if check.value is None else check.value
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -128,17 +128,18 @@ def test_what_does_not_explain_is_no_finding() -> None:
     assert "No known fault explains what is wrong" in render_page(found)
 
 
-def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_colors() -> None:
+@pytest.mark.parametrize(("shown", "witnesses"), [("color", "colors"), ("object", "object numbers")])
+def test_a_field_of_view_at_one_depth_may_be_a_near_offset_to_pictures(shown: str, witnesses: str) -> None:
     whole = small(CENTERED, SIZE)
     flat = replace(whole, objects=(replace(whole.objects[0], vertices=_flattened(whole, -30.0)),))
-    with Faulty(scene=flat, near=5.0, shown="color") as renderer:
+    with Faulty(scene=flat, near=5.0, shown=shown) as renderer:
         found = xfrustum.verify(flat, renderer, apertures=SOME)
     for fault in found.diagnosis.faults:
         assert fault.fault in ("fov-x", "fov-y")
         # 30 mm behind the plate, 5 mm are a sixth.
         assert fault.value == pytest.approx(7 / 6, abs=0.01)
         assert fault.alternatives == ("near",)
-        assert "or near: colors cannot tell" in fault.words
+        assert f"or near: {witnesses} cannot tell" in fault.words
     assert len(found.diagnosis.faults) == 2
 
 
