@@ -184,4 +184,4 @@ def finish_map(figure: go.Figure, plate: Plate, title: str) -> None:
     figure.update_xaxes(title_text="column", range=[-0.5, columns - 0.5], showgrid=False, constrain="domain")
     figure.update_yaxes(title_text="row", range=[rows - 0.5, -0.5], showgrid=False, constrain="domain")
     # Labels and color bars take room of their own: equal scales keep a square plate square beside them.
-    figure.update_yaxes(scaleanchor="x", scaleratio=pitch_ratio)
+    figure.update_yaxes(scaleanchor="x", scaleratio=pitch_ratio, constraintoward="top")
