@@ -192,7 +192,10 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
     layouts = LAYOUTS if read_as is None else layouts_named(read_as)
     found = looks_like(source, shape, layouts)[0]
     if found.missing:
-        raise InputError(f"{source}: {found.missing} files of the layout {found.layout.name} are not there")
+        raise InputError(
+            f"{source}: {found.missing} files of the layout {found.layout.name} are not there, "
+            f"for a plate of {found.shape.words}"
+        )
     plate = LaidOutFiles(files=found).plate
     return _Read(plate=plate, layout=found.layout.name, reasons=found.reasons)
 

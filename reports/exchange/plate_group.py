@@ -6,8 +6,10 @@ CONVENTIONS.md, "Plates", describes, and writes groups with the same arrays.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from enum import StrEnum
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import zarr
 from zarr.codecs import ZstdCodec
 from zarr.errors import ArrayNotFoundError, GroupNotFoundError
 
+from xfrustum.reports.plate.shards import read_places
 from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts.layout import Pixels, PlateShape
@@ -87,10 +90,27 @@ def read_group(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArra
 
 
 def missing_hogels(place: Path, array: PlateArray) -> int:
-    """Return the number of hogels that were never written, which read as black or as no triangle."""
+    """Return the number of hogels that were never written, which read as black or as no triangle.
+
+    Shards at the right and lower edge reach beyond the plate; chunks there are no hogels. Groups by
+    others, in which a hogel is not a chunk, do not tell, and 0 is returned.
+    """
     stored = zarr.open_group(place, mode="r")[array]
     assert isinstance(stored, zarr.Array)
-    return int(stored.nchunks - stored.nchunks_initialized)
+    shape = stored.shape
+    if stored.chunks != (1, 1, *shape[2:]):
+        return 0
+    high, wide = (stored.shards or stored.chunks)[:2]
+    content_bytes = stored.dtype.itemsize * math.prod(shape[2:])
+    there = 0
+    for row, column in product(range(0, shape[0], high), range(0, shape[1], wide)):
+        block = (row // high, column // wide, *(0 for _ in shape[2:]))
+        path = place / array / stored.metadata.encode_chunk_key(block)
+        # What is damaged was written, and whoever reads it is told so.
+        file = read_places(path, high * wide, content_bytes)
+        numbers = file.places.keys() | file.damaged
+        there += sum(row + n // wide < shape[0] and column + n % wide < shape[1] for n in numbers)
+    return shape[0] * shape[1] - there
 
 
 def write_group(

@@ -13,6 +13,7 @@ from xfrustum.compare.scouting.automatic import AutoApertures
 from xfrustum.reports.common.figure_style import style
 from xfrustum.reports.common.formatting import digits
 from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.plate.plate import Plate
 
 MAX_MAP_CELLS = 120
 """Largest number of cells along a side of the map: a cell of a larger plate stands for several hogels, and
@@ -97,7 +98,7 @@ def _map(auto: AutoApertures, values: Floats, title: str, colors: str) -> go.Fig
         colorbar={"thickness": 12, "outlinewidth": 0},
     )
     _mark(figure, auto)
-    _finish(figure, auto.scout.scene.plate.hogels, title)
+    finish_map(figure, auto.scout.scene.plate, title)
     return figure
 
 
@@ -173,11 +174,14 @@ def _mark(figure: go.Figure, auto: AutoApertures) -> None:
         )
 
 
-def _finish(figure: go.Figure, hogels: tuple[int, int], title: str) -> None:
-    """Give a map its title, and the proportions of rows and columns, row 0 at the top."""
+def finish_map(figure: go.Figure, plate: Plate, title: str) -> None:
+    """Give a map its title, and the proportions of the plate itself, row 0 at the top."""
     style(figure)
-    columns, rows = hogels
+    (columns, rows), (width, height) = plate.hogels, plate.size
+    pitch_ratio = height / rows / (width / columns)
     figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
-    figure.update_layout(height=120 + round(MAP_PIXELS * min(max(rows / columns, 0.3), 1.5)))
-    figure.update_xaxes(title_text="column", range=[-0.5, columns - 0.5], showgrid=False)
-    figure.update_yaxes(title_text="row", range=[rows - 0.5, -0.5], showgrid=False)
+    figure.update_layout(height=120 + round(MAP_PIXELS * min(max(height / width, 0.3), 1.5)))
+    figure.update_xaxes(title_text="column", range=[-0.5, columns - 0.5], showgrid=False, constrain="domain")
+    figure.update_yaxes(title_text="row", range=[rows - 0.5, -0.5], showgrid=False, constrain="domain")
+    # Labels and color bars take room of their own: equal scales keep a square plate square beside them.
+    figure.update_yaxes(scaleanchor="x", scaleratio=pitch_ratio, constraintoward="top")

@@ -11,11 +11,12 @@ from scipy.spatial import cKDTree
 
 from xfrustum.reports.common.figure_style import log_axis, look, style
 from xfrustum.reports.common.formatting import digits
-from xfrustum.reports.scouting.map import LABEL, MAP_PIXELS, MARK
+from xfrustum.reports.scouting.map import LABEL, MARK, finish_map
 from xfrustum.reports.survey.answer import Survey
 from xfrustum.reports.survey.rows import depth_ends
 from xfrustum.reports.survey.tally import MAP_COLUMNS, P99, Tally
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.plate.plate import Plate
 
 MARKED_HOGELS = 3
 """Number of the worst hogels that are marked on the map of displacement: more would cover it."""
@@ -37,7 +38,7 @@ def map_figures(found: Survey) -> list[go.Figure]:
     for name, values in tally.maps.items():
         if np.nanmax(values, initial=0.0) > 0:
             words = words_of(name) + (f", {found.scene.units}" if name in LENGTHS else "")
-            figure = _map(values, found.scene.plate.hogels, words, logarithmic=name == P99)
+            figure = _map(values, found.scene.plate, words, logarithmic=name == P99)
             if name == P99:
                 _mark(figure, tally, found.scene.plate.hogels)
             figures.append(figure)
@@ -113,11 +114,12 @@ def depth_figure(found: Survey) -> go.Figure | None:
     return figure
 
 
-def _map(values: Floats, hogels: tuple[int, int], title: str, *, logarithmic: bool) -> go.Figure:
+def _map(values: Floats, plate: Plate, title: str, *, logarithmic: bool) -> go.Figure:
     """Draw a number over the plate; cells without a judged hogel have the color of the nearest with one."""
     filled = _filled(values)
     shown = np.log10(np.where(filled > 0, filled, np.nan)) if logarithmic else filled
     rows, columns = values.shape
+    hogels = plate.hogels
     figure = go.Figure()
     figure.add_heatmap(
         x=(np.arange(columns) + 0.5) * hogels[0] / columns - 0.5,
@@ -128,11 +130,7 @@ def _map(values: Floats, hogels: tuple[int, int], title: str, *, logarithmic: bo
         colorscale="Viridis",
         colorbar={"thickness": 12, "outlinewidth": 0, **(_powers(shown) if logarithmic else {})},
     )
-    style(figure)
-    figure.update_layout(title={"text": title, "x": 0, "xref": "paper", "font": {"size": 15}})
-    figure.update_layout(height=120 + round(MAP_PIXELS * min(max(hogels[1] / hogels[0], 0.3), 1.5)))
-    figure.update_xaxes(title_text="column", range=[-0.5, hogels[0] - 0.5], showgrid=False)
-    figure.update_yaxes(title_text="row", range=[hogels[1] - 0.5, -0.5], showgrid=False)
+    finish_map(figure, plate, title)
     return figure
 
 

@@ -13,8 +13,8 @@ from xfrustum.reports.common.outputs import Staging
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.plate import Aperture
 
-SCRIPTS = SCRIPT, PIXEL_FILES = "render.py", "pixel_files.py"
-"""Names of the script, and of the file that it imports."""
+SCRIPTS = SCRIPT, LONG_RUN, PIXEL_FILES = "render.py", "long_run.py", "pixel_files.py"
+"""Names of the script, and of the files that it imports."""
 
 PLATE, MESH = "plate.json", "scene.npz"
 """Names of the description of the plate, and of the scene's triangles."""

@@ -31,6 +31,7 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))  # Blender runs scripts without their folder in the path.
 
+from long_run import hide_known_complaints, interruptions, progress  # type: ignore[import-not-found]  # noqa: E402
 from pixel_files import OBJECT, TRIANGLE, UnreadableError, encoded, exr_planes  # type: ignore[import-not-found]  # noqa: E402
 
 Array = np.ndarray[Any, Any]
@@ -53,6 +54,9 @@ afterwards, by its position."""
 CENTER_FILTER_PX = 0.01
 """Width of the pixel filter where one sample is taken: the smallest that Cycles has. The camera takes every
 sample to the center of its pixel; so none lies so near to the next pixel that it could be taken there."""
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as of programs that a shell sees end by it."""
 
 SHADER = """
 shader crossed_frustum(output point position = 0, output vector direction = 0, output color throughput = 1)
@@ -124,6 +128,9 @@ def hogel_name(layout: str, plate: Mapping[str, Any], column: int, row: int) -> 
     return names[layout]
 
 
+FILE_SUFFIXES = (".png", ".exr")
+"""Suffixes by which --out names a single file; all other names are those of folders."""
+
 LAYOUTS = ("hogels", "burnett", "hocking")
 """Layouts of one file for each hogel; `xfrustum convert` makes all others of them."""
 
@@ -147,7 +154,8 @@ def blender_modules() -> tuple[Any, Any]:
         import bpy  # noqa: PLC0415
     except ImportError as error:
         raise UnusableError(
-            "needs Blender: run it by `blender -b -P render.py --`, or install the package bpy"
+            "needs Blender: run it by `blender -b -P render.py --`, or by a Python with the package bpy; "
+            "scripts/make_blender_venv.sh of xfrustum's checkout makes one (build/blender/bin/python)"
         ) from error
     if bpy.app.version[:2] < MIN_VERSION:
         raise UnusableError(
@@ -349,13 +357,18 @@ def render_hogels(
     mesh = HERE / "scene.npz"
     wanted = [index for index in apertures if arguments.again or not paths[index].exists()]
     say(f"{len(wanted)} hogels to render, {len(apertures) - len(wanted)} found")
+    if arguments.out.suffix.lower() not in FILE_SUFFIXES:
+        # Whoever reads the folder learns from it how many hogels the plate has.
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        put(arguments.out / "plate.json", (HERE / "plate.json").read_bytes())
+    hide_known_complaints()
+    pressed, done = interruptions(), progress(len(wanted), say)
     with tempfile.TemporaryDirectory() as scratch:
         for number, index in enumerate(wanted):
             began = time.monotonic()
-            x, y = aperture_center(plate, *index)
-            stands = matrix @ np.array(
-                [[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=np.float64
-            )
+            if pressed:
+                raise KeyboardInterrupt
+            stands = matrix @ _shifted(*aperture_center(plate, *index))
             stands[:3, :3] /= scale
             turned = arguments.layout == "burnett"
             shader = shader_of(plate, index, scale, centered=encoding != "picture", turned=turned)
@@ -369,14 +382,19 @@ def render_hogels(
             paths[index].parent.mkdir(parents=True, exist_ok=True)
             put(paths[index], content)
             say(f"hogel {index[0]},{index[1]}: {time.monotonic() - began:.3f} s  {paths[index]}")
+            done(number + 1)
     return len(wanted)
+
+
+def _shifted(x: float, y: float) -> Array:
+    return np.array([[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 
 def _paths(
     arguments: argparse.Namespace, plate: Mapping[str, Any], apertures: Sequence[tuple[int, int]], suffix: str
 ) -> Iterator[tuple[tuple[int, int], Path]]:
     """Yield apertures with the files of their hogels; a name with a suffix is that of a single file."""
-    if arguments.out.suffix.lower() in (".png", ".exr"):
+    if arguments.out.suffix.lower() in FILE_SUFFIXES:
         if len(apertures) > 1:
             raise UnusableError(
                 f"--out {arguments.out} is one file for {len(apertures)} apertures: give a folder"
@@ -430,7 +448,7 @@ def chosen(plate: Mapping[str, Any], text: str | None) -> list[tuple[int, int]]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Render, and return the exit status: 0 done, 2 something that the user can mend."""
+    """Render, and return the exit status: 0 done, 2 something that the user can mend, 130 interrupted."""
     arguments = parsed(argv)
     try:
         plate = json.loads((HERE / "plate.json").read_text(encoding="utf-8"))
@@ -440,6 +458,9 @@ def main(argv: Sequence[str]) -> int:
     except (UnusableError, UnreadableError, OSError) as error:
         print(f"render.py: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("render.py: interrupted; call again to go on", file=sys.stderr)
+        return INTERRUPTED
     return 0
 
 

@@ -8,6 +8,7 @@ says: that is found by comparing them with a scene (`xfrustum verify`).
 from __future__ import annotations
 
 import configparser
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from pathlib import Path
 from xfrustum.scenes.disk.input_files import read_small
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts.catalogue import LAYOUTS
+from xfrustum.scenes.files.layouts.hogel_files import HogelFiles
 from xfrustum.scenes.files.layouts.layout import Index, Layout, Naming, PlateShape
 from xfrustum.scenes.files.layouts.picture_files import picture_size, picture_text
 from xfrustum.scenes.files.layouts.tiles import CUBEVI_TILE_PX, CUBEVI_TILES, CubeVi, Mosaic
@@ -25,6 +27,12 @@ PARAMETERS_FILE = "parameters.cfg"
 
 MAX_PARAMETERS_BYTES = 1 << 16
 """Largest size of such a file that is read; those of the benchmark have two thousand bytes."""
+
+PLATE_FILE = "plate.json"
+"""Name of the file in which the script for Blender states the plate whose hogels it renders into a folder."""
+
+MAX_PLATE_BYTES = 1 << 24
+"""Largest size of such a file that is read: room for a hundred thousand objects with their colors."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -230,8 +238,22 @@ def _told_by_files(layout: Layout, first: Path) -> PlateShape | None:
             return PlateShape(hogels=told["hogels"], resolution=told["resolution"])  # type: ignore[arg-type]
         except (KeyError, InputError):
             return None
+    if isinstance(layout, HogelFiles):
+        return _told_by_plate(first.parent / PLATE_FILE)
     cameras = camera_counts(first.parent / PARAMETERS_FILE) if layout.name == "hci" else None
     return None if cameras is None else PlateShape(hogels=(1, 1), resolution=cameras)
+
+
+def _told_by_plate(path: Path) -> PlateShape | None:
+    """Return the shape that the plate.json beside hogels states; None where it states none."""
+    if not path.is_file():
+        return None
+    try:
+        stated = json.loads(read_small(path, "description of a plate", MAX_PLATE_BYTES))
+        (columns, rows), (width, height) = stated["hogels"], stated["resolution"]
+        return PlateShape(hogels=(int(columns), int(rows)), resolution=(int(width), int(height)))
+    except (InputError, UnicodeDecodeError, KeyError, TypeError, ValueError):
+        return None
 
 
 def camera_counts(path: Path) -> tuple[int, int] | None:

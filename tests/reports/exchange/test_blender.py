@@ -10,6 +10,7 @@ import io
 import json
 import os
 import shlex
+import signal
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from tests.conftest import CHECKOUT
 from tests.support.views import view
 from xfrustum.reference import Reference
 from xfrustum.reference.lines.lines import film_window
-from xfrustum.reports.exchange.blender import pixel_files, render
+from xfrustum.reports.exchange.blender import long_run, pixel_files, render
 from xfrustum.reports.exchange.camera_files import write_cameras
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import Scene
@@ -99,6 +100,39 @@ def test_the_script_tells_mistakes_in_one_line(
     error = capsys.readouterr().err
     assert told in error
     assert error.count("\n") == 1
+
+
+def test_ctrl_c_is_noted_and_ends_nothing_by_itself() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        pressed = long_run.interruptions()
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert pressed == [signal.SIGINT]
+
+
+def test_the_script_ends_with_130_when_it_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    plate_of(small(), tmp_path)
+    monkeypatch.setattr(render, "HERE", tmp_path)
+    monkeypatch.setattr(render, "render_hogels", interrupted)
+    assert render.main(["--out", str(tmp_path / "hogels")]) == 130
+    assert capsys.readouterr().err == "render.py: interrupted; call again to go on\n"
+
+
+def test_the_time_that_is_left_is_said_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0])
+    monkeypatch.setattr(long_run.time, "monotonic", lambda: next(clock))
+    said: list[str] = []
+    done = long_run.progress(6, said.append)
+    for number in range(1, 7):
+        done(number)
+    assert said == ["3 of 6 hogels done, about 12 s left"]
 
 
 def run(folder: Path, arguments: str) -> str:

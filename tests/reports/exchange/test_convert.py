@@ -11,7 +11,7 @@ import zarr
 
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import ConversionOptions, convert
-from xfrustum.reports.exchange.plate_group import PlateArray, read_group, write_group
+from xfrustum.reports.exchange.plate_group import PlateArray, missing_hogels, read_group, write_group
 from xfrustum.scenes import InputError
 from xfrustum.scenes.files.layouts.layout import PlateShape
 from xfrustum.scenes.files.layouts.reading import Plates
@@ -108,6 +108,32 @@ def test_hogels_that_were_never_drawn_are_counted(tmp_path: Path) -> None:
     color[1, 1] = np.full((4, 5, 3), 7, np.uint8)
     done = convert(tmp_path / "plate.zarr", tmp_path / "views", write_as="views")
     assert done.reasons[-1] == done.notes[0] == "5 hogels are not there and count as empty"
+
+
+@pytest.mark.parametrize(("drawn", "missing"), [(15, 0), (14, 1), (0, 15)])
+def test_hogels_are_counted_in_a_plate_that_is_no_multiple_of_its_shards(
+    drawn: int, missing: int, tmp_path: Path
+) -> None:
+    plate = zarr.create_group(tmp_path / "plate.zarr")
+    color = plate.create_array(
+        "color", shape=(3, 5, 4, 5, 3), chunks=(1, 1, 4, 5, 3), shards=(2, 2, 4, 5, 3), dtype="uint8"
+    )
+    for number in range(drawn):
+        color[number // 5, number % 5] = np.full((4, 5, 3), 7, np.uint8)
+    assert missing_hogels(tmp_path / "plate.zarr", PlateArray.COLOR) == missing
+
+
+def test_a_folder_whose_plate_is_stated_lacks_whole_rows(tmp_path: Path) -> None:
+    """Names alone would tell of a plate of fewer rows."""
+    source, _ = group(tmp_path, "uint8")
+    convert(source, tmp_path / "files", write_as="hogels")
+    for column in range(4):
+        (tmp_path / "files" / f"hogel_{column}x2.png").unlink()
+    assert convert(tmp_path / "files", tmp_path / "short", write_as="views").hogels == (4, 2)
+    (tmp_path / "files" / "plate.json").write_text('{"hogels": [4, 3], "resolution": [6, 5]}')
+    with pytest.raises(InputError, match="4 files of the layout hogels are not there, for a plate of 4 x 3"):
+        convert(tmp_path / "files", tmp_path / "views", write_as="views")
+    assert not (tmp_path / "views").exists()
 
 
 def test_a_folder_says_which_layout_it_looks_like(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
