@@ -34,7 +34,7 @@ help:
 
 report:
 	@echo "Error report of the scene '$(SCENE)': sets up where that was not done, then traces the truth of the middle"
-	@echo "aperture and draws it with 25 near planes and 5 depth buffers, about half a minute; the page is $(OUT)/index.html."
+	@echo "aperture and draws it with 25 near planes and 5 depth buffers, under a minute; the page is $(OUT)/index.html."
 	@$(MAKE) --no-print-directory setup
 	@mkdir -p build
 	@$(XFRUSTUM) report $(SCENE) --out $(OUT) >build/report.txt
