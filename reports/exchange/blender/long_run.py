@@ -48,7 +48,7 @@ def hide_known_complaints() -> None:
 
 
 def progress(hogels: int, say: Callable[[str], None]) -> Callable[[int], None]:
-    """Return a function of the number of hogels that are done, which says at times how long the rest takes."""
+    """Return a function of the number of hogels that are done, which says at times how long the rest is."""
     start = time.monotonic()
     told = start
 

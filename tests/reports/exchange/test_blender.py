@@ -14,6 +14,7 @@ import signal
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ def test_the_script_ends_with_130_when_it_is_interrupted(
 
 def test_the_time_that_is_left_is_said_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0])
-    monkeypatch.setattr(long_run.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(long_run, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     said: list[str] = []
     done = long_run.progress(6, said.append)
     for number in range(1, 7):

@@ -12,7 +12,7 @@ import zarr
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.convert import ConversionOptions, convert
 from xfrustum.reports.exchange.plate_group import PlateArray, missing_hogels, read_group, write_group
-from xfrustum.scenes import InputError
+from xfrustum.scenes import InputError, open_scene
 from xfrustum.scenes.files.layouts.layout import PlateShape
 from xfrustum.scenes.files.layouts.reading import Plates
 
@@ -196,3 +196,20 @@ def test_a_bar_counts_files_and_hogels_unless_nobody_wants_it(
     assert "12/12" in capsys.readouterr().err
     assert main(["convert", str(source), str(tmp_path / "again"), "--to", "hogels", "--quiet"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.slow
+def test_an_encoding_that_files_cannot_have_is_noted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """OpenEXR files with colors alone are judged by colors, whatever --encoding says."""
+    width, height = open_scene("asymmetric").frustum.resolution
+    pixels = np.zeros((1, 1, height, width, 3), np.float32)
+    write_group(Plates(pixels=pixels, levels=None), tmp_path / "one.zarr", PlateArray.COLOR, {})
+    convert(tmp_path / "one.zarr", tmp_path / "hogels", write_as="hogels")
+    pattern = str(tmp_path / "hogels" / "hogel_{i}x{j}.exr")
+    arguments = ["verify", "asymmetric", pattern, "--apertures", "0,0", "--quiet", "--encoding"]
+    main([*arguments, "triangle-id"])
+    assert "--encoding triangle-id is not used" in capsys.readouterr().err
+    main([*arguments, "rgb"])
+    assert "is not used" not in capsys.readouterr().err

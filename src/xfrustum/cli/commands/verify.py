@@ -342,6 +342,8 @@ def verify(
         channels = out is not None
         found = verified(opened, near=near, accept=accepted, channels=channels, progress=not quiet, **asked)
     options.warn_of(opened)
+    if asked["encoding"] in ("triangle-id", "object-id") and found.judged.startswith("colors"):
+        say(f"note: files without numbers (OpenEXR without id.*): --encoding {asked['encoding']} is not used")
     if out is not None:
         write_verification(found, out)
     if junit is not None:
