@@ -315,18 +315,10 @@ def verify(
         raise click.UsageError("--tev sends the images of inspect.html: give --out too")
     opened = options.open_scene(scene)
     check_tev(tev)
-    from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
-    from xfrustum.reports.verification.files import FILES, INSPECTION, write_junit, write_verification
+    from xfrustum.reports.verification.files import INSPECTION, write_junit, write_verification
     from xfrustum.reports.verification.verification import verify as verified
 
-    if junit is not None:
-        check_writable_file(junit, "--junit")
-    if out is not None:
-        check_writable_folder(out, FILES)
-    if baseline is not None:
-        from xfrustum.reports.baselines.store import Store
-
-        Store(folder=baseline.folder).check()
+    _check_places(out, junit, baseline)
     accepted = accept or ()
     # What is stated although it is the default judges the same.
     encoding = None if asked["encoding"] == "rgb" and asked["command"] is None else asked["encoding"]
@@ -353,6 +345,21 @@ def verify(
     if out is not None and found.inspected:
         send_to_tev(tev, out / INSPECTION, opened.name)
     return _status(found, held)
+
+
+def _check_places(out: Path | None, junit: Path | None, baseline: BaselineAsked | None) -> None:
+    """Refuse places that cannot be written, before anything is judged."""
+    from xfrustum.reports.common.outputs import check_writable_file, check_writable_folder
+    from xfrustum.reports.verification.files import FILES
+
+    if junit is not None:
+        check_writable_file(junit, "--junit")
+    if out is not None:
+        check_writable_folder(out, FILES)
+    if baseline is not None:
+        from xfrustum.reports.baselines.store import Store
+
+        Store(folder=baseline.folder).check()
 
 
 def _verified_on(
