@@ -120,7 +120,7 @@ def test_standard_output_is_written_into_whatever_it_is(name: str, folder: Path)
         line = [sys.executable, "-m", "xfrustum", *VERIFY.split(), name]
         assert subprocess.run(line, stdout=log, check=False, cwd=folder).returncode == 0
     text = (folder / "log").read_text()
-    assert text.startswith("before\n<?xml") and "</testsuite>Right: all 1 hogels" in text
+    assert text.startswith("before\n<?xml") and "</testsuite>Right: the hogel keeps to the limits" in text
 
 
 def test_what_no_file_can_be_written_into_is_refused_in_one_line(
