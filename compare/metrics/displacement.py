@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import PointsOnFilm
+from xfrustum.compare.metrics.film import true_lines
+from xfrustum.reference.film_shifts import film_shifts
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
@@ -85,7 +86,7 @@ def root_mean_square(values: Floats) -> float:
     return largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0 else 0.0
 
 
-def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(None)) -> Floats:
+def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
     """Return the place where each pixel's surface point belongs, minus the place where it was drawn.
 
     No optical flow is needed: the image says which surface point it shows, and the true frustum
@@ -97,36 +98,14 @@ def displacement(raster: HogelImage, camera: HogelCamera, rows: slice = slice(No
         Image that is judged.
     camera
         Camera of the true frustum.
-    rows
-        Rows of the true frustum that the image has.
 
     Returns
     -------
     (H, W, 2) columns and rows in pixels, rows counting down; NaN where no surface is shown and
     where it lies in the plate.
     """
-    shown = PointsOnFilm.of(raster, camera)
-    return displacement_map(raster.triangle.shape, shown, shown.displacement(centers_in_rows(shown, rows)))
-
-
-def centers_in_rows(shown: PointsOnFilm, rows: slice = slice(None)) -> tuple[Floats, Floats]:
-    """Return columns and rows (N,) of the pixels that show points, in an image that has some of the rows."""
-    # A quotient alone, by one number, is several times faster than `divmod`.
-    width = shown.pencil.resolution[0]
-    row = shown.points.pixels // width
-    column = shown.points.pixels - row * width
-    return column.astype(np.float64), (row + (rows.start or 0)).astype(np.float64)
-
-
-def displacement_map(shape: tuple[int, ...], shown: PointsOnFilm, shift: Floats) -> Floats:
-    """Return the displacement of each pixel (H, W, 2), given that of the points that are shown (N, 2).
-
-    It is NaN where no point is shown off the plate.
-    """
-    # Each vector is one complex number: numpy is several times slower along rows of two numbers.
-    found = np.full(shape, complex(np.nan, np.nan))
-    found.reshape(-1)[shown.points.pixels] = shift.view(np.complex128)[:, 0]
-    return found.view(np.float64).reshape(*shape, 2)
+    shift = film_shifts(raster.position, true_lines(camera))
+    return shift.view(np.float64).reshape(*raster.triangle.shape, 2)
 
 
 def lengths(shift: Floats) -> Floats:

@@ -8,10 +8,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import Spread, centers_in_rows, displacement, lengths
-from xfrustum.compare.metrics.film import PointsOnFilm
-from xfrustum.compare.metrics.pixel_bands import in_bands
-from xfrustum.compare.metrics.surface import Undecided, surface_errors, undecided
+from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
+from xfrustum.compare.metrics.pixel_findings import PixelFindings, pixel_findings
+from xfrustum.compare.metrics.surface import decided, surface_errors
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
@@ -108,16 +107,6 @@ class PixelErrors(Brief):
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Band:
-    """What is found in some rows: lengths (N,) of displacements, errors (M,) of heights, and surfaces."""
-
-    moved: Floats
-    height: Floats
-    at_plate: int
-    surface: Undecided | None
-
-
 def pixel_errors(
     truth: HogelImage, raster: HogelImage, reference: Reference | None, *, numbered: bool
 ) -> PixelErrors:
@@ -133,32 +122,28 @@ def pixel_errors(
         Whether the raster image names triangles.
     """
     judged = judged_pixels(truth)
-
-    def judge(true: HogelImage, shown: HogelImage, rows: slice) -> _Band:
-        points = PointsOnFilm.of(shown, truth.camera)
-        in_plate = shown.height[shown.covered & ~shown.off_plate] == 0
-        return _Band(
-            moved=lengths(points.displacement(centers_in_rows(points, rows))),
-            height=_height_errors(true, shown, judged[rows])[1],
-            at_plate=int(np.count_nonzero(in_plate)),
-            surface=undecided(true, shown, reference.scene, points) if reference else None,
-        )
-
-    bands = in_bands(truth, raster, judge)
-    # What hides points is asked once for the whole image.
-    surfaces = [band.surface for band in bands if band.surface]
-    errors = Undecided.joined(surfaces).decided(truth, reference) if reference else None
+    found = pixel_findings(truth, raster, reference.scene if reference else None)
+    surface = decided(found, truth, raster, reference) if reference else None
     return PixelErrors(
         truth=truth,
         raster=raster,
         judged=judged,
-        surface=errors.wrong & judged if errors else None,
-        outside=errors.outside & judged if errors else None,
+        surface=surface.wrong & judged if surface else None,
+        outside=surface.outside & judged if surface else None,
         triangle=(truth.triangle != raster.triangle) & judged & numbered,
-        spread=Spread.of(np.concatenate([band.moved for band in bands])),
-        height=HeightError.of(np.concatenate([band.height for band in bands])),
-        at_plate=sum(band.at_plate for band in bands),
+        spread=Spread.of(_moved(found)),
+        height=HeightError.of(found.rise.take(np.flatnonzero(found.same))),
+        at_plate=int(np.count_nonzero(found.in_plate)),
     )
+
+
+def _moved(found: PixelFindings) -> Floats:
+    """Return the lengths (M,) of the displacements of points off the plate, in the order of their pixels."""
+    pixels = np.flatnonzero(found.off_plate)
+    shift = np.empty((len(pixels), 2))
+    for axis, places in enumerate((found.columns, found.rows)):
+        shift[:, axis] = places.take(pixels)
+    return lengths(shift)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -262,21 +247,9 @@ def judged_pixels(truth: HogelImage) -> Mask:
     return np.not_equal(truth.certainty, Certainty.TIE)
 
 
-def _height_errors(truth: HogelImage, raster: HogelImage, judged: Mask) -> tuple[Indices, Floats]:
-    """Return judged pixels (N,) with the same triangle in both images, and raster minus truth there."""
-    pixels = np.flatnonzero((truth.triangle == raster.triangle) & judged & truth.covered)
-    height = raster.height.reshape(-1).take(pixels)
-    known = np.isfinite(height)
-    if not known.all():
-        pixels, height = pixels[known], height[known]
-    # In double precision, which the truth is.
-    true = truth.height.reshape(-1).take(pixels).astype(np.float64, copy=False)
-    return pixels, height - true
-
-
 def _height_map(truth: HogelImage, raster: HogelImage, judged: Mask) -> Floats:
-    """Return `_height_errors` as an image (H, W), NaN at the other pixels."""
-    pixels, error = _height_errors(truth, raster, judged)
+    """Return raster minus truth (H, W), NaN where judged pixels do not show the same triangle."""
+    same = (truth.triangle == raster.triangle) & judged & truth.covered & np.isfinite(raster.height)
     found = np.full(judged.shape, np.nan)
-    found.reshape(-1)[pixels] = error
+    np.subtract(raster.height, truth.height, out=found, where=same, dtype=np.float64)
     return found

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,21 +95,6 @@ class DrawnPoints:
             triangle=self.triangle.take(some),
         )
 
-    def moved_down(self, rows: int, width: int) -> DrawnPoints:
-        """Return the points of a band of rows as those of an image that has some rows above the band."""
-        return replace(self, pixels=self.pixels + rows * width)
-
-    @classmethod
-    def joined(cls, parts: Sequence[DrawnPoints]) -> DrawnPoints:
-        """Return the points of all parts, one part after the other."""
-        if len(parts) == 1:
-            return parts[0]
-        return cls(
-            pixels=np.concatenate([part.pixels for part in parts]),
-            coordinates=np.concatenate([part.coordinates for part in parts], axis=1),
-            triangle=np.concatenate([part.triangle for part in parts]),
-        )
-
     def places(self, pencil: Pencil) -> tuple[Floats, Floats]:
         """Return column and row (N,) at which a pencil's film shows each point; see `pixel_places`."""
         x, y, z = self.coordinates
@@ -122,40 +106,6 @@ class DrawnPoints:
         return SurfacePoints(
             position=position, triangle=number, tolerance=position_tolerance(scene, number, position)
         )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PointsOnFilm:
-    """All surface points that an image shows off the plate, with their places on the true film.
-
-    Attributes
-    ----------
-    points
-        The points, in the order of their pixels.
-    columns, rows
-        (N,) places at which the true frustum shows the points, in pixels.
-    pencil
-        Lines of the true frustum.
-    """
-
-    points: DrawnPoints
-    columns: Floats
-    rows: Floats
-    pencil: Pencil
-
-    @classmethod
-    def of(cls, image: HogelImage, camera: HogelCamera) -> PointsOnFilm:
-        """Return the points of an image, placed by the camera of the true frustum."""
-        points, pencil = DrawnPoints.of(image, np.flatnonzero(image.off_plate)), true_lines(camera)
-        columns, rows = points.places(pencil)
-        return cls(points=points, columns=columns, rows=rows, pencil=pencil)
-
-    def displacement(self, drawn_at: tuple[Floats, Floats]) -> Floats:
-        """Return the displacement (N, 2) of points, given columns and rows (N,) at which they were drawn."""
-        shift = np.empty((len(self.columns), 2))
-        for axis, (place, drawn) in enumerate(zip((self.columns, self.rows), drawn_at, strict=True)):
-            np.subtract(place, drawn, out=shift[:, axis])
-        return shift
 
 
 def beyond_film(points: DrawnPoints, places: tuple[Floats, Floats], pencil: Pencil, scene: Scene) -> Mask:

@@ -12,22 +12,17 @@ along which points are hidden, depend on the question: here they are those of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from xfrustum.compare.metrics.film import (
-    DrawnPoints,
-    PointsOnFilm,
-    beyond_film,
-    existing_triangles,
-)
-from xfrustum.compare.rounding.positions import largest_tolerance, position_tolerance
+from xfrustum.compare.metrics.film import DrawnPoints, beyond_film, existing_triangles
+from xfrustum.compare.metrics.pixel_findings import PixelFindings, pixel_findings
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Indices, Mask, Numbers
-from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
+from xfrustum.scenes.arrays import Mask, Numbers
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
 
@@ -115,74 +110,35 @@ def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) 
     reference
         Reference of the scene.
     """
-    found = undecided(truth, raster, reference.scene, PointsOnFilm.of(raster, truth.camera))
-    return found.decided(truth, reference)
+    return decided(pixel_findings(truth, raster, reference.scene), truth, raster, reference)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Undecided:
-    """Surface errors without the points that another surface hides, and the points that may be hidden.
-
-    Attributes
-    ----------
-    errors
-        Errors that are known.
-    points
-        Points that may be hidden, at pixels that are right so far.
-    """
-
-    errors: SurfaceErrors
-    points: DrawnPoints
-
-    def decided(self, truth: HogelImage, reference: Reference) -> SurfaceErrors:
-        """Return the errors with the pixels whose points are hidden from the true frustum."""
-        points = self.points.surface_points(reference.scene)
-        hidden = reference.hidden(truth.camera.aperture, points)
-        wrong = self.errors.wrong.copy()
-        wrong.reshape(-1)[self.points.pixels[hidden]] = True
-        return SurfaceErrors(wrong=wrong, outside=self.errors.outside)
-
-    @classmethod
-    def joined(cls, bands: Sequence[Undecided]) -> Undecided:
-        """Return what is known of an image, given what is known of its bands of rows, from the top."""
-        above, parts = 0, []
-        for band in bands:
-            height, width = band.errors.wrong.shape
-            parts.append(band.points.moved_down(above, width))
-            above += height
-        errors = SurfaceErrors(
-            wrong=np.concatenate([band.errors.wrong for band in bands]),
-            outside=np.concatenate([band.errors.outside for band in bands]),
-        )
-        return cls(errors=errors, points=DrawnPoints.joined(parts))
-
-
-def undecided(truth: HogelImage, raster: HogelImage, scene: Scene, shown: PointsOnFilm) -> Undecided:
-    """Return the surface errors that are known without asking what hides points; see `surface_errors`.
+def decided(
+    found: PixelFindings, truth: HogelImage, raster: HogelImage, reference: Reference
+) -> SurfaceErrors:
+    """Return the surface errors of an image: those that formulas find, and points that something hides.
 
     Parameters
     ----------
-    truth, raster, scene
-        The true image, the image that is judged by it, and the scene of both.
-    shown
-        All points that the raster shows.
+    found
+        Findings with surface errors.
+    truth, raster, reference
+        As for `surface_errors`.
     """
-    # Flat numbers count along rows, in whatever order the images' arrays lie in memory.
-    wrong = np.ascontiguousarray(other_surfaces(truth, raster, scene))
-    at_plate = np.flatnonzero(raster.covered & ~raster.off_plate)
-    at_plate = at_plate[raster.height.reshape(-1).take(at_plate) == 0]
-    true_at_plate = truth.covered.take(at_plate) & (truth.height.reshape(-1).take(at_plate) == 0)
-    wrong.reshape(-1)[at_plate[~true_at_plate]] = True
-    # From here on every array has one entry for each point.
-    points, pixels = shown.points, shown.points.pixels
-    right = ~wrong.take(pixels)
-    unproven = np.ones(len(pixels), dtype=np.bool_)
-    unproven[_surely_seen(truth, points, right, scene)] = False
-    beyond = beyond_film(points, (shown.columns, shown.rows), shown.pencil, scene) & unproven
-    outside = np.zeros(wrong.shape, dtype=np.bool_)
-    outside.reshape(-1)[pixels[beyond]] = True
-    doubtful = np.flatnonzero(unproven & right & ~beyond)
-    return Undecided(errors=SurfaceErrors(wrong=wrong | outside, outside=outside), points=points.at(doubtful))
+    surface = found.surface
+    assert surface is not None, "the reference has the scene at hand"
+    asked = np.flatnonzero(surface.doubtful)
+    points = SurfacePoints(
+        position=raster.position.reshape(-1, 3),
+        triangle=raster.triangle.reshape(-1),
+        tolerance=surface.tolerance,
+        asked=asked,
+    )
+    hidden = reference.hidden(truth.camera.aperture, points)
+    wrong = surface.wrong.copy()
+    wrong[asked[hidden]] = True
+    shape = truth.triangle.shape
+    return SurfaceErrors(wrong=wrong.reshape(shape), outside=surface.outside.reshape(shape))
 
 
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:
@@ -203,38 +159,3 @@ def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -
     found = np.zeros_like(asked)
     found.flat[points.pixels] = beyond_film(points, points.places(pencil), pencil, scene)
     return found
-
-
-def _surely_seen(truth: HogelImage, points: DrawnPoints, asked: Mask, scene: Scene) -> Indices:
-    """Return the places of the asked points that are, within rounding, the points that the truth shows.
-
-    The truth has proven that these points are seen, so that the tracer need not be asked. With a tiny near
-    they are most points of a picture.
-
-    Parameters
-    ----------
-    truth
-        True image, in whose pixels the points are shown.
-    points
-        All points of the image that is judged.
-    asked
-        (N,) which of them are asked about.
-    scene
-        Scene that they are on.
-    """
-    if truth.certainty is None:
-        return np.zeros(0, dtype=np.int64)
-    pixels, (x, y, z) = points.pixels, points.coordinates
-    # Most points that are farther apart differ in height already: only the others need all coordinates.
-    with np.errstate(invalid="ignore", over="ignore"):
-        near = np.abs(z - truth.height.reshape(-1).take(pixels)) <= largest_tolerance(scene)
-    near &= asked
-    near &= points.triangle == truth.triangle.take(pixels)
-    some = np.flatnonzero(near)
-    triangle = points.triangle[some]
-    decided = (truth.certainty.take(pixels[some]) <= Certainty.EXACT) & (triangle != NOTHING)
-    some, triangle = some[decided], triangle[decided]
-    known = truth.position.reshape(-1, 3).take(pixels[some], axis=0)
-    apart = (x[some] - known[:, 0]) ** 2 + (y[some] - known[:, 1]) ** 2 + (z[some] - known[:, 2]) ** 2
-    tolerance = position_tolerance(scene, triangle, known)
-    return np.asarray(some[apart <= tolerance**2])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from xfrustum.scenes.arrays import Floats, Numbers
@@ -39,12 +41,17 @@ def position_tolerance(scene: Scene, triangle: Numbers, position: Floats) -> Flo
     """
     known = triangle != NOTHING
     if known.all():
-        return POSITION_ROUNDINGS * FLOAT32_ROUNDING * scene.largest_coordinates[triangle]
+        return np.asarray(tolerance_by_size(scene.largest_coordinates[triangle]))
     largest: Floats = np.abs(position).max(axis=1, initial=0.0)
     largest[known] = scene.largest_coordinates[triangle[known]]
+    return np.asarray(tolerance_by_size(largest))
+
+
+def tolerance_by_size(largest: Any) -> Any:
+    """Return the distance within which points are known, given the largest coordinates of their triangles."""
     return POSITION_ROUNDINGS * FLOAT32_ROUNDING * largest
 
 
 def largest_tolerance(scene: Scene) -> float:
     """Return the largest `position_tolerance` of a point on a scene's triangles, scene units."""
-    return POSITION_ROUNDINGS * FLOAT32_ROUNDING * float(scene.largest_coordinates.max(initial=0.0))
+    return float(tolerance_by_size(scene.largest_coordinates.max(initial=0.0)))

@@ -5,6 +5,7 @@ Vectors are sequences of coordinates, each an array with one lane for each point
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +35,8 @@ class Arithmetic:
     power
         Function of base, exponent, mask and digits: the power where the mask is true, else zero. Where all
         exponents are whole numbers, `digits` is the number of binary digits of the largest; else it is None.
+    real
+        Function that turns numbers of any kind into doubles.
     whole
         Function that turns doubles without a fraction into indices.
     table
@@ -51,6 +54,7 @@ class Arithmetic:
     arctan2: Callable[[Any, Any], Any]
     hypot: Callable[[Any, Any], Any]
     power: Callable[[Any, Any, Any, int | None], Any]
+    real: Callable[[Any], Any]
     whole: Callable[[Any], Any]
     table: Callable[[NDArray[Any]], Table]
     constants: Callable[[Sequence[float]], list[Any]]
@@ -76,12 +80,16 @@ def _power(base: Floats, exponent: Floats | float, where: Mask, digits: int | No
     return np.power(base, exponent, out=np.zeros(len(base)), where=where)
 
 
+def _real(values: NDArray[Any]) -> Floats:
+    return values.astype(np.float64, copy=False)
+
+
 def _whole(values: Floats) -> Indices:
     return values.astype(np.int64)
 
 
 def _table(rows: NDArray[Any]) -> Table:
-    columns = [np.ascontiguousarray(column) for column in rows.reshape(len(rows), -1).T]
+    columns = [np.ascontiguousarray(column) for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
     return lambda index: [column[index] for column in columns]
 
 
@@ -95,6 +103,7 @@ NUMPY = Arithmetic(
     arctan2=np.arctan2,
     hypot=np.hypot,
     power=_power,
+    real=_real,
     whole=_whole,
     table=_table,
     constants=list,

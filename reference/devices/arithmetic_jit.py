@@ -91,6 +91,7 @@ JIT = Arithmetic(
     arctan2=dr.atan2,
     hypot=dr.hypot,
     power=_power,
+    real=Float64,
     whole=Int32,
     table=_table,
     constants=_constants,

@@ -8,8 +8,9 @@ import numpy as np
 
 from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.sight.boxes import CellBoxes, cells
+from xfrustum.reference.sight.points import SurfacePoints
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
-from xfrustum.scenes.arrays import Floats, Numbers
+from xfrustum.scenes.arrays import Floats
 
 PAIRS_PER_CHUNK = 1 << 17
 """Pairs that are evaluated at once. This bounds the memory, about 500 bytes for each."""
@@ -27,9 +28,11 @@ class NumpySearch:
     def __init__(self, triangles: Floats) -> None:
         self._triangles = triangles
 
-    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them; see `JitSearch.before`."""
-        lines = PointLines.of((*position.T, tolerance), film_numbers(boxes.pencil), np.sqrt)
+        asked = points.taken()
+        own = asked.triangle
+        lines = PointLines.of((*asked.position.T, asked.tolerance), film_numbers(boxes.pencil), np.sqrt)
         (width, height), center = boxes.pencil.resolution, boxes.pencil.center
         column, row = np.rint(np.clip(lines.column, -1, width)), np.rint(np.clip(lines.row, -1, height))
         cell = (row.astype(np.int64) + 1) * (width + 2) + column.astype(np.int64) + 1
