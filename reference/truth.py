@@ -19,7 +19,9 @@ from xfrustum.reference.lines.facing import drawn_triangles
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
-from xfrustum.reference.sight.sight import Sight, SurfacePoints
+from xfrustum.reference.sight.clear import ClearTriangles
+from xfrustum.reference.sight.points import SurfacePoints
+from xfrustum.reference.sight.sight import Sight
 from xfrustum.reference.tracers.embree import EmbreeTracer, embree_versions
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer, mitsuba_versions
 from xfrustum.reference.tracers.names import TRACERS
@@ -30,7 +32,7 @@ from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.model.effects import Effect, checked
-from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage, stacked
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelCamera, HogelImage, stacked
 from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
@@ -287,6 +289,16 @@ class Reference:
         pencil = crossed_frustum(self.scene.frustum, aperture)
         gaps = RunnersUp(self.scene.triangles, pencil).gaps
         return np.concatenate(list(in_parallel(gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)))
+
+    def clear(self, truth: HogelImage) -> ClearTriangles | None:
+        """Return the triangles of a true image on which points are hidden by nothing; see `Sight.clear`."""
+
+        def shown() -> Mask:
+            seen = np.zeros(len(self.scene.faces), dtype=np.bool_)
+            seen[truth.triangle[truth.triangle != NOTHING]] = True
+            return seen
+
+        return self.sight.clear(crossed_frustum(self.scene.frustum, truth.camera.aperture), shown)
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
         """Return which points are hidden from the true frustum of an aperture; see `Sight.hidden`."""

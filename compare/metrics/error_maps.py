@@ -122,8 +122,11 @@ def pixel_errors(
         Whether the raster image names triangles.
     """
     judged = judged_pixels(truth)
-    found = pixel_findings(truth, raster, reference.scene if reference else None)
-    surface = decided(found, truth, raster, reference) if reference else None
+    if reference is None:
+        found, surface = pixel_findings(truth, raster, None), None
+    else:
+        found = pixel_findings(truth, raster, reference.scene, reference.clear(truth))
+        surface = decided(found, truth, raster, reference)
     return PixelErrors(
         truth=truth,
         raster=raster,

@@ -17,6 +17,7 @@ from xfrustum.compare.rounding.positions import largest_tolerance, tolerance_by_
 from xfrustum.reference.devices.arithmetic import Arithmetic
 from xfrustum.reference.lane_formulas import evaluated
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -73,7 +74,9 @@ class PixelFindings:
     surface: SurfaceFindings | None
 
 
-def pixel_findings(truth: HogelImage, raster: HogelImage, scene: Scene | None) -> PixelFindings:
+def pixel_findings(
+    truth: HogelImage, raster: HogelImage, scene: Scene | None, clear: ClearTriangles | None = None
+) -> PixelFindings:
     """Return what formulas say of each pixel of an image.
 
     Parameters
@@ -82,11 +85,13 @@ def pixel_findings(truth: HogelImage, raster: HogelImage, scene: Scene | None) -
         The true image, and the image that is judged by it.
     scene
         Scene of both; without it there are no surface errors.
+    clear
+        Triangles on which points are hidden by nothing, where they are known; see `Reference.clear`.
     """
 
     def formula(by: Arithmetic) -> Callable[[Any], Sequence[Any]]:
         pixel = _PixelFormula.of(by, truth, raster)
-        surface = None if scene is None else _SurfaceFormula.of(by, scene, pixel.film)
+        surface = None if scene is None else _SurfaceFormula.of(by, scene, pixel.film, clear)
         return lambda lane: _values(pixel.at(lane), surface)
 
     values = evaluated(formula, truth.triangle.size)
@@ -261,10 +266,11 @@ class _SurfaceFormula:
     object_of: Callable[[Any], Any]
     size_of: Callable[[Any], Any]
     largest_tolerance: Any
+    clear: Callable[[Any, Sequence[Any], Any, Any], Any] | None
 
     @classmethod
-    def of(cls, by: Arithmetic, scene: Scene, film: _Film) -> _SurfaceFormula:
-        """Return the formula of a scene."""
+    def of(cls, by: Arithmetic, scene: Scene, film: _Film, clear: ClearTriangles | None) -> _SurfaceFormula:
+        """Return the formula of a scene, and of the triangles that nothing hides where they are known."""
         # Where there is no triangle, none is looked up, but there must be a place.
         numbers, sizes = scene.object_of_triangle, scene.largest_coordinates
         if not len(scene.faces):
@@ -277,6 +283,7 @@ class _SurfaceFormula:
             object_of=_column(by, numbers),
             size_of=_column(by, sizes),
             largest_tolerance=largest,
+            clear=None if clear is None else clear.seen(by),
         )
 
     def errors(self, pixel: _Pixel) -> tuple[Any, Any, Any, Any]:
@@ -294,7 +301,11 @@ class _SurfaceFormula:
         if pixel.decided is not None:
             open_points = open_points & ~(pixel.decided & exists & ~wrong & self._is_true(pixel, tolerance))
         outside = open_points & self._beyond(pixel, tolerance)
-        return wrong | outside, outside, open_points & ~wrong & ~outside, tolerance
+        doubtful = open_points & ~wrong & ~outside
+        if self.clear is not None:
+            depth = self.film.center[2] - shown.point[2]
+            doubtful = doubtful & ~(exists & self.clear(triangle, pixel.place, depth, tolerance))
+        return wrong | outside, outside, doubtful, tolerance
 
     def _other_surface(self, pixel: _Pixel, exists: Any, triangle: Any) -> Any:
         """Return where a surface is shown instead of none, none, another object's, or a point in the plate.

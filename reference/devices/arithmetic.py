@@ -89,7 +89,9 @@ def _whole(values: Floats) -> Indices:
 
 
 def _table(rows: NDArray[Any]) -> Table:
-    columns = [np.ascontiguousarray(column) for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
+    columns = [
+        np.ascontiguousarray(column) for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T
+    ]
     return lambda index: [column[index] for column in columns]
 
 

@@ -53,6 +53,12 @@ def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:
 
 def _table(rows: NDArray[Any]) -> Table:
     flat, count = on_device(rows), rows.size // max(len(rows), 1)
+    if count % 4 == 0 and isinstance(flat, Float64):
+        # Four numbers at a time, one beside the other, are read at once.
+        fours = count // 4
+        return lambda index: [
+            value for four in range(fours) for value in dr.gather(Array4f64, flat, index * fours + four)
+        ]
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 

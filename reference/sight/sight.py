@@ -9,10 +9,11 @@ within the bounds of double precision (`walk`, `distance`); what they leave open
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cached_property, partial
 from importlib import import_module
+from threading import Lock
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,7 @@ from xfrustum.reference.certify.arbitrary_lines import ExactLines
 from xfrustum.reference.certify.processors import compiled, kernels_on_one_thread
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
+from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.distance import off_planes
 from xfrustum.reference.sight.kept import Kept
 from xfrustum.reference.sight.points import SurfacePoints
@@ -35,14 +37,45 @@ class Search(Protocol):
 
     def __init__(self, triangles: Floats) -> None: ...
 
+    def clear(self, boxes: CellBoxes, asked: Mask) -> ClearTriangles | None:
+        """Return which of the asked triangles (F,) are clear; None where the engine does not find it."""
+        ...
+
     def before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them."""
         ...
 
 
+FEWEST_PICTURES = 3
+"""Number of a pencil's pictures from which on its clear triangles are known. To find them takes about as long
+as to search two pictures for what hides their points; most of that is saved from then on."""
+
+KEPT_CLEAR = 1 << 21
+"""Largest number of triangles for which it is kept whether they are clear, in 96 bytes each."""
+
 KEPT_BOXES = 1 << 21
 """Largest number of boxes of cells that are kept for the next pictures of apertures, in 41 bytes each; those
 of the last two pencils are kept however many they are."""
+
+
+class _Pictures:
+    """Count of a pencil's pictures, and its clear triangles as soon as they are worth finding."""
+
+    def __init__(self) -> None:
+        self._lock, self._count = Lock(), 0
+        self._clear: ClearTriangles | None = None
+
+    def __len__(self) -> int:
+        """Return the number of triangles of which it is known whether they are clear."""
+        return 0 if self._clear is None else len(self._clear.table)
+
+    def next(self, find: Callable[[], ClearTriangles | None]) -> ClearTriangles | None:
+        """Return the clear triangles for one more picture; None as long as there are few pictures."""
+        with self._lock:
+            self._count += 1
+            if self._count == FEWEST_PICTURES:
+                self._clear = find()
+            return self._clear
 
 
 def _count(boxes: CellBoxes) -> int:
@@ -66,6 +99,8 @@ class Sight:
             make=partial(cell_boxes, self._triangles), size=_count, room=KEPT_BOXES, least=2
         )
 
+        self._pictures: Kept[Pencil, _Pictures] = Kept(make=lambda _: _Pictures(), size=len, room=KEPT_CLEAR)
+
     @cached_property
     def _search(self) -> Search:
         if not compiled():
@@ -73,6 +108,22 @@ class Sight:
         # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
         search: type[Search] = import_module("xfrustum.reference.sight.walk_jit").JitSearch
         return search(self._triangles)
+
+    def clear(self, pencil: Pencil, shown: Callable[[], Mask]) -> ClearTriangles | None:
+        """Return the triangles on which points are hidden by nothing, for one more picture of a pencil.
+
+        None for the first few pictures of a pencil, and where this takes too long or there is no LLVM.
+
+        Parameters
+        ----------
+        pencil
+            Lines through the point from which points are seen.
+        shown
+            Function that returns the triangles (F,) which are of interest.
+        """
+        if not len(self._triangles):
+            return None
+        return self._pictures(pencil).next(lambda: self._search.clear(self._boxes(pencil), shown()))
 
     def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
         """Return which points lie behind another surface on their own line.

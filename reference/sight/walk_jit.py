@@ -24,10 +24,13 @@ from xfrustum.reference.devices.arithmetic_jit import (
 )
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.sight.boxes import CellBoxes, cells
+from xfrustum.reference.sight.clear import ClearTriangles
+from xfrustum.reference.sight.clear_jit import clear_triangles
 from xfrustum.reference.sight.kept import Kept
 from xfrustum.reference.sight.points import SurfacePoints
+from xfrustum.reference.sight.rows_jit import Rows, lanes_with_items, row_count, rows_of_boxes
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 
 PAIRS_PER_POINT = 1 / 8
 """Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
@@ -62,27 +65,6 @@ class _Sorted:
     start: Any
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Rows:
-    """The rows of the boxes of triangles, whatever points are asked about.
-
-    Attributes
-    ----------
-    box
-        Box of each row.
-    begin, end
-        First cell of each row, and the one behind its last.
-    number, holds
-        As in the boxes, for each box.
-    """
-
-    box: Any
-    begin: Any
-    end: Any
-    number: Any
-    holds: Any
-
-
 class JitSearch:
     """The triangles of a scene, searched on Dr.Jit.
 
@@ -96,7 +78,11 @@ class JitSearch:
         with strict_arithmetic():
             self._corners = Float64(np.ascontiguousarray(triangles).ravel())
         # The settings of one aperture share its rows, and several threads judge an aperture each.
-        self._rows: Kept[CellBoxes, _Rows] = Kept(make=_rows, size=_count, room=KEPT_ROWS)
+        self._rows: Kept[CellBoxes, Rows] = Kept(make=rows_of_boxes, size=row_count, room=KEPT_ROWS)
+
+    def clear(self, boxes: CellBoxes, asked: Mask) -> ClearTriangles | None:
+        """Return which of the asked triangles (F,) are clear; see `clear_triangles`."""
+        return clear_triangles(self._corners, boxes, asked)
 
     def before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them.
@@ -110,7 +96,7 @@ class JitSearch:
         """
         with strict_arithmetic():
             lines = _sorted(boxes, points)
-            lanes = _lanes(self._rows(boxes), lines.start)
+            lanes = lanes_with_items(self._rows(boxes), lines.start)
             if not dr.width(lanes[0]):
                 return
             nearest = dr.opaque(Float64, boxes.pencil.s_range[0])
@@ -160,57 +146,6 @@ class JitSearch:
         dr.while_loop((UInt32(first),), lambda query: query < last, step)
         dr.eval(written, points, triangles, certain)
         return int(written[0]), (points, triangles, certain)
-
-
-def _rows(boxes: CellBoxes) -> _Rows:
-    """Return the rows of all boxes."""
-    heights = boxes.box[3] - boxes.box[2] + 1
-    before = np.cumsum(heights, dtype=np.int64) - heights
-    rows = int(heights.sum())
-    # The box of each row: boxes are counted at their first rows.
-    begins = dr.zeros(UInt32, rows)
-    dr.scatter(begins, dr.opaque(UInt32, 1), UInt32(before.astype(np.uint32)))
-    dr.eval(begins)
-    box = dr.prefix_sum(begins) + begins - 1
-    left, right, top, base = (
-        dr.gather(UInt32, UInt32(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
-    )
-    stride: Any = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
-    cell: Any = (dr.arange(UInt32, rows) - base + top) * stride
-    made = _Rows(
-        box=box,
-        begin=cell + left,
-        end=cell + right + 1,
-        number=UInt32(boxes.number.astype(np.uint32)),
-        holds=Bool(boxes.holds),
-    )
-    dr.eval(made.box, made.begin, made.end)
-    return made
-
-
-def _count(rows: _Rows) -> int:
-    """Return the number of rows."""
-    return int(dr.width(rows.box))
-
-
-def _lanes(rows: _Rows, start: Any) -> tuple[Any, ...]:
-    """Return the rows of boxes that have lines.
-
-    Returns
-    -------
-    The first line of each row, the one behind its last, the triangle, and whether this holds the center.
-    """
-    first, last = dr.gather(UInt32, start, rows.begin), dr.gather(UInt32, start, rows.end)
-    dr.eval(first, last)
-    # Rows without lines would idle beside those that walk.
-    lane: Any = dr.compress(first < last)
-    at = dr.gather(UInt32, rows.box, lane)
-    return (
-        dr.gather(UInt32, first, lane),
-        dr.gather(UInt32, last, lane),
-        dr.gather(UInt32, rows.number, at),
-        dr.gather(Bool, rows.holds, at),
-    )
 
 
 def _sorted(boxes: CellBoxes, points: SurfacePoints) -> _Sorted:

@@ -8,9 +8,10 @@ import numpy as np
 
 from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.sight.boxes import CellBoxes, cells
+from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.points import SurfacePoints
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Mask
 
 PAIRS_PER_CHUNK = 1 << 17
 """Pairs that are evaluated at once. This bounds the memory, about 500 bytes for each."""
@@ -27,6 +28,10 @@ class NumpySearch:
 
     def __init__(self, triangles: Floats) -> None:
         self._triangles = triangles
+
+    def clear(self, boxes: CellBoxes, asked: Mask) -> ClearTriangles | None:
+        """Return None: this would take NumPy longer than it saves."""
+        return None
 
     def before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them; see `JitSearch.before`."""
