@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -115,7 +116,20 @@ def decide(
 
 def needed(scene: Scene, camera: Camera = Camera.BOTH, question: Question | None = None) -> frozenset[Effect]:
     """Return the effects that `decide` says are used."""
-    return frozenset(decision.effect for decision in decide(scene, camera, question) if decision.used)
+    if camera is not Camera.BOTH or question is not None:
+        return _used(decide(scene, camera, question))
+    # Each renderer of a scene asks for all of its images.
+    if scene not in _NEEDED:
+        _NEEDED[scene] = _used(decide(scene))
+    return _NEEDED[scene]
+
+
+_NEEDED: WeakKeyDictionary[Scene, frozenset[Effect]] = WeakKeyDictionary()
+"""Effects that all images of a scene need, by the scene, which does not change."""
+
+
+def _used(decisions: Iterable[Decision]) -> frozenset[Effect]:
+    return frozenset(decision.effect for decision in decisions if decision.used)
 
 
 def chosen(
