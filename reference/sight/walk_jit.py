@@ -13,7 +13,15 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic_jit import JIT, Array4f64, Bool, Float64, Int32, UInt32
+from xfrustum.reference.devices.arithmetic_jit import (
+    JIT,
+    Array4f64,
+    Bool,
+    Float64,
+    Int32,
+    UInt32,
+    on_device,
+)
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.kept import Kept
@@ -85,7 +93,7 @@ class JitSearch:
 
     def __init__(self, triangles: Floats) -> None:
         with strict_arithmetic():
-            self._corners = Float64(np.ascontiguousarray(triangles).ravel())
+            self._corners = on_device(triangles)
         # The settings of one aperture share its rows, and several threads judge an aperture each.
         self._rows: Kept[CellBoxes, _Rows] = Kept(make=_rows, size=_count, room=KEPT_ROWS)
 
@@ -164,11 +172,11 @@ def _rows(boxes: CellBoxes) -> _Rows:
     rows = int(heights.sum())
     # The box of each row: boxes are counted at their first rows.
     begins = dr.zeros(UInt32, rows)
-    dr.scatter(begins, dr.opaque(UInt32, 1), UInt32(before.astype(np.uint32)))
+    dr.scatter(begins, dr.opaque(UInt32, 1), on_device(before.astype(np.uint32)))
     dr.eval(begins)
     box = dr.prefix_sum(begins) + begins - 1
     left, right, top, base = (
-        dr.gather(UInt32, UInt32(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
+        dr.gather(UInt32, on_device(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
     )
     stride: Any = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
     cell: Any = (dr.arange(UInt32, rows) - base + top) * stride
@@ -176,8 +184,8 @@ def _rows(boxes: CellBoxes) -> _Rows:
         box=box,
         begin=cell + left,
         end=cell + right + 1,
-        number=UInt32(boxes.number.astype(np.uint32)),
-        holds=Bool(boxes.holds),
+        number=on_device(boxes.number.astype(np.uint32)),
+        holds=on_device(boxes.holds),
     )
     dr.eval(made.box, made.begin, made.end)
     return made
@@ -212,11 +220,7 @@ def _sorted(boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats)
     """Return the lines through points, sorted by the cells of the film."""
     width, height = boxes.pencil.resolution
     stride = dr.opaque(Int32, width + 2)
-    # Gathered, not loaded: Dr.Jit compiles anew for every mix of alignments of arrays that lanes load.
-    at = dr.arange(UInt32, len(position))
-    points = [
-        dr.gather(Float64, Float64(np.ascontiguousarray(values)), at) for values in (*position.T, tolerance)
-    ]
+    points = [on_device(values) for values in (*position.T, tolerance)]
     numbers = [dr.opaque(Float64, value) for value in film_numbers(boxes.pencil)]
     lines = PointLines.of(points, numbers, dr.sqrt)
     sides = [dr.opaque(Float64, float(side)) for side in (width, height)]
@@ -228,8 +232,7 @@ def _sorted(boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats)
     # Counting sort: the order of the lines within a cell means nothing.
     count: Any = dr.opaque(UInt32, 0, cells(boxes.pencil) + 1)
     rank = dr.scatter_inc(count, cell)
-    own_number = dr.gather(Int32, Int32(np.ascontiguousarray(own, dtype=np.int32)), at)
-    together = Array4f64(lines.dx, lines.dy, lines.end, Float64(own_number))
+    together = Array4f64(lines.dx, lines.dy, lines.end, Float64(on_device(own)))
     dr.eval(together, cell, rank, count)
     start: Any = dr.prefix_sum(count)
     place: Any = dr.gather(UInt32, start, cell)
@@ -237,6 +240,6 @@ def _sorted(boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats)
     sorted_lines, point = dr.empty(Float64, 4 * len(position)), dr.empty(UInt32, len(position))
     # Four numbers at a time, one beside the other: a walk reads a line at once.
     dr.scatter(sorted_lines, together, target)
-    dr.scatter(point, at, target)
+    dr.scatter(point, dr.arange(UInt32, len(position)), target)
     dr.eval(sorted_lines, point)
     return _Sorted(lines=sorted_lines, point=point, start=start)
