@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.devices.packets import ALIGNMENT_BYTES, MAX_PACKET_LANES, in_packets
@@ -17,6 +19,7 @@ EMBREE_BYTES = 16
 """Bytes that Embree reads where the last corner of a mesh begins."""
 
 
+@settings(max_examples=40)
 @given(
     st.integers(0, 300),
     st.sampled_from([np.float64, np.float32, np.int32, np.uint32, np.bool_]),
@@ -25,7 +28,7 @@ EMBREE_BYTES = 16
 def test_a_copy_has_its_values_its_alignment_and_memory_behind_its_last_packet(
     size: int, kind: type, skipped: int
 ) -> None:
-    values = (np.arange(skipped, skipped + 3 * size) % 7).astype(kind).reshape(-1, 3)[:, 1]
+    values: NDArray[Any] = (np.arange(skipped, skipped + 3 * size) % 7).astype(kind).reshape(-1, 3)[:, 1]
     copy = in_packets(values)
     np.testing.assert_array_equal(copy, values)
     assert copy.dtype == values.dtype and copy.flags.c_contiguous and copy.flags.writeable
