@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from xfrustum.reference.convergence import Converged
-    from xfrustum.reference.sight.points import SurfacePoints
+    from xfrustum.reference.sight.sight import SurfacePoints
     from xfrustum.reference.tracers.names import TRACERS
     from xfrustum.reference.transport.transport import PathTracer, RadianceEstimate
     from xfrustum.reference.truth import Reference
@@ -44,7 +44,7 @@ _MODULES = {
     "PathTracer": "transport.transport",
     "RadianceEstimate": "transport.transport",
     "Reference": "truth",
-    "SurfacePoints": "sight.points",
+    "SurfacePoints": "sight.sight",
 }
 """Module of each name. They are imported when first used: `explain` answers from the scene alone, and must
 not load ray tracers and statistics for that."""

@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
-from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Float64, Int32, UInt32, on_device
+from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Float64, Int32, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.lines_jit import interleaved, pixel_directions
@@ -70,12 +70,9 @@ class JitPictures:
         shape = layers[0][1].triangle.shape
         size = layers[0][1].triangle.size
         with strict_arithmetic():
-            lane = dr.arange(UInt32, size)
             number, position = Int32(NOTHING), [Float64(np.nan)] * 3
             for pencil, decided in layers:
-                # Gathered, because kernels do not depend on the alignment of arrays that are gathered from.
-                triangle = dr.gather(Int32, on_device(decided.triangle), lane)
-                s = dr.gather(Float64, on_device(decided.s), lane)
+                triangle, s = on_device(decided.triangle), on_device(decided.s)
                 covers = triangle != NOTHING
                 number = dr.select(covers, triangle, number)
                 position = [
@@ -102,10 +99,7 @@ class JitPictures:
         """
         shape, size = decided.triangle.shape, decided.triangle.size
         with strict_arithmetic():
-            lane = dr.arange(UInt32, size)
-            # Gathered, because kernels do not depend on the alignment of arrays that are gathered from.
-            triangle = dr.gather(Int32, on_device(decided.triangle), lane)
-            s = dr.gather(Float64, on_device(decided.s), lane)
+            triangle, s = on_device(decided.triangle), on_device(decided.s)
             direction = pixel_directions(pencil, rows)
             center = JIT.constants(pencil.center)
             position = [at + s * along for at, along in zip(center, direction, strict=True)]

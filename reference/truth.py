@@ -20,8 +20,7 @@ from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_camera
 from xfrustum.reference.pictures import Pictures
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.reference.sight.clear import ClearTriangles
-from xfrustum.reference.sight.points import SurfacePoints
-from xfrustum.reference.sight.sight import Sight
+from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.reference.tracers.embree import EmbreeTracer, embree_versions
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer, mitsuba_versions
 from xfrustum.reference.tracers.names import TRACERS

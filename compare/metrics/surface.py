@@ -129,10 +129,9 @@ def decided(
     assert surface is not None, "the reference has the scene at hand"
     asked = np.flatnonzero(surface.doubtful)
     points = SurfacePoints(
-        position=raster.position.reshape(-1, 3),
-        triangle=raster.triangle.reshape(-1),
-        tolerance=surface.tolerance,
-        asked=asked,
+        position=raster.position.reshape(-1, 3).take(asked, axis=0).astype(np.float64, copy=False),
+        triangle=raster.triangle.reshape(-1).take(asked),
+        tolerance=surface.tolerance.take(asked),
     )
     hidden = reference.hidden(truth.camera.aperture, points)
     wrong = surface.wrong.copy()

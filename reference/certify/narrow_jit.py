@@ -86,7 +86,7 @@ class JitNarrowPhase:
         with strict_arithmetic():
             # Opaque: values that differ from image to image must not compile another kernel.
             self._limit = dr.opaque(Float64, np.inf, self._pixels)
-            self._dx, self._dy = Float64(np.array(pencil.dx)), Float64(np.array(pencil.dy))
+            self._dx, self._dy = on_device(pencil.dx), on_device(pencil.dy)
             self._film = FilmRow(**{k: dr.opaque(Float64, v) for k, v in vars(FilmRow.of(pencil)).items()})
             self._seen_from = Viewpoint.of(pencil, JIT)
             self._width, self._start = (dr.opaque(UInt32, n) for n in (pencil.resolution[0], self._base))

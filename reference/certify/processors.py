@@ -63,21 +63,24 @@ class _Bound:
 
     def enter(self) -> None:
         """Bound the threads, unless somebody else has."""
-        drjit = import_module("drjit")
         with self._lock:
             if self._wanted == 0:
-                self._before = drjit.thread_count()
+                self._before = import_module("drjit").thread_count()
                 if self._before > 1:
-                    drjit.set_thread_count(1)
+                    _run_kernels_on(1)
             self._wanted += 1
 
     def leave(self) -> None:
         """Give the threads back, unless somebody else still wants one."""
-        drjit = import_module("drjit")
         with self._lock:
             self._wanted -= 1
             if self._wanted == 0 and self._before > 1:
-                drjit.set_thread_count(self._before)
+                _run_kernels_on(self._before)
+
+
+def _run_kernels_on(threads: int) -> None:
+    # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
+    import_module("xfrustum.reference.devices.strict_jit").run_kernels_on(threads)
 
 
 _BOUND = _Bound()
@@ -87,6 +90,8 @@ _BOUND = _Bound()
 @contextmanager
 def kernels_on_one_thread(pixels: int) -> Iterator[None]:
     """Have Dr.Jit's kernels run on one thread, of all of the process, unless images are large.
+
+    Kernels that are running end first, so this must not be entered or left within `strict_arithmetic`.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 
 from xfrustum.reference.certify.narrow_jit import JitNarrowPhase, Lanes, walk
-from xfrustum.reference.devices.arithmetic_jit import Float64
+from xfrustum.reference.devices.arithmetic_jit import Float64, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.scenes.arrays import Floats
 
@@ -23,7 +23,7 @@ class JitRunnersUp(JitNarrowPhase):
     def behind(self, first: Floats) -> Floats:
         """Return the smallest s of what surely lies behind, on the same side; infinite without any."""
         with strict_arithmetic():
-            before = Float64(np.array(first))
+            before = on_device(first)
             second = dr.opaque(Float64, np.inf, self._pixels)
             for lanes in self._lanes:
                 self._lower(lanes, before, second)

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
-import numpy as np
 from drjit.llvm import Array3f, Array3f64, Array4f64, Bool, Float32, Float64, Int32, UInt32
 from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic import Arithmetic, Table
+from xfrustum.reference.devices.packets import in_packets
 
 __all__ = [
     "JIT",
@@ -35,15 +35,12 @@ _KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt
 
 
 def on_device(values: NDArray[Any]) -> Any:
-    """Return values as one flat array that lanes gather from; 64-bit integers must fit into 32 bits.
+    """Return values as one flat array for lanes; 64-bit integers must fit into 32 bits.
 
-    Dr.Jit reads NumPy's memory in place and compiles anew for every mix of alignments of arrays that lanes
-    load directly. Gathers do not depend on alignment.
+    The values are copied, so that kernels may read them in whole packets; see `packets`.
     """
-    flat = np.ascontiguousarray(values).ravel()
-    if str(flat.dtype) not in _KINDS:
-        flat = flat.astype(np.int32)
-    return _KINDS[str(flat.dtype)](flat)
+    kind = str(values.dtype) if str(values.dtype) in _KINDS else "int32"
+    return _KINDS[kind](in_packets(values, kind))
 
 
 def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:

@@ -21,7 +21,7 @@ BUSY_PIXELS = 1 << 15
 
 WHOLE_PIXELS = 1 << 22
 """Pixels of a band of an image that is kept whole, made by kernels that use all processors. To join smaller
-bands would take longer than to make them. A band adds some 70 bytes a pixel to the image's own 70."""
+bands would take longer than to make them. A band adds some 80 bytes a pixel to the image's own 70."""
 
 UNDIVIDED_PIXELS = 1 << 18
 """Pixels of a band that is only decided, compiled, on all processors: smaller bands only add launches."""

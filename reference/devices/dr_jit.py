@@ -101,7 +101,13 @@ def limit_threads() -> None:
     """Have Dr.Jit use no more threads than the environment allows."""
     limit = thread_limit()
     if limit is not None:
-        importlib.import_module("drjit").set_thread_count(limit)
+        _limit_threads_to(limit)
+
+
+@cache
+def _limit_threads_to(limit: int) -> None:
+    # Once: kernels may be kept to one thread when this is asked for again.
+    importlib.import_module("drjit").set_thread_count(limit)
 
 
 @cache

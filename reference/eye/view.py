@@ -15,8 +15,7 @@ from xfrustum.reference.eye.rays import eye_pencil, hogel_lines, replay
 from xfrustum.reference.lines.grid import LineGrid
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.shading.shading import Hits, Shader
-from xfrustum.reference.sight.points import SurfacePoints
-from xfrustum.reference.sight.sight import Sight
+from xfrustum.reference.sight.sight import Sight, SurfacePoints
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.arrays import Bytes, Floats, Mask, Numbers, Singles
 from xfrustum.scenes.model.effects import Effect

@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic_jit import Bool, UInt32
+from xfrustum.reference.devices.arithmetic_jit import Bool, UInt32, on_device
 from xfrustum.reference.sight.boxes import CellBoxes
 
 
@@ -40,11 +40,11 @@ def rows_of_boxes(boxes: CellBoxes) -> Rows:
     rows = int(heights.sum())
     # The box of each row: boxes are counted at their first rows.
     begins = dr.zeros(UInt32, rows)
-    dr.scatter(begins, dr.opaque(UInt32, 1), UInt32(before.astype(np.uint32)))
+    dr.scatter(begins, dr.opaque(UInt32, 1), on_device(before.astype(np.uint32)))
     dr.eval(begins)
     box = dr.prefix_sum(begins) + begins - 1
     left, right, top, base = (
-        dr.gather(UInt32, UInt32(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
+        dr.gather(UInt32, on_device(values.astype(np.uint32)), box) for values in (*boxes.box[:3], before)
     )
     stride: Any = dr.opaque(UInt32, boxes.pencil.resolution[0] + 2)
     cell: Any = (dr.arange(UInt32, rows) - base + top) * stride
@@ -52,8 +52,8 @@ def rows_of_boxes(boxes: CellBoxes) -> Rows:
         box=box,
         begin=cell + left,
         end=cell + right + 1,
-        number=UInt32(boxes.number.astype(np.uint32)),
-        holds=Bool(boxes.holds),
+        number=on_device(boxes.number.astype(np.uint32)),
+        holds=on_device(boxes.holds),
     )
     dr.eval(made.box, made.begin, made.end)
     return made

@@ -10,6 +10,7 @@ within the bounds of double precision (`walk`, `distance`); what they leave open
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, partial
 from importlib import import_module
@@ -25,10 +26,9 @@ from xfrustum.reference.sight.boxes import CellBoxes, cell_boxes
 from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.distance import off_planes
 from xfrustum.reference.sight.kept import Kept
-from xfrustum.reference.sight.points import SurfacePoints
 from xfrustum.reference.sight.walk import Before, PointLines, film_numbers
 from xfrustum.reference.sight.walk_numpy import NumpySearch
-from xfrustum.scenes.arrays import Floats, Indices, Mask
+from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.scene import Scene
 
 
@@ -41,9 +41,29 @@ class Search(Protocol):
         """Return which of the asked triangles (F,) are clear; None where the engine does not find it."""
         ...
 
-    def before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them."""
         ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfacePoints:
+    """Surface points that an image shows.
+
+    Attributes
+    ----------
+    position
+        (N, 3) scene units, z not 0.
+    triangle
+        (N,) number of the triangle that each point lies on, `NOTHING` where that is not known.
+    tolerance
+        (N,) distance within which each point is known, scene units: a triangle whose plane passes within
+        this distance of a point does not hide it. Thus a mesh's tessellation makes no difference.
+    """
+
+    position: Floats
+    triangle: Numbers
+    tolerance: Floats
 
 
 FEWEST_PICTURES = 3
@@ -135,7 +155,7 @@ class Sight:
         points
             Points that are asked about.
         """
-        behind = np.zeros(len(points), dtype=np.bool_)
+        behind = np.zeros(len(points.position), dtype=np.bool_)
         if not len(behind) or not len(self._triangles):
             return behind
         boxes = self._boxes(pencil)
@@ -147,11 +167,11 @@ class Sight:
 
     def _mark(self, behind: Mask, boxes: CellBoxes, pencil: Pencil, points: SurfacePoints) -> None:
         """Mark the hidden points in `behind`, (N,)."""
-        for found in self._search.before(boxes, points):
+        for found in self._search.before(boxes, points.position, points.triangle, points.tolerance):
             # What hides a point that is known to be hidden need not be asked.
             asked = np.flatnonzero(~behind[found.point])
             point, triangle, sure = found.point[asked], found.triangle[asked], found.sure[asked]
-            position, tolerance = points.at(point)
+            position, tolerance = points.position[point], points.tolerance[point]
             far = off_planes(position, self._triangles[triangle], tolerance)
             behind[point[far & sure]] = True
             # Only points that nothing surely hides are decided in integers.

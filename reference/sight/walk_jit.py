@@ -27,10 +27,9 @@ from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.clear_jit import clear_triangles
 from xfrustum.reference.sight.kept import Kept
-from xfrustum.reference.sight.points import SurfacePoints
 from xfrustum.reference.sight.rows_jit import Rows, lanes_with_items, row_count, rows_of_boxes
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
 
 PAIRS_PER_POINT = 1 / 8
 """Pairs for each point that there is room for at first. Most points are hidden by nothing; where there are
@@ -76,7 +75,7 @@ class JitSearch:
 
     def __init__(self, triangles: Floats) -> None:
         with strict_arithmetic():
-            self._corners = Float64(np.ascontiguousarray(triangles).ravel())
+            self._corners = on_device(triangles)
         # The settings of one aperture share its rows, and several threads judge an aperture each.
         self._rows: Kept[CellBoxes, Rows] = Kept(make=rows_of_boxes, size=row_count, room=KEPT_ROWS)
 
@@ -84,24 +83,28 @@ class JitSearch:
         """Return which of the asked triangles (F,) are clear; see `clear_triangles`."""
         return clear_triangles(self._corners, boxes, asked)
 
-    def before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them.
 
         Parameters
         ----------
         boxes
             Boxes of cells of the triangles.
-        points
-            Points off the height of the pencil's center. The triangle that each lies on is left out.
+        position
+            (N, 3) points in scene units, off the height of the pencil's center.
+        own
+            (N,) number of the triangle that each point lies on, which is left out.
+        tolerance
+            (N,) distance within which each point is known.
         """
         with strict_arithmetic():
-            lines = _sorted(boxes, points)
+            lines = _sorted(boxes, position, own, tolerance)
             lanes = lanes_with_items(self._rows(boxes), lines.start)
             if not dr.width(lanes[0]):
                 return
             nearest = dr.opaque(Float64, boxes.pencil.s_range[0])
             center = [dr.opaque(Float64, value) for value in boxes.pencil.center]
-            room = max(MIN_PAIR_ROOM, int(PAIRS_PER_POINT * len(points)))
+            room = max(MIN_PAIR_ROOM, int(PAIRS_PER_POINT * len(position)))
             count, found = self._walked(lines, lanes, center, nearest, room)
             if count > room:
                 count, found = self._walked(lines, lanes, center, nearest, count)
@@ -148,36 +151,30 @@ class JitSearch:
         return int(written[0]), (points, triangles, certain)
 
 
-def _sorted(boxes: CellBoxes, points: SurfacePoints) -> _Sorted:
+def _sorted(boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> _Sorted:
     """Return the lines through points, sorted by the cells of the film."""
     width, height = boxes.pencil.resolution
     stride = dr.opaque(Int32, width + 2)
-    at = dr.arange(UInt32, len(points))
-    # Gathered, not loaded: Dr.Jit compiles anew for every mix of alignments of arrays that lanes load.
-    row = at if points.asked is None else dr.gather(UInt32, on_device(points.asked.astype(np.uint32)), at)
-    flat, tolerance = on_device(points.position), on_device(points.tolerance)
-    known = [Float64(dr.gather(type(flat), flat, 3 * row + axis)) for axis in range(3)]
-    known.append(dr.gather(Float64, tolerance, row))
+    points = [on_device(values) for values in (*position.T, tolerance)]
     numbers = [dr.opaque(Float64, value) for value in film_numbers(boxes.pencil)]
-    lines = PointLines.of(known, numbers, dr.sqrt)
+    lines = PointLines.of(points, numbers, dr.sqrt)
     sides = [dr.opaque(Float64, float(side)) for side in (width, height)]
-    across, down = (
+    column, row = (
         Int32(dr.round(dr.clip(place, -1.0, side))) + 1
         for place, side in zip((lines.column, lines.row), sides, strict=True)
     )
-    cell: Any = UInt32(down * stride + across)
+    cell: Any = UInt32(row * stride + column)
     # Counting sort: the order of the lines within a cell means nothing.
     count: Any = dr.opaque(UInt32, 0, cells(boxes.pencil) + 1)
     rank = dr.scatter_inc(count, cell)
-    own = dr.gather(Int32, on_device(points.triangle.astype(np.int32, copy=False)), row)
-    together = Array4f64(lines.dx, lines.dy, lines.end, Float64(own))
+    together = Array4f64(lines.dx, lines.dy, lines.end, Float64(on_device(own)))
     dr.eval(together, cell, rank, count)
     start: Any = dr.prefix_sum(count)
     place: Any = dr.gather(UInt32, start, cell)
     target = place + rank
-    sorted_lines, point = dr.empty(Float64, 4 * len(points)), dr.empty(UInt32, len(points))
+    sorted_lines, point = dr.empty(Float64, 4 * len(position)), dr.empty(UInt32, len(position))
     # Four numbers at a time, one beside the other: a walk reads a line at once.
     dr.scatter(sorted_lines, together, target)
-    dr.scatter(point, at, target)
+    dr.scatter(point, dr.arange(UInt32, len(position)), target)
     dr.eval(sorted_lines, point)
     return _Sorted(lines=sorted_lines, point=point, start=start)

@@ -9,9 +9,8 @@ import numpy as np
 from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.sight.boxes import CellBoxes, cells
 from xfrustum.reference.sight.clear import ClearTriangles
-from xfrustum.reference.sight.points import SurfacePoints
 from xfrustum.reference.sight.walk import Before, PointLines, Surfaces, film_numbers, meeting
-from xfrustum.scenes.arrays import Floats, Mask
+from xfrustum.scenes.arrays import Floats, Mask, Numbers
 
 PAIRS_PER_CHUNK = 1 << 17
 """Pairs that are evaluated at once. This bounds the memory, about 500 bytes for each."""
@@ -33,11 +32,9 @@ class NumpySearch:
         """Return None: this would take NumPy longer than it saves."""
         return None
 
-    def before(self, boxes: CellBoxes, points: SurfacePoints) -> Iterator[Before]:
+    def before(self, boxes: CellBoxes, position: Floats, own: Numbers, tolerance: Floats) -> Iterator[Before]:
         """Yield what the lines through points meet, or may meet, before them; see `JitSearch.before`."""
-        asked = points.taken()
-        own = asked.triangle
-        lines = PointLines.of((*asked.position.T, asked.tolerance), film_numbers(boxes.pencil), np.sqrt)
+        lines = PointLines.of((*position.T, tolerance), film_numbers(boxes.pencil), np.sqrt)
         (width, height), center = boxes.pencil.resolution, boxes.pencil.center
         column, row = np.rint(np.clip(lines.column, -1, width)), np.rint(np.clip(lines.row, -1, height))
         cell = (row.astype(np.int64) + 1) * (width + 2) + column.astype(np.int64) + 1

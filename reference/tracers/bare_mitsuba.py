@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.devices.packets import in_packets
 from xfrustum.reference.tracers.mitsuba_tracer import robust_scene
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats
@@ -26,7 +27,7 @@ def bare_intersection(scene: Scene, origins: Floats, directions: Floats) -> Call
     mi, dr = backend().mitsuba, backend().drjit
     scale = unit_scale(scene.vertices)
     loaded = robust_scene(scene, scale)
-    o, d = (np.ascontiguousarray(v.astype(np.float32).T) for v in (origins * scale, directions))
+    o, d = (in_packets(v.T, np.float32).reshape(3, -1) for v in (origins * scale, directions))
     ray = mi.Ray3f(mi.Point3f(o), mi.Vector3f(d))
     # Rays in NumPy's own memory would be traced from there; the bare rate begins on the device.
     dr.make_opaque(ray)

@@ -12,6 +12,7 @@ import numpy as np
 
 from xfrustum.reference.devices.arithmetic import Coordinates
 from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.devices.packets import in_packets
 from xfrustum.reference.tracers.tracer import unit_scale
 from xfrustum.scenes.arrays import Floats, Indices, Numbers, Singles
 from xfrustum.scenes.model.hogel_image import NOTHING
@@ -137,11 +138,11 @@ def triangle_mesh(name: str, vertices: Floats, faces: Indices, bsdf: Any | None 
         properties["bsdf"] = bsdf
     mesh = mi.Mesh(name, len(vertices), len(faces), properties)
     parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters["vertex_positions"] = in_packets(vertices, np.float32)
+    parameters["faces"] = in_packets(faces, np.uint32)
     parameters.update()
     return mesh
 
 
 def _coordinates(vectors: Singles) -> Singles:
-    return np.ascontiguousarray(vectors.T)
+    return in_packets(vectors.T).reshape(3, -1)

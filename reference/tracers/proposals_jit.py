@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 
 from xfrustum.reference.devices.arithmetic import cross, difference, dot
-from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Int32, UInt32, on_device
+from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Int32, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.lines_jit import interleaved, pixel_directions
@@ -38,8 +38,8 @@ def traced_by_embree(tracer: EmbreeTracer, scene: Scene, pencil: Pencil, rows: r
     # Embree traces outside of the lock that other kernels wait for.
     hits = tracer.first_along(*(vectors.numpy().reshape(-1, 3) for vectors in (origins, directions)))
     with strict_arithmetic():
-        found = dr.gather(Int32, on_device(hits), dr.arange(UInt32, size))
-        return _within_reach(scene, pencil, found, pixel_directions(pencil, rows)).reshape(len(rows), -1)
+        direction = pixel_directions(pencil, rows)
+        return _within_reach(scene, pencil, on_device(hits), direction).reshape(len(rows), -1)
 
 
 def _rays(scale: float, scene: Scene, pencil: Pencil, direction: list[Any]) -> tuple[list[Any], list[Any]]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.devices.dr_jit import backend
+from xfrustum.reference.devices.packets import in_packets
 from xfrustum.reference.shading.textures import LINEAR
 from xfrustum.scenes.appearance.light import Environment
 from xfrustum.scenes.arrays import Bytes, Numbers
@@ -20,12 +21,12 @@ from xfrustum.scenes.arrays import Bytes, Numbers
 class Table:
     """Numbers, or rows of three, looked up by index.
 
-    Dr.Jit gathers from NumPy's memory; gathers compile to the same kernel whatever its alignment. The
-    scalar variant of Mitsuba has no gather, and indexes NumPy's array.
+    Dr.Jit gathers from NumPy's memory. The scalar variant of Mitsuba has no gather, and indexes NumPy's
+    array.
     """
 
     def __init__(self, entries: NDArray[Any]) -> None:
-        self._entries = np.ascontiguousarray(entries).ravel()
+        self._entries = in_packets(entries)
         self._array = None if backend().scalar else self._on_device()
 
     def _on_device(self) -> Any:

@@ -6,8 +6,10 @@ import math
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -22,6 +24,7 @@ from xfrustum.reference import Reference
 from xfrustum.reference import pictures as pictures_module
 from xfrustum.reference import truth as truth_module
 from xfrustum.reference.certify import processors
+from xfrustum.reference.devices import dr_jit
 from xfrustum.reference.devices.arithmetic import NUMPY
 from xfrustum.reference.shading.environment import Surroundings
 from xfrustum.reference.shading.textures import Textures
@@ -171,7 +174,7 @@ def test_powers_are_those_of_numpy_down_to_nothing(jit: Any, exponent: float) ->
     expected = NUMPY.power(base, exponent, where, digits)
 
     (raised,) = jit.JIT.constants([exponent])
-    found = jit.JIT.power(jit.Float64(base), raised, jit.Bool(where), digits).numpy()
+    found = jit.JIT.power(jit.on_device(base), raised, jit.on_device(where), digits).numpy()
     # What is smaller than a float32 can hold is nothing in an image.
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=2.0**-900)
 
@@ -186,14 +189,14 @@ def test_nothing_is_looked_up_outside_a_picture_whatever_the_place(jit: Any) -> 
     with np.errstate(invalid="ignore"):
         plain = Textures(NUMPY, pictures, numbers).color(triangle, (u, u[::-1]))
 
-    places = jit.Float64(u), jit.Float64(u[::-1].copy())
-    compiled = Textures(jit.JIT, pictures, numbers).color(jit.Int32(triangle), places)
+    places = jit.on_device(u), jit.on_device(u[::-1])
+    compiled = Textures(jit.JIT, pictures, numbers).color(jit.on_device(triangle), places)
     known = np.isfinite(u) & np.isfinite(u[::-1])
     assert known.sum() >= 2
     for a, b in zip(plain, compiled, strict=True):
         np.testing.assert_allclose(np.asarray(b)[known], a[known], rtol=1e-12)
     sky = Environment(radiance=random.uniform(0, 2, (7, 12, 3)).astype(np.float32))
-    nowhere = jit.Float64(np.array([np.nan, np.inf, 0.0]))
+    nowhere = jit.on_device(np.array([np.nan, np.inf, 0.0]))
     for channel in Surroundings(jit.JIT, sky).radiance([nowhere, nowhere, nowhere]):
         assert len(np.asarray(channel)) == 3
 
@@ -228,3 +231,44 @@ def test_kernels_are_kept_to_one_thread_by_as_many_as_ask_for_it() -> None:
                 assert drjit.thread_count() == 1
             assert drjit.thread_count() == 1
         assert drjit.thread_count() == 3
+
+
+def test_nobody_changes_the_number_of_threads_while_kernels_are_recorded_or_run() -> None:
+    drjit = import_module("drjit")
+    strict_jit = import_module("xfrustum.reference.devices.strict_jit")
+    inside, left = threading.Event(), threading.Event()
+
+    def ask() -> None:
+        with processors.kernels_on_one_thread(1):
+            inside.set()
+            left.wait()
+
+    with threads(2):
+        with strict_jit.strict_arithmetic():
+            asking = threading.Thread(target=ask)
+            asking.start()
+            # Nothing keeps a wrong program from going on in this time.
+            assert not inside.wait(0.2) and drjit.thread_count() == 2
+        assert inside.wait(60) and drjit.thread_count() == 1
+        with strict_jit.strict_arithmetic():
+            left.set()
+            asking.join(0.2)
+            assert asking.is_alive() and drjit.thread_count() == 1
+        asking.join(60)
+        assert drjit.thread_count() == 2
+
+
+def test_the_threads_are_bounded_once_and_not_whenever_mitsuba_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drjit = import_module("drjit")
+    not_yet_bounded = cache(dr_jit._limit_threads_to.__wrapped__)
+    monkeypatch.setattr(dr_jit, "_limit_threads_to", not_yet_bounded)
+    monkeypatch.setenv("XFRUSTUM_THREADS", "2")
+    with threads(3):
+        dr_jit.limit_threads()
+        assert drjit.thread_count() == 2
+        with processors.kernels_on_one_thread(1):
+            dr_jit.limit_threads()
+            assert drjit.thread_count() == 1
+        assert drjit.thread_count() == 2

@@ -1,0 +1,97 @@
+"""Arrays that kernels read in whole packets: nothing is read where there may be no memory."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from xfrustum.reference.certify.processors import compiled
+from xfrustum.reference.devices.packets import ALIGNMENT_BYTES, MAX_PACKET_LANES, in_packets
+
+EMBREE_BYTES = 16
+"""Bytes that Embree reads where the last corner of a mesh begins."""
+
+
+@settings(max_examples=40)
+@given(
+    st.integers(0, 300),
+    st.sampled_from([np.float64, np.float32, np.int32, np.uint32, np.bool_]),
+    st.integers(0, 5),
+)
+def test_a_copy_has_its_values_its_alignment_and_memory_behind_its_last_packet(
+    size: int, kind: type, skipped: int
+) -> None:
+    values: NDArray[Any] = (np.arange(skipped, skipped + 3 * size) % 7).astype(kind).reshape(-1, 3)[:, 1]
+    copy = in_packets(values)
+    np.testing.assert_array_equal(copy, values)
+    assert copy.dtype == values.dtype and copy.flags.c_contiguous and copy.flags.writeable
+    assert copy.ctypes.data % ALIGNMENT_BYTES == 0
+
+    whole = copy
+    while isinstance(whole.base, np.ndarray):
+        whole = whole.base
+    lanes = -(-size // MAX_PACKET_LANES) * MAX_PACKET_LANES
+    room = whole.ctypes.data + whole.nbytes - copy.ctypes.data
+    assert room >= lanes * copy.itemsize + EMBREE_BYTES
+    behind = whole[len(whole) - room :].view(np.uint8)[copy.nbytes : lanes * copy.itemsize]
+    assert not behind.any()
+
+
+def test_a_copy_has_the_type_that_is_asked_for() -> None:
+    copy = in_packets(np.array([[1, -2], [3, 4]]), np.int32)
+    assert copy.dtype == np.int32 and copy.tolist() == [1, -2, 3, 4]
+
+
+GUARDED = """
+import ctypes, mmap
+import numpy as np
+from xfrustum.reference.certify.processors import compiled
+assert compiled()
+from xfrustum.reference.devices.arithmetic_jit import on_device
+from xfrustum.reference.lines.lines import crossed_frustum
+from xfrustum.reference.sight.sight import Sight, SurfacePoints
+from xfrustum.scenes import open_scene
+
+libc = ctypes.CDLL(None)
+libc.mmap.restype = ctypes.c_void_p
+libc.mmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
+libc.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+
+def guarded(values):
+    # The last byte of the copy is the last before a page that cannot be read.
+    size = -(-values.nbytes // mmap.PAGESIZE) * mmap.PAGESIZE
+    start = libc.mmap(None, size + mmap.PAGESIZE, 3, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, -1, 0)
+    assert libc.mprotect(start + size, mmap.PAGESIZE, 0) == 0
+    memory = (ctypes.c_char * values.nbytes).from_address(start + size - values.nbytes)
+    copy = np.frombuffer(memory, values.dtype).reshape(values.shape)
+    copy[...] = values
+    return copy
+
+for kind in ("float64", "float32", "int32", "uint32"):
+    values = np.arange(1601).astype(kind)
+    assert np.array_equal((on_device(guarded(values)) + 1).numpy(), values + 1), kind
+
+scene = open_scene("asymmetric")
+points = SurfacePoints(
+    position=guarded(np.tile([0.5, 0.25, 1e-3], (1601, 1))),
+    triangle=guarded(np.full(1601, -1, dtype=np.int32)),
+    tolerance=guarded(np.full(1601, 1e-9)),
+)
+pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+print(Sight(scene).hidden(pencil, points).size)
+"""
+
+
+@pytest.mark.skipif(not compiled(), reason="there is no LLVM for Dr.Jit here")
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is protected by Linux's C library here")
+def test_kernels_read_no_memory_behind_arrays() -> None:
+    """Arrays lie at the very end of their memory: to read behind them ends the process."""
+    done = subprocess.run([sys.executable, "-c", GUARDED], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "1601\n"), done.stderr
