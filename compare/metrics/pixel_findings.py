@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.compare.metrics.film import true_lines
 from xfrustum.compare.rounding.positions import largest_tolerance, tolerance_by_size
-from xfrustum.reference.devices.arithmetic import Arithmetic
+from xfrustum.reference.devices.arithmetic import Arithmetic, Table
 from xfrustum.reference.lane_formulas import evaluated
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.sight.clear import ClearTriangles
@@ -209,25 +210,25 @@ class _PixelFormula:
     by: Arithmetic
     true: Callable[[Any], _Shown]
     shown: Callable[[Any], _Shown]
-    certainty: Callable[[Any], Any] | None
+    certainty: Table | None
     film: _Film
 
     @classmethod
     def of(cls, by: Arithmetic, truth: HogelImage, raster: HogelImage) -> _PixelFormula:
         """Return the formula of two images of one size."""
-        certainty = None if truth.certainty is None else _column(by, truth.certainty)
+        true = _TrueLanes.of(by, truth)
         return cls(
             by=by,
-            true=_looked_up(by, truth),
-            shown=_looked_up(by, raster),
-            certainty=certainty,
+            true=true.shown,
+            shown=_lanes(by, raster),
+            certainty=true.certainty,
             film=_Film.of(by, true_lines(truth.camera)),
         )
 
     def at(self, lane: Any) -> _Pixel:
         """Return what some lanes show."""
         true, shown = self.true(lane), self.shown(lane)
-        certainty = None if self.certainty is None else self.certainty(lane)
+        certainty = None if self.certainty is None else self.certainty(lane)[0]
         return _Pixel(
             true=true,
             shown=shown,
@@ -238,22 +239,44 @@ class _PixelFormula:
         )
 
 
-def _column(by: Arithmetic, values: NDArray[Any]) -> Callable[[Any], Any]:
-    """Return the function that looks up one number for each lane."""
-    table = by.table(values.reshape(-1))
-    return lambda lane: table(lane)[0]
-
-
-def _looked_up(by: Arithmetic, image: HogelImage) -> Callable[[Any], _Shown]:
-    """Return the function from lanes to what an image shows there."""
-    triangle, number = _column(by, image.triangle), _column(by, image.object)
-    position = by.table(image.position.reshape(-1, 3))
+def _lanes(by: Arithmetic, image: HogelImage) -> Callable[[Any], _Shown]:
+    """Return the function from lanes to what an image shows in their pixels."""
+    numbers = [by.own(array.reshape(-1)) for array in (image.triangle, image.object)]
+    position = by.own(image.position.reshape(-1, 3))
 
     def at(lane: Any) -> _Shown:
-        point = [by.real(value) for value in position(lane)]
-        return _Shown.of(by, triangle(lane), number(lane), point)
+        (triangle,), (number,) = (table(lane) for table in numbers)
+        return _Shown.of(by, triangle, number, [by.real(value) for value in position(lane)])
 
     return at
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _TrueLanes:
+    """A true image where lanes find their pixels."""
+
+    by: Arithmetic
+    shown: Callable[[Any], _Shown]
+    certainty: Table | None
+
+    @classmethod
+    def of(cls, by: Arithmetic, truth: HogelImage) -> _TrueLanes:
+        """Return it, as it is kept for as long as there is the image: many are judged by one truth."""
+        found = _TRUE_LANES.get(truth)
+        if found is None or found.by is not by:
+            certainty = None if truth.certainty is None else by.own(truth.certainty.reshape(-1))
+            found = _TRUE_LANES[truth] = cls(by=by, shown=_lanes(by, truth), certainty=certainty)
+        return found
+
+
+_TRUE_LANES: WeakKeyDictionary[HogelImage, _TrueLanes] = WeakKeyDictionary()
+"""Lanes of the true images that are there."""
+
+
+def _column(by: Arithmetic, values: NDArray[Any]) -> Callable[[Any], Any]:
+    """Return the function that looks up one number by its place."""
+    table = by.table(values)
+    return lambda place: table(place)[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -41,6 +41,8 @@ class Arithmetic:
         Function that turns doubles without a fraction into indices.
     table
         Function that puts the rows of an array (N,) or (N, C) where they can be looked up.
+    own
+        Function that puts the rows of an array (N,) or (N, C) where each of N lanes finds its own row.
     constants
         Function that puts numbers where a kernel reads them, so that others do not compile another kernel.
     """
@@ -57,6 +59,7 @@ class Arithmetic:
     real: Callable[[Any], Any]
     whole: Callable[[Any], Any]
     table: Callable[[NDArray[Any]], Table]
+    own: Callable[[NDArray[Any]], Table]
     constants: Callable[[Sequence[float]], list[Any]]
 
 
@@ -108,5 +111,6 @@ NUMPY = Arithmetic(
     real=_real,
     whole=_whole,
     table=_table,
+    own=_table,
     constants=list,
 )

@@ -7,6 +7,7 @@ same, for they count a rounding of each; which bits come out has not been tried.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -59,6 +60,12 @@ def _table(rows: NDArray[Any]) -> Table:
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 
+def _own(rows: NDArray[Any]) -> Table:
+    columns = [on_device(column) for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
+    # Each lane loads its own row, whichever lanes there are.
+    return lambda _: columns
+
+
 MIN_LOG2 = -1000.0
 """Smallest logarithm to base 2 of a power. Dr.Jit 1.5's `exp2`, and with it `power`, returns minus infinity
 for some results below the smallest double of full precision, 2^-1022. Beside radiance, 2^-1000 is nothing."""
@@ -97,5 +104,6 @@ JIT = Arithmetic(
     real=Float64,
     whole=Int32,
     table=_table,
+    own=_own,
     constants=_constants,
 )
