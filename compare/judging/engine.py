@@ -11,7 +11,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from threading import Lock
@@ -254,9 +253,8 @@ class Engine(Generic[Found]):
         if len(settings) > 1 and self._batch_size > 1:
             # Threads go on with the frames of one turn while those of the next one are drawn.
             most = max(most, max(sum(len(part.settings) for part in turn) for turn in turns) + worker_count())
-        # While truths and frames are made by themselves, each may take all processors.
-        threads = nullcontext() if self._wanted.apart else kernels_on_one_thread(self._pixels)
-        with threads, workers("judging") as pool, workers("tracing", 1) as thread:
+        one_thread = kernels_on_one_thread(self._pixels)
+        with one_thread, workers("judging") as pool, workers("tracing", 1) as thread:
             # The time of a whole truth is measured with its color.
             colored = (self._wanted.color and self._wanted.colored_truths) or self._wanted.apart
             tracing = TracingThread(self._reference, thread, self.machine, colored=colored)

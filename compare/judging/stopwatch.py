@@ -161,6 +161,11 @@ class Machine:
                 self._asking -= 1
                 self._changed.notify_all()
 
+    @property
+    def apart(self) -> bool:
+        """Whether tasks that are to run undisturbed do so."""
+        return self._apart
+
     @contextmanager
     def timed(self, watch: Stopwatch, name: str) -> Iterator[None]:
         """Give the time of the block, which is its share where others run, to a stage of a stopwatch."""

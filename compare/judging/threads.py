@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import TypeVar
 
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference
+from xfrustum.reference.certify.processors import kernels_on_all_threads
 from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -95,7 +97,9 @@ class TracingThread:
     def _traced(self, aperture: Aperture, watch: Stopwatch) -> HogelImage:
         if self._failed is not None:
             raise self._failed
-        with self._machine.undisturbed(), self._machine.timed(watch, "trace"):
+        # A truth that is traced by itself may take all processors.
+        threads = kernels_on_all_threads() if self._machine.apart else nullcontext()
+        with self._machine.undisturbed(), threads, self._machine.timed(watch, "trace"):
             self._asked.append(aperture)
             try:
                 return next(self._images)

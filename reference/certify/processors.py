@@ -7,7 +7,7 @@ processors than the kernels themselves, and takes it from what runs beside them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from importlib import import_module
 from threading import Lock
@@ -77,6 +77,19 @@ class _Bound:
             if self._wanted == 0 and self._before > 1:
                 _run_kernels_on(self._before)
 
+    @contextmanager
+    def lifted(self) -> Iterator[None]:
+        """Give the threads back for as long as the block runs, whoever wants one."""
+        with self._lock:
+            if bound := self._wanted > 0 and self._before > 1:
+                _run_kernels_on(self._before)
+        try:
+            yield
+        finally:
+            with self._lock:
+                if bound and self._wanted > 0:
+                    _run_kernels_on(1)
+
 
 def _run_kernels_on(threads: int) -> None:
     # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
@@ -106,3 +119,8 @@ def kernels_on_one_thread(pixels: int) -> Iterator[None]:
         yield
     finally:
         _BOUND.leave()
+
+
+def kernels_on_all_threads() -> AbstractContextManager[None]:
+    """Have kernels run on all threads within `kernels_on_one_thread`, while nothing else runs."""
+    return _BOUND.lifted()
