@@ -289,15 +289,18 @@ class Reference:
         gaps = RunnersUp(self.scene.triangles, pencil).gaps
         return np.concatenate(list(in_parallel(gaps, pencil.resolution, least_pixels=UNDIVIDED_PIXELS)))
 
-    def clear(self, truth: HogelImage) -> ClearTriangles | None:
-        """Return the triangles of a true image on which points are hidden by nothing; see `Sight.clear`."""
+    def clear(self, truth: HogelImage, pictures: int) -> ClearTriangles | None:
+        """Return the triangles of a true image on which points are hidden by nothing; see `Sight.clear`.
+
+        `pictures` is the number of pictures that are about to be judged by it.
+        """
 
         def shown() -> Mask:
             seen = np.zeros(len(self.scene.faces), dtype=np.bool_)
             seen[truth.triangle[truth.triangle != NOTHING]] = True
             return seen
 
-        return self.sight.clear(crossed_frustum(self.scene.frustum, truth.camera.aperture), shown)
+        return self.sight.clear(crossed_frustum(self.scene.frustum, truth.camera.aperture), shown, pictures)
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
         """Return which points are hidden from the true frustum of an aperture; see `Sight.hidden`."""

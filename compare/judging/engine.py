@@ -17,6 +17,8 @@ from threading import Lock
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging
 from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frames
@@ -24,7 +26,7 @@ from xfrustum.compare.judging.in_order import images_under_way, in_order, worker
 from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
 from xfrustum.compare.judging.threads import DrawingThread, TracingThread
-from xfrustum.compare.metrics.comparison import Comparison, compare_images
+from xfrustum.compare.metrics.comparison import Comparison, compare_each, compare_images
 from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.reference import Reference
@@ -193,7 +195,7 @@ class _Task:
     batch: Batched[Frames]
     place: int
     beside: Future[JudgedImage] | None
-    compared: Future[Comparison] | None
+    compared: Batched[Comparison] | None
     charged: _Charged | None
 
 
@@ -294,20 +296,20 @@ class Engine(Generic[Found]):
         charging = self._charging(hogel) if self._wanted.causes else None
         predictor: Future[Predictor] | None = None
         beside: Future[JudgedImage] | None = None
-        compared: Future[Comparison] | None = None
+        compared: Batched[Comparison] | None = None
         charged: _Charged | None = None
         for parts in turns:
             turn, exact = self._turn(hogel.aperture, parts)
             while drawn and drawn[0].done():
                 drawn.popleft()
             drawn.extend((turn, exact) if exact else (turn,))
+            alone = self._compared_together(hogel, turn, parts, pool)
             for number, part in enumerate(parts):
                 batch = Batched(turn=turn, place=number)
                 if part.first:
-                    beside = compared = charged = None
+                    beside, compared, charged = None, alone.get(number), None
                 if part.first and charging and exact:
                     predictor = predictor or pool.submit(charging.predictor, part.settings[0])
-                    compared = pool.submit(self._compared, hogel, batch, 0, None) if part.only else None
                     start = pool.submit(_start, charging, Batched(turn=exact, place=number), batch, compared)
                     prepared = charging.prepare(pool, start)
                     charged = _Charged(predictor=predictor, start=start, prepared=prepared)
@@ -322,6 +324,35 @@ class Engine(Generic[Found]):
                         compared=compared,
                         charged=charged,
                     )
+
+    def _compared_together(
+        self, hogel: _Hogel, turn: Future[list[Frames]], parts: Sequence[Part], pool: Executor
+    ) -> dict[int, Batched[Comparison]]:
+        """Have the only frames of their cameras compared; return the comparison of each such part."""
+        lone = [number for number, part in enumerate(parts) if part.only]
+        found: dict[int, Batched[Comparison]] = {}
+        for group in np.array_split(np.array(lone, dtype=np.int64), min(worker_count(), max(len(lone), 1))):
+            numbers = group.tolist()
+            batches = [Batched(turn=turn, place=number) for number in numbers]
+            task = pool.submit(self._compared_each, hogel, batches)
+            found |= {number: Batched(turn=task, place=place) for place, number in enumerate(numbers)}
+        return found
+
+    def _compared_each(self, hogel: _Hogel, batches: Sequence[Batched[Frames]]) -> list[Comparison]:
+        """Compare the only frames of their cameras with the truth."""
+        truth, frames = hogel.truth.result(), [batch.result()[0] for batch in batches]
+        lap = Stopwatch()
+        with self.machine.stage(lap, "compare"):
+            compared = compare_each(
+                truth,
+                [frame.image for frame in frames],
+                self._reference,
+                radiance=self._wanted.radiance,
+                perceptual=self._wanted.perceptual,
+            )
+        for frame in frames:
+            frame.lap.record("compare", lap.seconds["compare"] / len(frames))
+        return compared
 
     def _charging(self, hogel: _Hogel) -> Charging:
         bits = int(self._drawing.device["subpixel_bits"])
@@ -416,7 +447,7 @@ def _start(
     charging: Charging,
     exact: Batched[HogelImage | None],
     batch: Batched[Frames],
-    compared: Future[Comparison] | None,
+    compared: Batched[Comparison] | None,
 ) -> ChainStart:
     image = exact.result()
     assert image is not None, "the first part of each pair of cameras has it"
@@ -428,7 +459,7 @@ def _start(
 class _Beside:
     """The image beside which R0 is judged: made once, so that what is found of it is found once."""
 
-    def __init__(self, image: HogelImage, compared: Future[Comparison]) -> None:
+    def __init__(self, image: HogelImage, compared: Batched[Comparison]) -> None:
         self._image, self._compared = image, compared
         self._lock = Lock()
         self._made: JudgedImage | None = None

@@ -18,6 +18,7 @@ from xfrustum.compare.metrics.error_maps import (
     PixelErrors,
     pixel_errors,
     pixel_errors_beside,
+    pixel_errors_of_each,
 )
 from xfrustum.compare.metrics.radiance import RadianceError, RadianceNumbers, compare_radiance
 from xfrustum.reference import Reference
@@ -222,25 +223,48 @@ def compare_images(
     InputError
         The images differ in size, aperture or scene.
     """
-    if truth.camera.settings is not None:
-        raise InputError(
-            f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"
-        )
-    _check_same_question(truth, raster)
-    _check_numbers(raster, reference)
-    numbered = bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
+    _check(truth, raster, reference)
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
     if judged is None:
-        errors = pixel_errors(truth, raster, reference, numbered=numbered)
+        errors = pixel_errors(truth, raster, reference, numbered=_numbered(raster))
     else:
         errors = pixel_errors_beside(truth, raster, reference, judged)
+    return _comparison(errors, colors)
+
+
+def compare_each(
+    truth: HogelImage,
+    images: Sequence[HogelImage],
+    reference: Reference,
+    *,
+    radiance: bool = True,
+    perceptual: bool = False,
+) -> list[Comparison]:
+    """Judge several images of an aperture by the truth, as `compare_images` does, in less time.
+
+    Parameters and exceptions are those of `compare_images`.
+    """
+    for image in images:
+        _check(truth, image, reference)
+    errors = pixel_errors_of_each(truth, images, reference, [_numbered(image) for image in images])
+    colors = [compare_radiance(truth, image, perceptual=perceptual) if radiance else None for image in images]
+    return [_comparison(one, color) for one, color in zip(errors, colors, strict=True)]
+
+
+def _numbered(raster: HogelImage) -> bool:
+    """Return whether an image names triangles, or shows nothing."""
+    return bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
+
+
+def _comparison(errors: PixelErrors, colors: RadianceError | None) -> Comparison:
+    truth, raster = errors.truth, errors.raster
     return Comparison(
         pixels=errors.judged.size,
         judged=int(np.count_nonzero(errors.judged)),
         covered=int(np.count_nonzero(truth.covered)),
         at_plate=errors.at_plate,
         surface=SurfaceShare.of_errors(errors, culled_pixels(truth, raster)),
-        triangle=Share.of(errors.triangle, errors.judged) if numbered else None,
+        triangle=Share.of(errors.triangle, errors.judged) if _numbered(raster) else None,
         displacement_px=errors.spread,
         height=errors.height,
         radiance=colors.numbers if colors else None,
@@ -248,6 +272,15 @@ def compare_images(
         errors=errors,
         colors=colors,
     )
+
+
+def _check(truth: HogelImage, raster: HogelImage, reference: Reference | None) -> None:
+    if truth.camera.settings is not None:
+        raise InputError(
+            f"the truth was made by a double frustum ({truth.camera.renderer}): give the traced image first"
+        )
+    _check_same_question(truth, raster)
+    _check_numbers(raster, reference)
 
 
 def _check_same_question(truth: HogelImage, raster: HogelImage) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
@@ -10,7 +11,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
 from xfrustum.compare.metrics.pixel_findings import PixelFindings, pixel_findings
-from xfrustum.compare.metrics.surface import decided, surface_errors
+from xfrustum.compare.metrics.surface import SurfaceErrors, Undecided, decided, surface_errors
 from xfrustum.reference import Reference
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
@@ -121,23 +122,65 @@ def pixel_errors(
     numbered
         Whether the raster image names triangles.
     """
+    return pixel_errors_of_each(truth, [raster], reference, [numbered])[0]
+
+
+def pixel_errors_of_each(
+    truth: HogelImage, images: Sequence[HogelImage], reference: Reference | None, numbered: Sequence[bool]
+) -> list[PixelErrors]:
+    """Return the errors of several images, as `pixel_errors` does, in less time.
+
+    Parameters
+    ----------
+    truth, images
+        The true image, and images of the same size, aperture and scene.
+    reference
+        Reference of the scene; without it there are no surfaces.
+    numbered
+        Whether each image names triangles.
+    """
+    clear = reference.clear(truth, len(images)) if reference else None
+    measured, undecided = [], []
+    surfaces: Sequence[SurfaceErrors | None]
+    for image in images:
+        found = pixel_findings(truth, image, reference.scene if reference else None, clear)
+        # What is found is large, and is not kept until all images are looked at.
+        measured.append(_Measured.of(found))
+        undecided.extend([Undecided.of(found.surface, image)] if found.surface else [])
+    surfaces = decided(undecided, truth, reference) if reference else [None] * len(images)
     judged = judged_pixels(truth)
-    if reference is None:
-        found, surface = pixel_findings(truth, raster, None), None
-    else:
-        found = pixel_findings(truth, raster, reference.scene, reference.clear(truth))
-        surface = decided(found, truth, raster, reference)
-    return PixelErrors(
-        truth=truth,
-        raster=raster,
-        judged=judged,
-        surface=surface.wrong & judged if surface else None,
-        outside=surface.outside & judged if surface else None,
-        triangle=(truth.triangle != raster.triangle) & judged & numbered,
-        spread=Spread.of(_moved(found)),
-        height=HeightError.of(found.rise.take(np.flatnonzero(found.same))),
-        at_plate=int(np.count_nonzero(found.in_plate)),
-    )
+    return [
+        PixelErrors(
+            truth=truth,
+            raster=image,
+            judged=judged,
+            surface=surface.wrong & judged if surface else None,
+            outside=surface.outside & judged if surface else None,
+            triangle=(truth.triangle != image.triangle) & judged & named,
+            spread=numbers.spread,
+            height=numbers.height,
+            at_plate=numbers.at_plate,
+        )
+        for image, numbers, surface, named in zip(images, measured, surfaces, numbered, strict=True)
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Measured:
+    """Numbers of an image's displacement and height; see `PixelErrors`."""
+
+    spread: Spread | None
+    height: HeightError | None
+    at_plate: int
+
+    @classmethod
+    def of(cls, found: PixelFindings) -> _Measured:
+        """Return the numbers of what is found of each pixel."""
+        return cls(
+            spread=Spread.of(_moved(found)),
+            height=HeightError.of(found.rise.take(np.flatnonzero(found.same))),
+            at_plate=int(np.count_nonzero(found.in_plate)),
+        )
 
 
 def _moved(found: PixelFindings) -> Floats:

@@ -12,16 +12,16 @@ along which points are hidden, depend on the question: here they are those of th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from xfrustum.compare.metrics.film import DrawnPoints, beyond_film, existing_triangles
-from xfrustum.compare.metrics.pixel_findings import PixelFindings, pixel_findings
+from xfrustum.compare.metrics.pixel_findings import SurfaceFindings, pixel_findings
 from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Mask, Numbers
+from xfrustum.scenes.arrays import Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
 
@@ -110,34 +110,62 @@ def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) 
     reference
         Reference of the scene.
     """
-    return decided(pixel_findings(truth, raster, reference.scene), truth, raster, reference)
+    found = pixel_findings(truth, raster, reference.scene).surface
+    assert found is not None, "the scene is at hand"
+    return decided([Undecided.of(found, raster)], truth, reference)[0]
 
 
-def decided(
-    found: PixelFindings, truth: HogelImage, raster: HogelImage, reference: Reference
-) -> SurfaceErrors:
-    """Return the surface errors of an image: those that formulas find, and points that something hides.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Undecided:
+    """Surface errors without the points that another surface hides, and the points that may be hidden.
 
-    Parameters
+    Attributes
     ----------
-    found
-        Findings with surface errors.
-    truth, raster, reference
-        As for `surface_errors`.
+    errors
+        Errors that are known.
+    pixels
+        (N,) flat numbers of pixels that are right so far, and whose points may be hidden.
+    points
+        Their points.
     """
-    surface = found.surface
-    assert surface is not None, "the reference has the scene at hand"
-    asked = np.flatnonzero(surface.doubtful)
-    points = SurfacePoints(
-        position=raster.position.reshape(-1, 3).take(asked, axis=0).astype(np.float64, copy=False),
-        triangle=raster.triangle.reshape(-1).take(asked),
-        tolerance=surface.tolerance.take(asked),
+
+    errors: SurfaceErrors
+    pixels: Indices
+    points: SurfacePoints
+
+    @classmethod
+    def of(cls, found: SurfaceFindings, image: HogelImage) -> Undecided:
+        """Return what formulas have found of an image."""
+        pixels = np.flatnonzero(found.doubtful)
+        shape = image.triangle.shape
+        return cls(
+            errors=SurfaceErrors(wrong=found.wrong.reshape(shape), outside=found.outside.reshape(shape)),
+            pixels=pixels,
+            points=SurfacePoints(
+                position=image.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64, copy=False),
+                triangle=image.triangle.reshape(-1).take(pixels),
+                tolerance=found.tolerance.take(pixels),
+            ),
+        )
+
+    def decided(self, hidden: Mask) -> SurfaceErrors:
+        """Return the errors, given which of the points (N,) are hidden."""
+        wrong = self.errors.wrong.copy()
+        wrong.reshape(-1)[self.pixels[hidden]] = True
+        return SurfaceErrors(wrong=wrong, outside=self.errors.outside)
+
+
+def decided(images: Sequence[Undecided], truth: HogelImage, reference: Reference) -> list[SurfaceErrors]:
+    """Return the surface errors of some images of one aperture; what hides points is asked once."""
+    points = [image.points for image in images]
+    together = SurfacePoints(
+        position=np.concatenate([one.position for one in points]),
+        triangle=np.concatenate([one.triangle for one in points]),
+        tolerance=np.concatenate([one.tolerance for one in points]),
     )
-    hidden = reference.hidden(truth.camera.aperture, points)
-    wrong = surface.wrong.copy()
-    wrong[asked[hidden]] = True
-    shape = truth.triangle.shape
-    return SurfaceErrors(wrong=wrong.reshape(shape), outside=surface.outside.reshape(shape))
+    hidden = reference.hidden(truth.camera.aperture, together)
+    ends = np.cumsum([len(image.pixels) for image in images])[:-1]
+    return [image.decided(behind) for image, behind in zip(images, np.split(hidden, ends), strict=True)]
 
 
 def outside_film(asked: Mask, shown: HogelImage, scene: Scene, pencil: Pencil) -> Mask:

@@ -31,7 +31,7 @@ from xfrustum.reference.sight.rows_jit import lanes_with_items, rows_of_boxes
 from xfrustum.reference.sight.walk import film_numbers
 from xfrustum.scenes.arrays import Indices, Mask
 
-COARSE = 4
+COARSE = 8
 """Sides of a coarse cell, in cells. Triangles of some ten pixels share few of these, and few share none."""
 
 MAX_ITEMS = 1 << 23

@@ -82,19 +82,19 @@ class _Pictures:
     """Count of a pencil's pictures, and its clear triangles as soon as they are worth finding."""
 
     def __init__(self) -> None:
-        self._lock, self._count = Lock(), 0
+        self._lock, self._count, self._searched = Lock(), 0, False
         self._clear: ClearTriangles | None = None
 
     def __len__(self) -> int:
         """Return the number of triangles of which it is known whether they are clear."""
         return 0 if self._clear is None else len(self._clear.table)
 
-    def next(self, find: Callable[[], ClearTriangles | None]) -> ClearTriangles | None:
-        """Return the clear triangles for one more picture; None as long as there are few pictures."""
+    def more(self, pictures: int, find: Callable[[], ClearTriangles | None]) -> ClearTriangles | None:
+        """Return the clear triangles for some more pictures; None as long as there are few pictures."""
         with self._lock:
-            self._count += 1
-            if self._count == FEWEST_PICTURES:
-                self._clear = find()
+            self._count += pictures
+            if self._count >= FEWEST_PICTURES and not self._searched:
+                self._searched, self._clear = True, find()
             return self._clear
 
 
@@ -129,8 +129,8 @@ class Sight:
         search: type[Search] = import_module("xfrustum.reference.sight.walk_jit").JitSearch
         return search(self._triangles)
 
-    def clear(self, pencil: Pencil, shown: Callable[[], Mask]) -> ClearTriangles | None:
-        """Return the triangles on which points are hidden by nothing, for one more picture of a pencil.
+    def clear(self, pencil: Pencil, shown: Callable[[], Mask], pictures: int) -> ClearTriangles | None:
+        """Return the triangles on which points are hidden by nothing, for some more pictures of a pencil.
 
         None for the first few pictures of a pencil, and where this takes too long or there is no LLVM.
 
@@ -140,10 +140,12 @@ class Sight:
             Lines through the point from which points are seen.
         shown
             Function that returns the triangles (F,) which are of interest.
+        pictures
+            Number of the pictures.
         """
         if not len(self._triangles):
             return None
-        return self._pictures(pencil).next(lambda: self._search.clear(self._boxes(pencil), shown()))
+        return self._pictures(pencil).more(pictures, lambda: self._search.clear(self._boxes(pencil), shown()))
 
     def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
         """Return which points lie behind another surface on their own line.

@@ -11,6 +11,7 @@ import pytest
 
 from xfrustum.compare.judging import engine
 from xfrustum.compare.judging.charging import Charging
+from xfrustum.compare.judging.frames import Batched
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
 from xfrustum.compare.judging.threads import TracingThread
 from xfrustum.compare.metrics.error_maps import JudgedImage
@@ -41,8 +42,9 @@ def test_all_that_is_traced_after_an_error_ends_with_this_error() -> None:
 
 
 def test_what_is_found_of_the_image_beside_another_is_found_once() -> None:
-    compared: Future[Any] = Future()
-    compared.set_result(SimpleNamespace(errors=None))
+    turn: Future[Any] = Future()
+    turn.set_result([SimpleNamespace(errors=None)])
+    compared: Batched[Any] = Batched(turn=turn, place=0)
 
     def start(image: object, beside: Callable[[], JudgedImage]) -> Callable[[], JudgedImage]:
         return beside
