@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
+import numpy as np
 from drjit.llvm import Array3f, Array3f64, Array4f64, Bool, Float32, Float64, Int32, UInt32
 from numpy.typing import NDArray
 
@@ -32,7 +33,13 @@ __all__ = [
     "on_lanes",
 ]
 
-_KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt32, "bool": Bool}
+_KINDS = {
+    np.dtype(np.float64): Float64,
+    np.dtype(np.float32): Float32,
+    np.dtype(np.int32): Int32,
+    np.dtype(np.uint32): UInt32,
+    np.dtype(np.bool_): Bool,
+}
 
 
 def on_device(values: NDArray[Any]) -> Any:
@@ -40,7 +47,7 @@ def on_device(values: NDArray[Any]) -> Any:
 
     The values are copied, so that kernels may read them in whole packets; see `packets`.
     """
-    kind = str(values.dtype) if str(values.dtype) in _KINDS else "int32"
+    kind = values.dtype if values.dtype in _KINDS else np.dtype(np.int32)
     return _KINDS[kind](in_packets(values, kind))
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from xfrustum import reference
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.devices.packets import ALIGNMENT_BYTES, MAX_PACKET_LANES, in_packets
 
@@ -47,6 +51,65 @@ def test_a_copy_has_its_values_its_alignment_and_memory_behind_its_last_packet(
 def test_a_copy_has_the_type_that_is_asked_for() -> None:
     copy = in_packets(np.array([[1, -2], [3, 4]]), np.int32)
     assert copy.dtype == np.int32 and copy.tolist() == [1, -2, 3, 4]
+
+
+KERNEL_ARRAYS = ("Float64", "Float32", "UInt32", "Int32", "Bool", "Point3f", "Vector3f")
+"""Names of types whose arrays kernels read in place where they are made of NumPy's."""
+
+COPYING = ("on_device", "in_packets")
+"""Names of the functions that make room behind the end."""
+
+OF_NUMPY = (
+    "astype",
+    "ravel",
+    "view",
+    "ascontiguousarray",
+    "array",
+    "asarray",
+    "concatenate",
+    "full",
+    "zeros",
+)
+"""Names of functions and methods that return arrays of NumPy."""
+
+
+def arrays_made_of_numpy(node: ast.AST) -> Iterator[int]:
+    """Yield the lines where arrays that kernels read are made of NumPy's without room behind their end."""
+    for call in ast.walk(node):
+        if isinstance(call, ast.Call) and _name(call.func) in KERNEL_ARRAYS:
+            yield from (call.lineno for argument in call.args if _is_of_numpy(argument))
+
+
+def _is_of_numpy(node: ast.AST) -> bool:
+    if isinstance(node, ast.Call):
+        if _name(node.func) in COPYING:
+            return False
+        if _name(node.func) in OF_NUMPY:
+            return True
+    return any(map(_is_of_numpy, ast.iter_child_nodes(node)))
+
+
+def _name(function: ast.expr) -> str:
+    if isinstance(function, ast.Attribute):
+        return function.attr
+    return function.id if isinstance(function, ast.Name) else ""
+
+
+def test_arrays_of_numpy_without_room_are_found() -> None:
+    for wrong in ("UInt32(a.astype(kind))", "mi.Point3f(np.ascontiguousarray(a.T))", "Bool(np.array(a) > 0)"):
+        assert list(arrays_made_of_numpy(ast.parse(wrong))) == [1], wrong
+    for right in ("UInt32(on_device(a.astype(kind)))", "mi.Point3f(in_packets(a.T, kind))", "Int32(1)"):
+        assert not list(arrays_made_of_numpy(ast.parse(right))), right
+
+
+def test_kernels_are_given_no_array_of_numpy_without_room() -> None:
+    files = sorted(Path(reference.__file__).parent.rglob("*.py"))
+    wrong = [
+        f"{file}:{line}"
+        for file in files
+        for line in arrays_made_of_numpy(ast.parse(file.read_text("utf-8")))
+    ]
+    assert files and not wrong
 
 
 GUARDED = """
