@@ -139,14 +139,15 @@ def pixel_errors_of_each(
     numbered
         Whether each image names triangles.
     """
-    clear = reference.clear(truth, len(images)) if reference else None
+    scene, clear = (reference.scene, reference.clear(truth, len(images))) if reference else (None, None)
     measured, undecided = [], []
     surfaces: Sequence[SurfaceErrors | None]
     for image in images:
-        found = pixel_findings(truth, image, reference.scene if reference else None, clear)
+        found = pixel_findings(truth, image, scene, clear)
         # What is found is large, and is not kept until all images are looked at.
         measured.append(_Measured.of(found))
-        undecided.extend([Undecided.of(found.surface, image)] if found.surface else [])
+        if found.surface is not None and scene is not None:
+            undecided.append(Undecided.of(found.surface, image, scene))
     surfaces = decided(undecided, truth, reference) if reference else [None] * len(images)
     judged = judged_pixels(truth)
     return [

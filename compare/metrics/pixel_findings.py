@@ -35,14 +35,11 @@ class SurfaceFindings:
         film.
     doubtful
         (N,) pixels that are right unless something hides their points.
-    tolerance
-        (N,) distance within which the point of each pixel is known, scene units; see `position_tolerance`.
     """
 
     wrong: Mask
     outside: Mask
     doubtful: Mask
-    tolerance: Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +102,7 @@ def pixel_findings(
 
 
 _OF_PIXELS = ("off_plate", "in_plate", "same", "columns", "rows", "rise")
-_OF_SURFACES = ("wrong", "outside", "doubtful", "tolerance")
+_OF_SURFACES = ("wrong", "outside", "doubtful")
 
 
 def _values(pixel: _Pixel, surface: _SurfaceFormula | None) -> list[Any]:
@@ -309,7 +306,7 @@ class _SurfaceFormula:
             clear=None if clear is None else clear.seen(by),
         )
 
-    def errors(self, pixel: _Pixel) -> tuple[Any, Any, Any, Any]:
+    def errors(self, pixel: _Pixel) -> tuple[Any, Any, Any]:
         """Return the values named in `_OF_SURFACES`."""
         select, shown = self.by.select, pixel.shown
         exists = (shown.triangle >= 0) & (shown.triangle < self.count)
@@ -328,7 +325,7 @@ class _SurfaceFormula:
         if self.clear is not None:
             depth = self.film.center[2] - shown.point[2]
             doubtful = doubtful & ~(exists & self.clear(triangle, pixel.place, depth, tolerance))
-        return wrong | outside, outside, doubtful, tolerance
+        return wrong | outside, outside, doubtful
 
     def _other_surface(self, pixel: _Pixel, exists: Any, triangle: Any) -> Any:
         """Return where a surface is shown instead of none, none, another object's, or a point in the plate.

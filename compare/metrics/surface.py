@@ -112,7 +112,7 @@ def surface_errors(truth: HogelImage, raster: HogelImage, reference: Reference) 
     """
     found = pixel_findings(truth, raster, reference.scene).surface
     assert found is not None, "the scene is at hand"
-    return decided([Undecided.of(found, raster)], truth, reference)[0]
+    return decided([Undecided.of(found, raster, reference.scene)], truth, reference)[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,18 +134,14 @@ class Undecided:
     points: SurfacePoints
 
     @classmethod
-    def of(cls, found: SurfaceFindings, image: HogelImage) -> Undecided:
+    def of(cls, found: SurfaceFindings, image: HogelImage, scene: Scene) -> Undecided:
         """Return what formulas have found of an image."""
         pixels = np.flatnonzero(found.doubtful)
         shape = image.triangle.shape
         return cls(
             errors=SurfaceErrors(wrong=found.wrong.reshape(shape), outside=found.outside.reshape(shape)),
             pixels=pixels,
-            points=SurfacePoints(
-                position=image.position.reshape(-1, 3).take(pixels, axis=0).astype(np.float64, copy=False),
-                triangle=image.triangle.reshape(-1).take(pixels),
-                tolerance=found.tolerance.take(pixels),
-            ),
+            points=DrawnPoints.of(image, pixels).surface_points(scene),
         )
 
     def decided(self, hidden: Mask) -> SurfaceErrors:

@@ -26,6 +26,7 @@ def compiled() -> bool:
     if version is None or version[0] < OLDEST_LLVM:
         return False
     limit_threads()
+    _BOUND.be_ready()
     return True
 
 
@@ -56,39 +57,54 @@ the pixels, by `KERNEL_PIXEL_S`."""
 
 
 class _Bound:
-    """Count of those who want kernels on one thread, and the number of threads before the first of them."""
+    """Count of those who want kernels on one thread, and the number of threads where nobody does."""
 
     def __init__(self) -> None:
-        self._lock, self._wanted, self._before = Lock(), 0, 0
+        self._lock, self._wanted, self._lifted = Lock(), 0, 0
+        self._ready = self._bound = False
+        self._before = 0
 
     def enter(self) -> None:
-        """Bound the threads, unless somebody else has."""
+        """Bound the threads; before Dr.Jit is ready, as soon as it is."""
         with self._lock:
-            if self._wanted == 0:
-                self._before = import_module("drjit").thread_count()
-                if self._before > 1:
-                    _run_kernels_on(1)
             self._wanted += 1
+            self._settle()
 
     def leave(self) -> None:
         """Give the threads back, unless somebody else still wants one."""
         with self._lock:
             self._wanted -= 1
-            if self._wanted == 0 and self._before > 1:
-                _run_kernels_on(self._before)
+            self._settle()
+
+    def be_ready(self) -> None:
+        """Bound the threads if anybody wants that, now that Dr.Jit is there."""
+        with self._lock:
+            self._ready = True
+            self._settle()
 
     @contextmanager
     def lifted(self) -> Iterator[None]:
         """Give the threads back for as long as the block runs, whoever wants one."""
         with self._lock:
-            if bound := self._wanted > 0 and self._before > 1:
-                _run_kernels_on(self._before)
+            self._lifted += 1
+            self._settle()
         try:
             yield
         finally:
             with self._lock:
-                if bound and self._wanted > 0:
-                    _run_kernels_on(1)
+                self._lifted -= 1
+                self._settle()
+
+    def _settle(self) -> None:
+        """Have kernels run on as many threads as are wanted now."""
+        bound = self._wanted > 0 and not self._lifted
+        if not self._ready or bound == self._bound:
+            return
+        if bound:
+            self._before = import_module("drjit").thread_count()
+        if self._before > 1:
+            _run_kernels_on(1 if bound else self._before)
+        self._bound = bound
 
 
 def _run_kernels_on(threads: int) -> None:
@@ -111,7 +127,7 @@ def kernels_on_one_thread(pixels: int) -> Iterator[None]:
     pixels
         Pixels of an image, or points that are asked about: above `MAX_SHORT_PIXELS` nothing is changed.
     """
-    if pixels > MAX_SHORT_PIXELS or not compiled():
+    if pixels > MAX_SHORT_PIXELS:
         yield
         return
     _BOUND.enter()
