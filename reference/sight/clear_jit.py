@@ -55,6 +55,10 @@ def clear_triangles(corners: Any, boxes: CellBoxes, asked: Mask) -> ClearTriangl
     if int(((right - left + 1) * (bottom - top + 1)).sum()) > MAX_ITEMS:
         return None
     mine = np.flatnonzero(asked[boxes.number])
+    if not mine.size:
+        return None
+    boxed = np.zeros_like(asked)
+    boxed[boxes.number[mine]] = True
     with strict_arithmetic():
         flat = _flattened(corners, boxes.pencil)
         start, item = _by_cell(coarse)
@@ -62,7 +66,7 @@ def clear_triangles(corners: Any, boxes: CellBoxes, asked: Mask) -> ClearTriangl
         first, last, number, _ = lanes_with_items(rows_of_boxes(some), on_device(start))
         hidden = _walk(flat, (first, last, number), on_device(item), boxes.pencil)
         table = np.array(flat.table.numpy()).reshape(-1, COLUMNS)
-        table[~asked | hidden.numpy() | ~flat.comparable.numpy(), 2] = -np.inf
+        table[~boxed | hidden.numpy() | ~flat.comparable.numpy(), 2] = -np.inf
     return ClearTriangles(pencil=boxes.pencil, table=table)
 
 

@@ -1,0 +1,152 @@
+"""Nothing hides a point well inside a clear triangle, and most points of a picture are such points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.reference.sight.test_sight import hidden_by_definition
+from tests.support.strategies import ANYTHING, EIGHTHS, apertures, frusta, triangles
+from tests.support.views import at, soup, view
+from xfrustum.compare.metrics.pixel_findings import pixel_findings
+from xfrustum.raster import Rasterizer
+from xfrustum.reference import Reference, SurfacePoints
+from xfrustum.reference.certify.processors import compiled
+from xfrustum.reference.lane_formulas import evaluated
+from xfrustum.reference.lines.lines import Pencil, crossed_frustum, places_off_center
+from xfrustum.reference.sight.clear import ClearTriangles
+from xfrustum.reference.sight.sight import FEWEST_PICTURES, Sight
+from xfrustum.scenes import DoubleFrustum, Scene
+from xfrustum.scenes.arrays import Floats, Indices, Mask
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM for Dr.Jit")
+
+
+def clear_of(scene: Scene, pencil: Pencil) -> ClearTriangles | None:
+    """Return the clear triangles of a scene, whichever pictures show; None where no triangle is seen."""
+    everything = np.ones(len(scene.faces), dtype=np.bool_)
+    return Sight(scene).clear(pencil, lambda: everything, FEWEST_PICTURES)
+
+
+def surely_seen(clear: ClearTriangles | None, points: SurfacePoints) -> Mask:
+    """Return which points the formula says to be hidden by nothing."""
+    if clear is None:
+        return np.zeros(len(points.position), dtype=np.bool_)
+    x, y, z = points.position.T
+    place = places_off_center(x.copy(), y.copy(), z.copy(), clear.pencil)
+    rows = np.stack((points.triangle, *place, clear.pencil.center[2] - z, points.tolerance), axis=1)
+
+    def formula(by):  # type: ignore[no-untyped-def]
+        look_up, seen = by.own(rows), clear.seen(by)
+
+        def at_lanes(lane):  # type: ignore[no-untyped-def]
+            number, column, row, s, tolerance = look_up(lane)
+            return [seen(by.whole(number), (column, row), s, tolerance)]
+
+        return at_lanes
+
+    return np.asarray(evaluated(formula, len(rows))[0])
+
+
+def points_on(corners: Floats, number: Indices, shares: Floats, raised: float) -> SurfacePoints:
+    """Return points of triangles by barycentric coordinates, moved along z, off the plate."""
+    position = np.einsum("ij,ijk->ik", shares, corners[number])
+    position[:, 2] += raised
+    position[position[:, 2] == 0, 2] = 1.0
+    return SurfacePoints(
+        position=position,
+        triangle=number.astype(np.int32),
+        tolerance=np.full(len(number), 2.0**-20 * np.abs(corners).max()),
+    )
+
+
+FACING = np.array([[-2.0, -2.0, -6.0], [2.0, -2.0, -6.0], [0.0, 2.0, -6.0]])
+"""Triangle behind the plate that faces the viewer."""
+
+
+def neighbors() -> st.SearchStrategy[Floats]:
+    """Return `FACING` and triangles that touch it, cross it, or lie near it on any side, (F, 3, 3)."""
+    moved = st.sampled_from([0.0, 0.0, 0.125, -0.125, 1.0, -1.0, 4.0, -4.0])
+    corner = st.builds(
+        lambda number, x, y, z: FACING[number] + [x, y, z], st.integers(0, 2), moved, moved, moved
+    )
+    others = st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=4)
+    return others.map(lambda some: np.array([FACING, *some]))
+
+
+@pytest.mark.parametrize(
+    "scenes",
+    [neighbors(), triangles(coordinates=EIGHTHS), triangles(coordinates=ANYTHING)],
+    ids=["neighbors", "eighths", "anything"],
+)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_no_point_of_a_clear_triangle_is_hidden(
+    scenes: st.SearchStrategy[Floats], data: st.DataObject
+) -> None:
+    # Many triangles have common corners, edges and planes. Points that are not on their triangles at all are
+    # asked about as well.
+    corners = data.draw(scenes)
+    scene = soup(corners, data.draw(frusta()))
+    pencil = crossed_frustum(scene.frustum, data.draw(apertures()))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    number = np.repeat(np.arange(len(corners)), 4)
+    shares = random.dirichlet((1, 1, 1), len(number))
+    points = points_on(corners, number, shares, data.draw(st.sampled_from([0.0, 0.5, -0.5])))
+    seen = surely_seen(clear_of(scene, pencil), points)
+    assert not (seen & hidden_by_definition(scene, pencil, points)).any()
+
+
+def test_a_triangle_is_clear_until_another_one_covers_a_part_of_it() -> None:
+    frustum = view("sheets", (32, 32)).frustum
+    far = FACING * [0.5, 0.5, 1.0]
+    middle = np.array([[1 / 3, 1 / 3, 1 / 3]])
+    pencil = crossed_frustum(frustum, at(0.0, 0.0))
+
+    def seen_with(other: Floats) -> bool:
+        corners = np.stack((far, other))
+        points = points_on(corners, np.array([0]), middle, 0.0)
+        return bool(surely_seen(clear_of(soup(corners, frustum), pencil), points)[0])
+
+    assert seen_with(far - [0.0, 0.0, 1.0]), "behind it"
+    assert seen_with(far * [1.0, 0.5, 0.5] - [0.0, 2.0, 0.0]), "in front of it, and beside it"
+    assert seen_with(far * [1.0, -1.0, 1.0] - [0.0, 2.0, 0.0]), "with a common edge"
+    # One that covers a corner, and not the middle, hides the middle as far as is known.
+    corner = far * [0.2, 0.2, 0.5] + [0.0, 0.4, 0.0]
+    assert not seen_with(corner), "in front of a corner"
+    assert not seen_with(far * 0.5), "in front of all of it"
+    assert not seen_with(far), "the same triangle twice"
+
+
+@pytest.mark.parametrize("name", ["car", "asymmetric"])
+def test_clear_triangles_leave_few_points_to_search_for_and_change_nothing(name: str) -> None:
+    scene = view(name, (160, 120))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    with Rasterizer(scene) as rasterizer:
+        near = 1e-3 * scene.frustum.longest_reach
+        image = rasterizer.render(scene.plate.middle, DoubleFrustum(near=near), normals=False, color=False)
+    clear = reference.clear(truth, FEWEST_PICTURES)
+    without, with_clear = (pixel_findings(truth, image, scene, one).surface for one in (None, clear))
+    assert without is not None and with_clear is not None
+    spared = np.flatnonzero(without.doubtful & ~with_clear.doubtful)
+    assert not (with_clear.doubtful & ~without.doubtful).any()
+    points = SurfacePoints(
+        position=image.position.reshape(-1, 3)[spared].astype(np.float64),
+        triangle=image.triangle.ravel()[spared],
+        tolerance=np.zeros(len(spared)),
+    )
+    assert not reference.hidden(truth.camera.aperture, points).any()
+    if name == "car":
+        assert len(spared) > 0.4 * without.doubtful.sum()
+
+
+def test_the_first_pictures_of_an_aperture_are_searched_without_clear_triangles() -> None:
+    scene = view("sheets", (16, 16))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    found = [reference.clear(truth, 1) for _ in range(FEWEST_PICTURES + 1)]
+    assert [one is not None for one in found] == [False] * (FEWEST_PICTURES - 1) + [True, True]
+    assert found[-1] is found[-2]
