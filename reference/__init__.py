@@ -15,6 +15,10 @@ convergence   The integral over a hogel's aperture, converged to a stated tolera
 film_shifts   Shifts of surface points on a film: where they belong, minus where an image shows them
 film_shifts_jit
               Shifts of surface points on a film, compiled by Dr.Jit: one lane for each pixel
+lane_formulas
+              Formulas with one lane for each pixel or point, written once and evaluated by Dr.Jit or NumPy
+lane_formulas_jit
+              Formulas with one lane for each pixel or point, compiled by Dr.Jit
 layers        Layers: what single cameras show, and how they overlay
 pictures      The image of an aperture, made of decisions along its lines: points, normals, objects, light
 pictures_jit  Points, normals, objects and light of decided pixels, compiled by Dr.Jit: one lane for each

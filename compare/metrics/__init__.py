@@ -15,8 +15,8 @@ noise             A test of whether a picture is what a noisy reference converge
                   for their number
 paired            Whether one picture of a pair has more wrong pixels than the other, beyond chance
 perceptual        How different two pictures look: FLIP and SSIM
-pixel_bands       Bands of rows, small enough for a processor's cache, in which two images are judged pixel
-                  by pixel
+pixel_findings    Findings of each pixel by formulas alone: all that is asked of an image before what hides
+                  its points
 radiance          Radiance error: how far colors are off, in linear RGB, raster minus truth
 surface           Surface: the pixels that show the wrong one (docs/method.md, "What is compared")
 """

@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from tests.support.views import view
 from xfrustum.cli.main import main
 from xfrustum.compare import compare_images
-from xfrustum.compare.metrics.pixel_bands import BAND_PIXELS, MAX_SERIAL_PIXELS, in_bands
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import TRACERS, Reference
 from xfrustum.reports.common.timing import CONFIDENCE, Timing
@@ -233,16 +232,6 @@ def test_what_the_truth_has_proven_to_be_seen_needs_no_second_ray(near_per_reach
         found, again = (compare_images(one, drawn, reference) for one in (truth, asked))
         assert found.maps.surface is not None and again.maps.surface is not None
         np.testing.assert_array_equal(found.maps.surface, again.maps.surface & found.maps.judged)
-
-
-def test_bands_join_to_the_image_whether_one_thread_makes_them_or_many() -> None:
-    scene = view("car", (64, 48))
-    image = Reference(scene).trace(scene.plate.middle)
-    for copies in (1, MAX_SERIAL_PIXELS // (64 * 48) + 1):
-        tall = replace(image, triangle=np.tile(image.triangle, (copies, 1)), companions=None)
-        bands = in_bands(tall, tall, lambda truth, raster, rows: truth.triangle)
-        np.testing.assert_array_equal(np.concatenate(bands), tall.triangle)
-        assert all(band.size <= BAND_PIXELS for band in bands)
 
 
 def test_levels_from_a_table_are_those_of_the_curve() -> None:
