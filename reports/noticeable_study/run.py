@@ -27,8 +27,8 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.replayed import Replayed, ReplayWorkbench
 from xfrustum.reports.noticeable_study.grid import Cell, Grid
 from xfrustum.reports.noticeable_study.rows import Measured, NoticedRow, Predicted, decisive
-from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.reports.splitting_study.store import Store, origin_hash
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene

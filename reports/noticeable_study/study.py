@@ -21,9 +21,9 @@ from xfrustum.reports.noticeable_study.figures import figures
 from xfrustum.reports.noticeable_study.grid import FULL, Grid
 from xfrustum.reports.noticeable_study.rows import NoticedRow, read_parquet, write_parquet
 from xfrustum.reports.noticeable_study.run import measure, replays_hash
-from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.reports.splitting_study.run import measured_by
 from xfrustum.reports.splitting_study.store import Store
+from xfrustum.reports.studies.origin import Origin
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
 PLANS = "plans-car.png"

@@ -25,7 +25,7 @@ from xfrustum.reports.splitting_study.measure import (
     SheetResult,
     SheetWorkbench,
 )
-from xfrustum.reports.splitting_study.rows import Origin, StudyRow, joined
+from xfrustum.reports.splitting_study.rows import StudyRow, joined
 from xfrustum.reports.splitting_study.store import CLAIMS, PICTURES, SHEETS, Store, origin_hash
 from xfrustum.reports.splitting_study.suitability import (
     Suitability,
@@ -35,6 +35,7 @@ from xfrustum.reports.splitting_study.suitability import (
     straight_nears,
     suitability,
 )
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, cars
 from xfrustum.scenes.model.scene import Scene

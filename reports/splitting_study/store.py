@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from xfrustum.reports.splitting_study.rows import Origin
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes.errors import InputError
 
 PICTURES, SHEETS = "picture", "sheets"

@@ -12,10 +12,11 @@ from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import FULL, Grid
-from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet, write_parquet
+from xfrustum.reports.splitting_study.rows import StudyRow, read_parquet, write_parquet
 from xfrustum.reports.splitting_study.run import Measuring, StudyJob, origin_of
 from xfrustum.reports.splitting_study.store import CLAIMS, PICTURES, Store, origin_hash
 from xfrustum.reports.splitting_study.study_record import FilesRecord, StudyRecord, study_record
+from xfrustum.reports.studies.origin import Origin
 
 DEFAULT_FOLDER = Path("study") / "splitting"
 DOCUMENT, DATA, RESULTS, IMAGES = "when-to-split.md", "when-to-split.parquet", "measurements.sqlite", "images"

@@ -30,7 +30,7 @@ from xfrustum.reports.splitting_study.facts import buffer_facts, by_the_rule, le
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Family, Grid
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureWorkbench
-from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
+from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow, read_parquet
 from xfrustum.reports.splitting_study.store import PICTURES, Store, origin_hash
 from xfrustum.reports.splitting_study.study import (
     DATA,
@@ -48,6 +48,7 @@ from xfrustum.reports.splitting_study.suitability import (
     suitability,
     unbroken,
 )
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
 from xfrustum.scenes.plate.double_frustum import Offset
