@@ -31,12 +31,10 @@ from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Family, Grid
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureWorkbench
 from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow, read_parquet
-from xfrustum.reports.splitting_study.store import PICTURES, Store, origin_hash
+from xfrustum.reports.splitting_study.run import PICTURES
 from xfrustum.reports.splitting_study.study import (
     DATA,
     DOCUMENT,
-    IMAGES,
-    RESULTS,
     StudyFiles,
     make_study,
 )
@@ -48,7 +46,9 @@ from xfrustum.reports.splitting_study.suitability import (
     suitability,
     unbroken,
 )
-from xfrustum.reports.studies.origin import Origin
+from xfrustum.reports.studies.folder import IMAGES, RESULTS
+from xfrustum.reports.studies.origin import Origin, origin_hash
+from xfrustum.reports.studies.store import Store
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
 from xfrustum.scenes.plate.double_frustum import Offset
@@ -291,7 +291,7 @@ import os, signal, sys
 from pathlib import Path
 from tests.reports.splitting_study.test_study import ONE_SIDE
 from xfrustum.reports.splitting_study.study import make_study
-from xfrustum.reports.splitting_study.store import Store
+from xfrustum.reports.studies.store import Store
 
 left, put = int(sys.argv[2]), Store.put
 
