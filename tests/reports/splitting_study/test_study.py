@@ -324,7 +324,7 @@ def start(folder: Path, results: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, cwd=CHECKOUT, env=os.environ | {"PYTHONPATH": str(CHECKOUT)})
 
 
-def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> None:
+def assert_resumes_without_loss(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> None:
     """Resume here, and check that nothing kept is lost or measured again and that all comes out the same."""
     kept = results(folder)
     measured = []
@@ -358,7 +358,7 @@ def test_killed_at_any_point_it_loses_nothing_and_measures_nothing_twice(
         assert kept.items() <= found.items()
         assert not (tmp_path / DOCUMENT).exists()
         kept = found
-    finish(tmp_path, tiny, monkeypatch)
+    assert_resumes_without_loss(tmp_path, tiny, monkeypatch)
 
 
 @pytest.mark.slow
@@ -371,7 +371,7 @@ def test_killed_at_any_time_too(tiny: StudyFiles, tmp_path: Path, monkeypatch: p
             child.kill()
         assert kept.items() <= results(tmp_path).items()
         kept = results(tmp_path)
-    finish(tmp_path, tiny, monkeypatch)
+    assert_resumes_without_loss(tmp_path, tiny, monkeypatch)
 
 
 def test_a_result_that_is_there_stays(tmp_path: Path) -> None:
