@@ -29,7 +29,7 @@ from xfrustum.reports.error_report.sweep import (
     sweep,
 )
 from xfrustum.reports.error_report.tables import headline, recommended_command, report_record, write_parquet
-from xfrustum.reports.inspection.page import PAGE, Inspection, write_inspection
+from xfrustum.reports.inspection.page import PAGE, Inspection, replacing_inspection, write_inspection
 from xfrustum.reports.inspection.plate_map import PlateMap
 from xfrustum.reports.measurements.best import Recommendation, best_setting
 from xfrustum.reports.measurements.measurement import Sweep
@@ -149,7 +149,8 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         swept = sweep(scene, chosen, settings, decision=by, effects=effects, **how)
         measured, shading = _with_light(swept, apertures, settings, effects, progress)
         record = _write(staging.folder, measured, shading)
-        staging.commit()
+        with replacing_inspection(staging.out):
+            staging.commit()
     return _report_files(staging.out, measured, shading, record)
 
 
