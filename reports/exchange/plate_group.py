@@ -24,7 +24,7 @@ from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts.layout import Pixels, PlateShape
 from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
-from xfrustum.scenes.files.layouts.reading import PlateRows, Plates, whole_plate
+from xfrustum.scenes.files.layouts.reading import PlateRows, Plates, empty_row, whole_plate
 
 METADATA = "zarr.json"
 """Name of the file in the folder of a Zarr group of format 3."""
@@ -77,7 +77,7 @@ class GroupRows:
         InputError
             The group cannot be read, or a number of a triangle is too large for pixels.
         """
-        pixels = np.empty(self.shape.array[1:], self.dtype)
+        pixels = empty_row(self)
         for column in range(self.shape.hogels[0]):
             try:
                 hogel: Any = self.stored[number, column]

@@ -46,6 +46,12 @@ class PlateRows(Protocol):
         """
 
 
+def empty_row(rows: PlateRows) -> Pixels:
+    """Return zeros (columns, H, W, 3) for a row of hogels; above `MAX_BYTES_IN_MEMORY` in a scratch file."""
+    alone = PlateShape(hogels=(rows.shape.hogels[0], 1), resolution=rows.shape.resolution)
+    return Plates.empty(alone, rows.dtype, rows.levels).row(0)
+
+
 def whole_plate(rows: PlateRows) -> Plates:
     """Return all pixels of a plate."""
     if isinstance(rows, Plates):
@@ -273,7 +279,7 @@ class _FilesByRow:
 
     def row(self, number: int) -> Pixels:
         """Return the pixels of a row of hogels, read from its files."""
-        hogels = np.zeros(self.shape.array[1:], self.dtype)
+        hogels = empty_row(self)
         plate = as_plate(hogels, self.shape)
         for part in self._parts[number]:
             picture = self._files.read(part)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from xfrustum.scenes import InputError
+from xfrustum.scenes.files.layouts import reading
 from xfrustum.scenes.files.layouts.catalogue import NAMES, layout_for, layouts_named
 from xfrustum.scenes.files.layouts.detection import looks_like
 from xfrustum.scenes.files.layouts.layout import Naming, Pixels, PlateShape
@@ -109,6 +110,20 @@ def test_rows_of_hogels_are_read_alone_where_files_have_pixels_of_one_row(tmp_pa
         if not isinstance(found.rows(), Plates):
             by_rows.add(name)
     assert by_rows == {"hogels", "hocking", "burnett"}
+
+
+def test_a_row_that_is_too_large_for_memory_lies_in_a_scratch_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shape = shape_for("hogels")
+    before = plate(shape)
+    write_files(before, target("hogels"), tmp_path)
+    rows = LaidOutFiles(files=looks_like(tmp_path, shape)[0]).rows()
+    assert not isinstance(rows.row(1), np.memmap)
+    monkeypatch.setattr(reading, "MAX_BYTES_IN_MEMORY", before.row(1).nbytes - 1)
+    found = rows.row(1)
+    assert isinstance(found, np.memmap)
+    assert np.array_equal(found, before.row(1))
 
 
 @pytest.mark.parametrize("name", HORIZONTAL)
