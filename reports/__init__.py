@@ -19,6 +19,7 @@ plate/            Plates drawn into stores, by any number of processes
 scene_check/      Whether a scene makes sense, and scene files that fit a mesh
 scouting/         What people see of the scout of a plate: chosen apertures with their reasons, and a map
 splitting_study/  The study of when the frusta must be split
+studies/          What the studies share: cells that are measured, kept, written down and read again
 survey/           Surveys: hogels judged all over a plate, what that says of all, and where it is worst
 trade_off/        Error against time
 verification/     The verification of foreign renderers: sources, verdict, files

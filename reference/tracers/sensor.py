@@ -16,6 +16,7 @@ single precision: a line is off by some 1e-7 of the reach.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -83,6 +84,102 @@ def mitsuba_scene(scene: Scene) -> dict[str, Any]:
     return loaded
 
 
+@dataclass(frozen=True, kw_only=True)
+class _FilmLines:
+    """The lines of one aperture, in the types of the Mitsuba variant in use.
+
+    Attributes
+    ----------
+    mi, dr
+        Mitsuba and Dr.Jit, as the sensor was defined with them.
+    aperture
+        Point through which all lines pass.
+    shear, half_extent
+        Slopes of the film's center, and from there to its borders.
+    reach
+        Lengths along z on the viewer's side and behind the plate, scene units.
+    """
+
+    mi: Any
+    dr: Any
+    aperture: Any
+    shear: Any
+    half_extent: Any
+    reach: tuple[Any, Any]
+
+    @classmethod
+    def of(cls, mi: Any, dr: Any, props: Any) -> _FilmLines:
+        """Return the lines that a plugin's properties describe.
+
+        Raises
+        ------
+        ValueError
+            A half extent or a reach is not positive.
+        """
+        found = cls(
+            mi=mi,
+            dr=dr,
+            aperture=mi.Point3f(props["aperture"]),
+            shear=mi.Vector2f(props["shear_x"], props["shear_y"]),
+            half_extent=mi.Vector2f(props["half_extent_x"], props["half_extent_y"]),
+            reach=(mi.Float(props["reach_viewer"]), mi.Float(props["reach_back"])),
+        )
+        # Opaque, so that another aperture's values do not compile another kernel.
+        dr.make_opaque(found.aperture, found.shear, found.half_extent, found.reach)
+        sizes = ("half_extent_x", "half_extent_y", "reach_viewer", "reach_back")
+        if min(props[name] for name in sizes) <= 0:
+            raise ValueError(f"{PLUGIN}: half extents and reaches must be positive")
+        return found
+
+    def __str__(self) -> str:
+        return f"aperture = {self.aperture}, shear = {self.shear}, reach = {self.reach}"
+
+    def through(self, film: Any, position: Any) -> tuple[Any, Any, Any]:
+        """Return the viewer's end, unit direction and length of a film position's line."""
+        mi, dr = self.mi, self.dr
+        start, window = self._crop_window(film)
+        x, y = position.x * window.x + start.x, position.y * window.y + start.y
+        # Positions on Mitsuba's film count from the top left; u and v count from the center, v up.
+        slope_x = self.shear.x + (2.0 * x - 1.0) * self.half_extent.x
+        slope_y = self.shear.y + (1.0 - 2.0 * y) * self.half_extent.y
+        d = mi.Vector3f(slope_x, slope_y, -1.0)
+        length = dr.norm(d)
+        return self.aperture - self.reach[0] * d, d / length, sum(self.reach) * length
+
+    def direction_sample(self, it: Any, active: Any, film: Any) -> tuple[Any, Any]:
+        """Aim from a point in the scene at the viewer's end of its own line, for light tracing.
+
+        One line of the whole film passes through each point. The weight turns an integral over
+        surfaces into one over the film: u and v vary by dx / (2 s tx) and dy / (2 s ty), and a
+        surface is seen from d foreshortened by |d| against the plane of the plate.
+        """
+        mi, dr = self.mi, self.dr
+        offset = it.p - self.aperture
+        s = dr.select(offset.z == 0.0, dr.nan, -offset.z)
+        u = (offset.x / s - self.shear.x) / self.half_extent.x
+        v = (offset.y / s - self.shear.y) / self.half_extent.y
+        start, window = self._crop_window(film)
+        x, y = ((u + 1.0) / 2.0 - start.x) / window.x, ((1.0 - v) / 2.0 - start.y) / window.y
+        seen = active & (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
+        seen &= (s >= -self.reach[0]) & (s <= self.reach[1])
+        end, d, _ = self.through(film, mi.Point2f(x, y))
+        pixels = mi.Vector2f(film.crop_size())
+        found = dr.zeros(mi.DirectionSample3f)
+        found.p, found.d, found.n = end, -d, d
+        found.dist = dr.norm(end - it.p)
+        found.uv = mi.Point2f(x * pixels.x, y * pixels.y)
+        found.time, found.pdf, found.delta = it.time, dr.select(seen, 1.0, 0.0), True
+        area = 4.0 * self.half_extent.x * self.half_extent.y * window.x * window.y
+        weight = dr.select(seen, -1.0 / (d.z * s * s * area), 0.0)
+        return found, mi.Spectrum(weight)
+
+    def _crop_window(self, film: Any) -> tuple[Any, Any]:
+        """Return where a film's crop window begins and its size, as parts of the whole film."""
+        mi = self.mi
+        whole = mi.Vector2f(film.size())
+        return mi.Vector2f(film.crop_offset()) / whole, mi.Vector2f(film.crop_size()) / whole
+
+
 @lru_cache
 def _registered(variant: str) -> type:
     """Define the sensor on the classes of one variant; Mitsuba has other classes in each."""
@@ -95,16 +192,8 @@ def _registered(variant: str) -> type:
 
         def __init__(self, props: Any) -> None:
             super().__init__(props)
-            self.aperture = mi.Point3f(props["aperture"])
-            self.shear = mi.Vector2f(props["shear_x"], props["shear_y"])
-            self.half_extent = mi.Vector2f(props["half_extent_x"], props["half_extent_y"])
-            self.reach = (mi.Float(props["reach_viewer"]), mi.Float(props["reach_back"]))
+            self.lines = _FilmLines.of(mi, dr, props)
             self.point = mi.ScalarPoint3f(props["aperture"])
-            # Opaque, so that another aperture's values do not compile another kernel.
-            dr.make_opaque(self.aperture, self.shear, self.half_extent, self.reach)
-            sizes = ("half_extent_x", "half_extent_y", "reach_viewer", "reach_back")
-            if min(props[name] for name in sizes) <= 0:
-                raise ValueError(f"{PLUGIN}: half extents and reaches must be positive")
             self.m_needs_sample_2, self.m_needs_sample_3 = True, False
 
         def sample_ray(
@@ -120,67 +209,27 @@ def _registered(variant: str) -> type:
             ray = mi.RayDifferential3f()
             weight = self._aim(ray, time, wavelength, position, active)
             pixel = 1.0 / mi.Vector2f(self.film().crop_size())
-            ray.o_x, ray.d_x, _ = self._line(position + mi.Vector2f(pixel.x, 0.0))
-            ray.o_y, ray.d_y, _ = self._line(position + mi.Vector2f(0.0, pixel.y))
+            ray.o_x, ray.d_x, _ = self.lines.through(self.film(), position + mi.Vector2f(pixel.x, 0.0))
+            ray.o_y, ray.d_y, _ = self.lines.through(self.film(), position + mi.Vector2f(0.0, pixel.y))
             ray.has_differentials = True
             return ray, weight
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
-            """Aim from a point in the scene at the viewer's end of its own line, for light tracing.
-
-            One line of the whole film passes through each point. The weight turns an integral over
-            surfaces into one over the film: u and v vary by dx / (2 s tx) and dy / (2 s ty), and a
-            surface is seen from d foreshortened by |d| against the plane of the plate.
-            """
-            offset = it.p - self.aperture
-            s = dr.select(offset.z == 0.0, dr.nan, -offset.z)
-            u = (offset.x / s - self.shear.x) / self.half_extent.x
-            v = (offset.y / s - self.shear.y) / self.half_extent.y
-            start, window = self._window()
-            x, y = ((u + 1.0) / 2.0 - start.x) / window.x, ((1.0 - v) / 2.0 - start.y) / window.y
-            seen = active & (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
-            seen &= (s >= -self.reach[0]) & (s <= self.reach[1])
-            end, d, _ = self._line(mi.Point2f(x, y))
-            film = mi.Vector2f(self.film().crop_size())
-            found = dr.zeros(mi.DirectionSample3f)
-            found.p, found.d, found.n = end, -d, d
-            found.dist = dr.norm(end - it.p)
-            found.uv = mi.Point2f(x * film.x, y * film.y)
-            found.time, found.pdf, found.delta = it.time, dr.select(seen, 1.0, 0.0), True
-            area = 4.0 * self.half_extent.x * self.half_extent.y * window.x * window.y
-            weight = dr.select(seen, -1.0 / (d.z * s * s * area), 0.0)
-            return found, mi.Spectrum(weight)
+            return self.lines.direction_sample(it, active, self.film())
 
         def bbox(self) -> Any:
             return box(self.point)
 
         def to_string(self) -> str:
-            return f"CrossedFrustum[aperture = {self.aperture}, shear = {self.shear}, reach = {self.reach}]"
+            return f"CrossedFrustum[{self.lines}]"
 
         def _aim(self, ray: Any, time: Any, wavelength: Any, position: Any, active: Any) -> Any:
             """Fill a ray from a position in [0, 1]^2 of the film's crop window; return its weight."""
             ray.time = self.shutter_open() + time * self.shutter_open_time()
             nowhere = dr.zeros(mi.SurfaceInteraction3f)
             ray.wavelengths, weight = self.sample_wavelengths(nowhere, wavelength, active)
-            ray.o, ray.d, ray.maxt = self._line(position)
+            ray.o, ray.d, ray.maxt = self.lines.through(self.film(), position)
             return weight
-
-        def _line(self, position: Any) -> tuple[Any, Any, Any]:
-            """Return the viewer's end, unit direction and length of a film position's line."""
-            start, window = self._window()
-            x, y = position.x * window.x + start.x, position.y * window.y + start.y
-            # Positions on Mitsuba's film count from the top left; u and v count from the center, v up.
-            slope_x = self.shear.x + (2.0 * x - 1.0) * self.half_extent.x
-            slope_y = self.shear.y + (1.0 - 2.0 * y) * self.half_extent.y
-            d = mi.Vector3f(slope_x, slope_y, -1.0)
-            length = dr.norm(d)
-            return self.aperture - self.reach[0] * d, d / length, sum(self.reach) * length
-
-        def _window(self) -> tuple[Any, Any]:
-            """Return where the film's crop window begins and its size, as parts of the whole film."""
-            film = self.film()
-            whole = mi.Vector2f(film.size())
-            return mi.Vector2f(film.crop_offset()) / whole, mi.Vector2f(film.crop_size()) / whole
 
     mi.register_sensor(PLUGIN, CrossedFrustum)
     return CrossedFrustum

@@ -93,6 +93,7 @@ def machine_cluster(workers: int, threads: int, devices: tuple[int, ...] = ()) -
                     count=workers,
                     dashboard=cluster.dashboard_link,
                     tend=processes.tend,
+                    progressed=processes.progressed,
                 )
         finally:
             processes.kill()
@@ -165,6 +166,8 @@ class Workers:
         Address of the page on which to watch them.
     tend
         Called now and then; starts workers again that have died.
+    progressed
+        Called where a block is finished.
     """
 
     client: Client
@@ -172,6 +175,7 @@ class Workers:
     count: int | None
     dashboard: str
     tend: Callable[[], object] = lambda: None
+    progressed: Callable[[], object] = lambda: None
     _threads: int = 0
     _counted_at: float = field(default=float("-inf"))
 

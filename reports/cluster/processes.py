@@ -26,7 +26,8 @@ WORKER_MODULE = "xfrustum.reports.cluster.worker"
 """Program of a worker process."""
 
 MAX_STARTS = 25
-"""Number of processes that may be started for one worker: more that die are no accident."""
+"""Number of processes that may be started for each worker until a block is finished: more that die are no
+accident."""
 
 
 def device_index() -> int:
@@ -89,6 +90,7 @@ class WorkerProcesses:
         self._address, self._threads, self._devices = address, threads, devices
         self._running: list[subprocess.Popen[bytes] | None] = [None] * count
         self._serial = itertools.count()
+        self._starts = 0
 
     def tend(self) -> None:
         """Start each process that has not been started, or has died.
@@ -102,6 +104,10 @@ class WorkerProcesses:
             if process is None or process.poll() is not None:
                 self._start(place)
 
+    def progressed(self) -> None:
+        """Count starts anew: a block is finished, so that processes which died did so by accident."""
+        self._starts = 0
+
     def kill(self) -> None:
         """End all processes at once, whatever they are doing: what is not finished leaves no trace."""
         for process in self._running:
@@ -112,11 +118,13 @@ class WorkerProcesses:
                 process.wait()
 
     def _start(self, place: int) -> None:
-        serial = next(self._serial)
-        if serial >= MAX_STARTS * len(self._running):
+        if self._starts >= MAX_STARTS * len(self._running):
             raise InputError(
-                f"{serial} worker processes have died one after the other; try --workers 1, which tells why"
+                f"{self._starts} worker processes have died one after the other, and no block was finished; "
+                "try --workers 1, which tells why"
             )
+        self._starts += 1
+        serial = next(self._serial)
         environment = {**os.environ, **{variable: str(self._threads) for variable in THREAD_VARIABLES}}
         if self._devices:
             environment[DEVICE_VARIABLE] = str(self._devices[place % len(self._devices)])

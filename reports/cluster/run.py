@@ -126,6 +126,9 @@ class Team(Protocol):
     def finished(self, job: Job, numbers: Iterator[int]) -> Iterator[int]:
         """Have blocks done, and yield each as its turn has come to an end."""
 
+    def progressed(self) -> object:
+        """Take note that a block is finished which was not before."""
+
     def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
         """Return what a session of the job answers to a question."""
 
@@ -142,6 +145,9 @@ class _Alone:
         for number in numbers:
             self._desk.do(job, number)
             yield number
+
+    def progressed(self) -> None:
+        """One process has nothing to count."""
 
     def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
         return question(self._desk.session(job), *arguments)
@@ -242,6 +248,7 @@ def run_blocks(
             elsewhere = []
             for number in team.finished(job, unfinished(waiting)):
                 if job.finished(number):
+                    team.progressed()
                     count(number)
                 else:
                     elsewhere.append(number)

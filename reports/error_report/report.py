@@ -15,7 +15,7 @@ from xfrustum.reference.plain import CERTIFIED, Decision
 from xfrustum.reports.common.formatting import digits
 from xfrustum.reports.common.geometry import CameraGeometry, geometry_grid
 from xfrustum.reports.common.json_ready import json_object, write_json
-from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.common.outputs import Staged, Staging
 from xfrustum.reports.common.timing import Stopwatch
 from xfrustum.reports.error_report.page import render_page
 from xfrustum.reports.error_report.report_records import ReportRecord
@@ -29,7 +29,7 @@ from xfrustum.reports.error_report.sweep import (
     sweep,
 )
 from xfrustum.reports.error_report.tables import headline, recommended_command, report_record, write_parquet
-from xfrustum.reports.inspection.page import PAGE, Inspection, write_inspection
+from xfrustum.reports.inspection.page import PAGE, Inspection, replacing_inspection, write_inspection
 from xfrustum.reports.inspection.plate_map import PlateMap
 from xfrustum.reports.measurements.best import Recommendation, best_setting
 from xfrustum.reports.measurements.measurement import Sweep
@@ -148,8 +148,7 @@ def make_report(  # noqa: PLR0913 - one parameter per option of the command
         by, how = Decision(by=decided_by, tracer=tracer), {"causes": causes, "progress": progress}
         swept = sweep(scene, chosen, settings, decision=by, effects=effects, **how)
         measured, shading = _with_light(swept, apertures, settings, effects, progress)
-        record = _write(staging.folder, measured, shading)
-        staging.commit()
+        record = _put(staging, measured, shading)
     return _report_files(staging.out, measured, shading, record)
 
 
@@ -227,6 +226,14 @@ def _settings(
     for setting in settings:
         setting.check_against(scene.frustum)
     return tuple(settings)
+
+
+def _put(staging: Staged, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:
+    """Write the files and put them in their place; return what report.json holds."""
+    record = _write(staging.folder, measured, shading)
+    with replacing_inspection(staging.out):
+        staging.commit()
+    return record
 
 
 def _write(folder: Path, measured: Sweep, shading: ShadingReport | None) -> ReportRecord:

@@ -11,7 +11,7 @@ from xfrustum.reports.exchange.plate_group import (
     PlateArray,
     is_group,
     missing_hogels,
-    read_group,
+    open_group,
     write_group,
 )
 from xfrustum.scenes.arguments import choice
@@ -21,7 +21,7 @@ from xfrustum.scenes.files.layouts.catalogue import LAYOUTS, layout_for, layouts
 from xfrustum.scenes.files.layouts.detection import PARAMETERS_FILE, looks_like
 from xfrustum.scenes.files.layouts.layout import PICTURE_SUFFIXES, Layout, Naming, PlateShape
 from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
-from xfrustum.scenes.files.layouts.reading import LaidOutFiles, Plates, with_levels
+from xfrustum.scenes.files.layouts.reading import LaidOutFiles, PlateRows, WithLevels
 from xfrustum.scenes.files.layouts.writing import Target, write_files
 
 ZARR = "zarr"
@@ -141,7 +141,7 @@ def convert(
 class _Read:
     """What was read: pixels, the name of their layout, what speaks for it, and what is missing."""
 
-    plate: Plates
+    plate: PlateRows
     layout: str
     reasons: tuple[str, ...]
     notes: tuple[str, ...] = ()
@@ -183,10 +183,10 @@ class _Work:
 def _read(source: Path, read_as: str | None, options: ConversionOptions, array: PlateArray | None) -> _Read:
     """Read a source."""
     if read_as == ZARR or (read_as is None and is_group(source)):
-        plate, chosen = read_group(source, array)
-        missing = missing_hogels(source, chosen)
+        plate = open_group(source, array)
+        missing = missing_hogels(source, plate.array)
         told = (f"{missing} hogels are not there and count as empty",) if missing else ()
-        reasons = (f"array {chosen}", plate.shape.words, *told)
+        reasons = (f"array {plate.array}", plate.shape.words, *told)
         return _Read(plate=plate, layout=ZARR, reasons=reasons, notes=told)
     shape = None if options.hogels is None else PlateShape(hogels=options.hogels, resolution=(1, 1))
     layouts = LAYOUTS if read_as is None else layouts_named(read_as)
@@ -196,8 +196,7 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
             f"{source}: {found.missing} files of the layout {found.layout.name} are not there, "
             f"for a plate of {found.shape.words}"
         )
-    plate = LaidOutFiles(files=found).plate
-    return _Read(plate=plate, layout=found.layout.name, reasons=found.reasons)
+    return _Read(plate=LaidOutFiles(files=found).rows(), layout=found.layout.name, reasons=found.reasons)
 
 
 def _into_group(work: _Work, array: PlateArray | None) -> Conversion:
@@ -206,10 +205,7 @@ def _into_group(work: _Work, array: PlateArray | None) -> Conversion:
     if chosen is PlateArray.TRIANGLE and plate.levels is None:
         raise InputError(f"{source}: holds floating-point colors, and no numbers of triangles")
     if plate.levels not in (None, BYTE_LEVELS):
-        before = plate.levels
-        keep = chosen is PlateArray.TRIANGLE
-        levels = BYTE_LEVELS if keep else None
-        plate = Plates(pixels=with_levels(plate.pixels, before, levels), levels=levels)
+        plate = WithLevels(plate=plate, levels=BYTE_LEVELS if chosen is PlateArray.TRIANGLE else None)
     if out.exists() or out.is_symlink():
         raise InputError(f"{out}: exists; choose another place, for a group is written in one piece")
     columns, rows = plate.shape.hogels

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
 from itertools import product
 from pathlib import Path
@@ -23,7 +24,7 @@ from xfrustum.scenes.arrays import Bytes, Numbers
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts.layout import Pixels, PlateShape
 from xfrustum.scenes.files.layouts.picture_files import BYTE_LEVELS
-from xfrustum.scenes.files.layouts.reading import Plates
+from xfrustum.scenes.files.layouts.reading import PlateRows, Plates, empty_row, whole_plate
 
 METADATA = "zarr.json"
 """Name of the file in the folder of a Zarr group of format 3."""
@@ -47,8 +48,53 @@ def is_group(place: Path) -> bool:
     return (place / METADATA).is_file()
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GroupRows:
+    """The pixels of a plate in a Zarr group, read row by row.
+
+    Attributes
+    ----------
+    place
+        Folder of the group.
+    stored, array
+        Array of the group, and its name.
+    shape, levels, dtype
+        As in `PlateRows`.
+    """
+
+    place: Path
+    stored: zarr.Array[Any]
+    array: PlateArray
+    shape: PlateShape
+    levels: int | None
+    dtype: np.dtype[Any]
+
+    def row(self, number: int) -> Pixels:
+        """Return the pixels of a row of hogels.
+
+        Raises
+        ------
+        InputError
+            The group cannot be read, or a number of a triangle is too large for pixels.
+        """
+        pixels = empty_row(self)
+        for column in range(self.shape.hogels[0]):
+            try:
+                hogel: Any = self.stored[number, column]
+            except OSError as error:
+                raise InputError(f"{self.place}: cannot be read ({error.strerror})") from error
+            pixels[column] = hogel if self.array is PlateArray.COLOR else packed(hogel)
+        return pixels
+
+
 def read_group(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArray]:
-    """Return the pixels of a plate in a Zarr group, and the array that they come from.
+    """Return all pixels of a plate in a Zarr group, and the array that they come from; see `open_group`."""
+    rows = open_group(place, array)
+    return whole_plate(rows), rows.array
+
+
+def open_group(place: Path, array: PlateArray | None) -> GroupRows:
+    """Return the pixels of a plate in a Zarr group, and the array that they come from, to be read by rows.
 
     Parameters
     ----------
@@ -81,12 +127,8 @@ def read_group(place: Path, array: PlateArray | None) -> tuple[Plates, PlateArra
     dtype = stored.dtype if chosen is PlateArray.COLOR else np.dtype(np.uint8)
     if dtype not in (np.uint8, np.float16, np.float32):
         raise InputError(f"{place}: array {chosen} has type {dtype}, and not uint8, float16 or float32")
-    plate = Plates.empty(shape, dtype, None if floating else BYTE_LEVELS)
-    for row in range(rows):
-        for column in range(columns):
-            hogel: Any = stored[row, column]
-            plate.pixels[row, column] = hogel if chosen is PlateArray.COLOR else packed(hogel)
-    return plate, chosen
+    levels = None if floating else BYTE_LEVELS
+    return GroupRows(place=place, stored=stored, array=chosen, shape=shape, levels=levels, dtype=dtype)
 
 
 def missing_hogels(place: Path, array: PlateArray) -> int:
@@ -114,7 +156,7 @@ def missing_hogels(place: Path, array: PlateArray) -> int:
 
 
 def write_group(
-    plate: Plates,
+    plate: PlateRows,
     place: Path,
     array: PlateArray,
     description: dict[str, object],
@@ -142,14 +184,13 @@ def write_group(
         array,
         shape=shape,
         chunks=(1, 1, *shape[2:]),
-        dtype=plate.pixels.dtype if array is PlateArray.COLOR else np.dtype(np.int32),
+        dtype=plate.dtype if array is PlateArray.COLOR else np.dtype(np.int32),
         compressors=[ZstdCodec(level=COMPRESSION_LEVEL, checksum=True)],
         fill_value=-1 if array is PlateArray.TRIANGLE else 0,
         dimension_names=names[: len(shape)],
     ).with_config({"write_empty_chunks": True})
     for row in range(shape[0]):
-        for column in range(shape[1]):
-            hogel = plate.pixels[row, column]
+        for column, hogel in enumerate(plate.row(row)):
             stored[row, column] = hogel if array is PlateArray.COLOR else unpacked(hogel)
             done()
 

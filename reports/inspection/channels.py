@@ -10,8 +10,15 @@ from numpy.typing import NDArray
 
 from xfrustum.raster.rasterizer import normals_of
 from xfrustum.scenes.arrays import Mask
-from xfrustum.scenes.files.openexr.channels import CERTAINTY, COLOR, HEIGHT, OBJECT, POSITION, TRIANGLE
-from xfrustum.scenes.files.openexr.writer import stored_planes
+from xfrustum.scenes.files.openexr.channels import (
+    CERTAINTY,
+    COLOR,
+    HEIGHT,
+    OBJECT,
+    POSITION,
+    TRIANGLE,
+    stored_planes,
+)
 from xfrustum.scenes.model.hogel_image import Certainty, HogelImage
 from xfrustum.scenes.model.scene import Scene
 

@@ -6,7 +6,8 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -133,14 +134,48 @@ def write_inspection(folder: Path, shown: Inspection) -> None:
 
 def remove_inspection(folder: Path) -> None:
     """Remove the page of an earlier run from a folder, and the files beside it."""
-    page = folder / PAGE
-    try:
-        text = page.read_text(encoding="utf-8")
-        named = _HOGELS.validate_python(json.loads(_element(text, "data"))["hogels"])
-    except (OSError, KeyError, ValueError):
+    named = _named_hogels(folder)
+    if named is None:
         return  # there is none, or it is not ours to remove
-    for name in (PAGE, *(one.file for one in named if one.file is not None)):
-        (folder / Path(name).name).unlink(missing_ok=True)
+    for name in (PAGE, *_own_files(folder, named)):
+        (folder / name).unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_inspection(folder: Path) -> Iterator[None]:
+    """Remove the files beside the page of an earlier run that the page that takes its place does not need.
+
+    They are removed when the block has ended, which puts the new page there; none are where it fails. Files
+    that the earlier page does not name, or that hold something else by now, stay.
+    """
+    before = _own_files(folder, _named_hogels(folder) or ())
+    yield
+    now = {one.file for one in _named_hogels(folder) or ()}
+    for name in before:
+        if name not in now:
+            (folder / name).unlink(missing_ok=True)
+
+
+def _named_hogels(folder: Path) -> Sequence[PageHogel] | None:
+    """Return the hogels of the page in a folder; None where there is no page of ours."""
+    try:
+        text = (folder / PAGE).read_text(encoding="utf-8")
+        return _HOGELS.validate_python(json.loads(_element(text, "data"))["hogels"])
+    except (OSError, KeyError, ValueError):
+        return None
+
+
+def _own_files(folder: Path, hogels: Sequence[PageHogel]) -> list[str]:
+    """Return the names of the files beside a page that hold what the page says of them."""
+    found = []
+    for one in hogels:
+        if one.file is None or one.file != Path(one.file).name:
+            continue
+        start = _beside_start(one.key).encode("ascii")
+        with suppress(OSError), (folder / one.file).open("rb") as file:
+            if file.read(len(start)) == start:
+                found.append(one.file)
+    return found
 
 
 def _payload(key: str, text: str) -> str:
@@ -150,7 +185,12 @@ def _payload(key: str, text: str) -> str:
 
 def _beside(key: str, text: str) -> str:
     """Return a file beside the page: pages on a disk may run scripts from there, and read nothing else."""
-    return f'takeStream("{key}","{text}");\n'
+    return f'{_beside_start(key)}{text}");\n'
+
+
+def _beside_start(key: str) -> str:
+    """Return how the file begins that holds the stream of a key."""
+    return f'takeStream("{key}","'
 
 
 _BESIDE = re.compile(r'takeStream\("([0-9a-f]+)","([\w+/=]*)"\);')

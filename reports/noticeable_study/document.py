@@ -14,7 +14,7 @@ from xfrustum.reports.noticeable_study.facts import Rows
 from xfrustum.reports.noticeable_study.figures import CURVES, MAP
 from xfrustum.reports.noticeable_study.grid import PIXELS
 from xfrustum.reports.splitting_study.advice import buffer_name
-from xfrustum.reports.splitting_study.rows import Origin
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
 USUAL_DISTANCE = 600.0

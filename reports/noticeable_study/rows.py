@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-
-import pyarrow.parquet as pq
-from pydantic import TypeAdapter
 
 from xfrustum.compare.eye.limits import STEREO_ACUITY_ARCSEC
 from xfrustum.compare.scouting.sample import share_at_most
-from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.noticeable_study.grid import DepthBuffer, Seat, Setting
-from xfrustum.reports.splitting_study.rows import Origin
+from xfrustum.reports.studies.origin import Origin
+from xfrustum.reports.studies.rows import read_rows, write_rows
 from xfrustum.scenes.plate.double_frustum import Pivot
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 
@@ -167,34 +164,11 @@ def starved_nears(rows: Sequence[NoticedRow]) -> dict[Case, float]:
     return found
 
 
-@dataclass(frozen=True, kw_only=True)
-class FiledRow(NoticedRow):
-    """A row as it is filed, with what measured it.
-
-    Attributes
-    ----------
-    versions, devices
-        Versions of the libraries and the device, by name.
-    """
-
-    versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
-    devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
-
-
 def write_parquet(rows: Sequence[NoticedRow], origin: Origin, path: Path) -> None:
-    """Write one row per cell; versions and device are columns of their own, the same in every row."""
-    filed = [FiledRow(**vars(row), versions=origin.versions, devices=origin.devices) for row in rows]
-    pq.write_table(table_of(FiledRow, filed), path, compression="zstd")
+    """Write one row per cell; see `write_rows`."""
+    write_rows(NoticedRow, rows, origin, path)
 
 
 def read_parquet(path: Path) -> tuple[tuple[NoticedRow, ...], Origin]:
     """Return the rows of a file of `write_parquet`, and where they came from."""
-    found = pq.read_table(path).to_pylist()
-    names = {one.name for one in fields(NoticedRow)}
-    reader = TypeAdapter(NoticedRow)
-    rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
-    common = {name: str(value) for name, value in found[0].items() if name not in names}
-    return rows, Origin(
-        versions={n.removeprefix("version_"): v for n, v in common.items() if n.startswith("version_")},
-        devices={n.removeprefix("device_"): v for n, v in common.items() if n.startswith("device_")},
-    )
+    return read_rows(NoticedRow, path)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, replace
-from importlib.resources import files
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import groupby
+from typing import ClassVar
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -23,12 +23,13 @@ from xfrustum.compare.planning.viewer import seen_content
 from xfrustum.compare.planning.views import SEPARATION_PER_REACH
 from xfrustum.compare.prediction.depth import smallest_separation
 from xfrustum.compare.scouting.scout import Scout, scout
+from xfrustum.reports.cluster.run import Part, Team
 from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.eye.replayed import Replayed, ReplayWorkbench
 from xfrustum.reports.noticeable_study.grid import Cell, Grid
 from xfrustum.reports.noticeable_study.rows import Measured, NoticedRow, Predicted, decisive
-from xfrustum.reports.splitting_study.rows import Origin
-from xfrustum.reports.splitting_study.store import Store, origin_hash
+from xfrustum.reports.studies.cells import CellsJob, all_measured, measure_part
+from xfrustum.reports.studies.store import Store
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arrays import Floats
 from xfrustum.scenes.model.scene import Scene
@@ -42,23 +43,94 @@ REPLAYING_MODULES = ("noticeable_study/run.py", "eye/replayed.py", "eye/sources.
 """Modules of `reports` whose sources decide what a replay shows."""
 
 
-def replays_hash(origin: Origin) -> str:
-    """Return a hash of everything but the parameters that a replay depends on."""
-    digest = hashlib.sha256(origin_hash(origin).encode())
-    for name in REPLAYING_MODULES:
-        digest.update((files("xfrustum") / "reports" / name).read_bytes())
-    return digest.hexdigest()
+@dataclass(frozen=True, kw_only=True)
+class ReplayJob(CellsJob[Cell]):
+    """Replays of some cells.
+
+    Attributes
+    ----------
+    cells
+        The cells that are replayed.
+    grid
+        Grid that they belong to, which says how many pixels the films have.
+    """
+
+    cells: tuple[Cell, ...]
+    grid: Grid
+    kind: str = REPLAYS
+    unit: ClassVar[str] = "plate"
+
+    @property
+    def name(self) -> str:
+        """Word by which the dashboard groups its tasks."""
+        return "study-replay"
+
+    @property
+    def modules(self) -> Sequence[str]:
+        """Modules of `reports` whose sources decide what a replay shows."""
+        return REPLAYING_MODULES
+
+    @property
+    def blocks(self) -> tuple[tuple[Cell, ...], ...]:
+        """The cells of each block: those of one seat, whose true views are traced once."""
+        return _seats(self.cells)
+
+    def key(self, cell: Cell) -> str:
+        """Return the parameters of a cell, and the pixels of its films."""
+        return f"{self.grid.pixels} {cell.key}"
+
+    def measured(self, cells: Sequence[Cell]) -> Generator[Replayed]:
+        """Yield the replays of some cells of one seat."""
+        seat = cells[0].seat
+        scene = seat.opened()
+        workbench = ReplayWorkbench(scene, seat.viewer, self.grid.columns(scene.plate.size))
+        for cell in cells:
+            yield workbench.measure(cell.settings)
 
 
-def measure(grid: Grid, store: Store, *, progress: bool = False) -> tuple[NoticedRow, ...]:
-    """Return one row per cell in the grid's order."""
+@lru_cache(maxsize=4)
+def _seats(cells: tuple[Cell, ...]) -> tuple[tuple[Cell, ...], ...]:
+    """Return some cells by seat and pivot, from the largest near of each down."""
+    ordered = sorted(cells, key=_seat_and_near)
+    return tuple(tuple(group) for _, group in groupby(ordered, key=lambda cell: cell.seat))
+
+
+def _seat_and_near(cell: Cell) -> tuple[str, float, float, str, float]:
+    """Return what cells are sorted by: those of one seat together, and of one near among them."""
+    return cell.scene, cell.pitch, cell.distance, cell.pivot, -cell.near
+
+
+def measure(
+    grid: Grid, asking: ReplayJob, team: Team, part: Part, *, progress: bool = False
+) -> tuple[NoticedRow, ...] | None:
+    """Answer for every cell, and replay those that are not on disk.
+
+    Parameters
+    ----------
+    grid
+        What to ask.
+    asking
+        Job of these processes for any cells of the grid.
+    team, part
+        Processes that replay, and part of the seats that they replay.
+    progress
+        Show progress bars on standard error.
+
+    Returns
+    -------
+    One row per cell in the grid's order; None where other parts are not replayed yet.
+    """
     cells = list(grid.cells())
     rows = predicted_rows(cells, progress=progress)
     chosen = to_replay(grid, cells, rows)
-    _replay([cells[index] for index in chosen], grid, store, progress=progress)
-    found, reader = store.get(REPLAYS), TypeAdapter(Replayed)
+    job = replace(asking, cells=tuple(cells[index] for index in chosen))
+    measure_part(job, team, part, "replays", progress=progress)
+    if not all_measured(job):
+        return None
+    with Store(job.path, job.origin) as store:
+        found, reader = store.get(REPLAYS), TypeAdapter(Replayed)
     for index in chosen:
-        replay = reader.validate_python(found[_key(cells[index], grid.pixels)])
+        replay = reader.validate_python(found[job.key(cells[index])])
         rows[index] = replace(rows[index], **vars(_measured(replay)))
     return tuple(rows)
 
@@ -77,28 +149,6 @@ def to_replay(grid: Grid, cells: Sequence[Cell], rows: Sequence[NoticedRow]) -> 
     """Return the indices of the cells that are replayed: those that decide, and those that are anyway."""
     decides = decisive(rows)
     return [index for index, cell in enumerate(cells) if index in decides or grid.is_replayed_anyway(cell)]
-
-
-def _key(cell: Cell, pixels: int) -> str:
-    return f"{pixels} {cell.key}"
-
-
-def _replay(cells: Sequence[Cell], grid: Grid, store: Store, *, progress: bool) -> None:
-    done = store.get(REPLAYS).keys()
-    missing = sorted((cell for cell in cells if _key(cell, grid.pixels) not in done), key=_seat_and_near)
-    with progress_bar(len(missing), "replays", "plate", shown=progress and bool(missing)) as bar:
-        for seat, group in groupby(missing, key=lambda cell: cell.seat):
-            bar.set_postfix_str(f"{seat.scene}, pitch {seat.pitch:g}, {seat.distance:g} mm", refresh=False)
-            scene = seat.opened()
-            workbench = ReplayWorkbench(scene, seat.viewer, grid.columns(scene.plate.size))
-            for cell in group:
-                store.put(REPLAYS, _key(cell, grid.pixels), asdict(workbench.measure(cell.settings)))
-                bar.update()
-
-
-def _seat_and_near(cell: Cell) -> tuple[str, float, float, str, float]:
-    """Return what cells are sorted by: those of one seat together, and of one near among them."""
-    return cell.scene, cell.pitch, cell.distance, cell.pivot, -cell.near
 
 
 def _measured(replay: Replayed) -> Measured:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from xfrustum.reports.common.outputs import Staging
+from xfrustum.reports.cluster.run import Engine
 from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.noticeable_study.document import document, sentence
 from xfrustum.reports.noticeable_study.facts import (
@@ -19,17 +19,17 @@ from xfrustum.reports.noticeable_study.facts import (
 )
 from xfrustum.reports.noticeable_study.figures import figures
 from xfrustum.reports.noticeable_study.grid import FULL, Grid
-from xfrustum.reports.noticeable_study.rows import NoticedRow, read_parquet, write_parquet
-from xfrustum.reports.noticeable_study.run import measure, replays_hash
-from xfrustum.reports.splitting_study.rows import Origin
-from xfrustum.reports.splitting_study.run import measured_by
-from xfrustum.reports.splitting_study.store import Store
+from xfrustum.reports.noticeable_study.rows import NoticedRow
+from xfrustum.reports.noticeable_study.run import ReplayJob, measure
+from xfrustum.reports.studies.cells import study_team
+from xfrustum.reports.studies.folder import IMAGES, StudyFolder, WrittenStudy
+from xfrustum.reports.studies.origin import Origin
 
 DEFAULT_FOLDER = Path("study") / "noticeable"
 PLANS = "plans-car.png"
 """Picture of both plans for the car, which scripts/draw_eye_figures.py draws into the folder of figures."""
 
-DOCUMENT, DATA, RESULTS, IMAGES = "noticeable.md", "noticeable.parquet", "measurements.sqlite", "images"
+DOCUMENT, DATA = "noticeable.md", "noticeable.parquet"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,26 +80,8 @@ class StudyRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyFiles(Summarized[StudyRecord]):
-    """What a study left behind.
-
-    Attributes
-    ----------
-    document, data
-        Markdown and Parquet.
-    figures
-        SVG files.
-    rows
-        Every answer.
-    origin
-        What measured the replays.
-    """
-
-    document: Path
-    data: Path
-    figures: tuple[Path, ...]
-    rows: tuple[NoticedRow, ...]
-    origin: Origin
+class StudyFiles(WrittenStudy[NoticedRow], Summarized[StudyRecord]):
+    """What the study left behind."""
 
     @property
     def record(self) -> StudyRecord:
@@ -144,13 +126,45 @@ def make_study(out: Path | None = None, grid: Grid = FULL, *, progress: bool = F
     InputError
         An unwritable folder, a file in the way, no OpenGL.
     """
-    out = DEFAULT_FOLDER if out is None else out
-    with Staging(out, (DOCUMENT, DATA, RESULTS)), Staging(out / IMAGES):
-        pass  # It can be written; nothing is left lying about while it is being measured.
-    measured_with = measured_by()
-    with Store(out / RESULTS, replays_hash(measured_with)) as store:
-        rows = measure(grid, store, progress=progress)
-    return write_study(rows, measured_with, out)
+    found = make_study_on(Engine(workers=1), out, grid, progress=progress)
+    assert found is not None, "one process replays everything"
+    return found
+
+
+def make_study_on(
+    engine: Engine,
+    out: Path | None = None,
+    grid: Grid = FULL,
+    *,
+    told: Callable[[str], object] = lambda line: None,
+    progress: bool = False,
+) -> StudyFiles | None:
+    """Answer by several processes, which share the replays; what is written is what `make_study` writes.
+
+    Parameters
+    ----------
+    engine
+        Where cells are replayed; this process evaluates the closed forms.
+    out, grid, progress
+        As for `make_study`.
+    told
+        Called with notes in words, such as the address of the dashboard.
+
+    Returns
+    -------
+    None where other parts of a job array are not replayed yet.
+
+    Raises
+    ------
+    InputError
+        As from `make_study`; or no scheduler answers, or workers replay with something else.
+    """
+    folder = _folder(DEFAULT_FOLDER if out is None else out)
+    folder.check_writable()
+    asking = ReplayJob(cells=tuple(grid.cells()), grid=grid, path=folder.results)
+    with study_team(engine, asking, told) as (team, origin):
+        rows = measure(grid, asking.measured_with(origin), team, engine.part, progress=progress)
+    return None if rows is None else write_study(rows, origin, folder.out)
 
 
 def rewrite_document(folder: Path) -> Path:
@@ -161,26 +175,18 @@ def rewrite_document(folder: Path) -> Path:
     InputError
         An unwritable folder.
     """
-    rows, origin = read_parquet(folder / DATA)
+    rows, origin = _folder(folder).read()
     return write_study(rows, origin, folder).document
 
 
-def _document(rows: Sequence[NoticedRow], origin: Origin, out: Path) -> str:
-    return document(rows, origin, pictured=(out / IMAGES / PLANS).exists())
-
-
 def write_study(rows: Sequence[NoticedRow], origin: Origin, out: Path) -> StudyFiles:
-    """Write document, figures and data of some rows; the data goes first and the document last."""
-    with Staging(out / IMAGES) as staging:
-        for name, drawn in figures(rows).items():
-            (staging.folder / f"{name}.svg").write_text(drawn, encoding="utf-8")
-        drawn_files = staging.commit()
-    with Staging(out, (DOCUMENT, DATA)) as staging:
-        write_parquet(rows, origin, staging.folder / DATA)
-        # From what is in the file, so that the file alone gives the same document again.
-        rows, origin = read_parquet(staging.folder / DATA)
-        (staging.folder / DOCUMENT).write_text(_document(rows, origin, out), encoding="utf-8")
-        staging.commit()
-    return StudyFiles(
-        document=out / DOCUMENT, data=out / DATA, figures=drawn_files, rows=tuple(rows), origin=origin
-    )
+    """Write document, figures and data of some rows; see `StudyFolder.write`."""
+
+    def told(rows: Sequence[NoticedRow], origin: Origin) -> str:
+        return document(rows, origin, pictured=(out / IMAGES / PLANS).exists())
+
+    return StudyFiles(**vars(_folder(out).write(rows, origin, figures(rows), told)))
+
+
+def _folder(out: Path) -> StudyFolder[NoticedRow]:
+    return StudyFolder(out=out, document=DOCUMENT, data=DATA, row=NoticedRow)

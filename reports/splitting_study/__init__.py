@@ -13,7 +13,6 @@ measure       How the study of splitting measures a cell: truth against raster, 
               at the far end
 rows          The study's measurements as rows, and as Parquet
 run           Measure the study's cells, those that are not yet on disk, in blocks that any process may do
-store         Results on disk as they come: what is written survives whatever ends the process
 study         `xfrustum study splitting`: measured, written down, and resumed where it was stopped
 study_record  The study as one JSON object: criteria, what is enough in every case, and what
               measured it

@@ -19,12 +19,13 @@ from xfrustum.reports.splitting_study.advice import Advice, advice_table, buffer
 from xfrustum.reports.splitting_study.figures import SIDE_WORDS, maps, near_words
 from xfrustum.reports.splitting_study.grid import Family
 from xfrustum.reports.splitting_study.measure import NEAREST_PERCENTILE
-from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow
+from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow
 from xfrustum.reports.splitting_study.suitability import (
     Suitability,
     outcomes,
     suitability,
 )
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes.library.depth_family import CAR_RATIO, CARS, FARTHEST, REACH
 from xfrustum.tolerances import MAX_DEPTH_WRONG, TOLERANCE_PX
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import pyarrow.parquet as pq
-from pydantic import TypeAdapter
-
 from xfrustum.compare.prediction.depth import MAX_MISORDERED_FRACTION
-from xfrustum.reports.common.records import named_columns, table_of
 from xfrustum.reports.splitting_study.grid import Cell, Setting
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, SheetResult
+from xfrustum.reports.studies.origin import Origin
+from xfrustum.reports.studies.rows import read_rows, write_rows
 
 ASKED_SEPARATION = 1e-3
 """Distance of two surfaces at the far end that a depth buffer must order, as a share of the reach."""
@@ -59,42 +57,11 @@ def joined(cell: Cell, picture: CellResult, sheets: Sequence[SheetResult]) -> St
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Origin:
-    """What a study's numbers came from: versions of the libraries and the device, by name."""
-
-    versions: Mapping[str, str]
-    devices: Mapping[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FiledRow(StudyRow):
-    """A row as it is filed, with what measured it; the columns of the table are its fields.
-
-    Attributes
-    ----------
-    versions, devices
-        Versions of the libraries and the device, by name.
-    """
-
-    versions: Mapping[str, str] = field(metadata=named_columns("version_{}"))
-    devices: Mapping[str, str] = field(metadata=named_columns("device_{}"))
-
-
 def write_parquet(rows: Sequence[StudyRow], origin: Origin, path: Path) -> None:
-    """Write one row per cell; versions and device are columns of their own, the same in every row."""
-    filed = [FiledRow(**vars(row), versions=origin.versions, devices=origin.devices) for row in rows]
-    pq.write_table(table_of(FiledRow, filed), path, compression="zstd")
+    """Write one row per cell; see `write_rows`."""
+    write_rows(StudyRow, rows, origin, path)
 
 
 def read_parquet(path: Path) -> tuple[tuple[StudyRow, ...], Origin]:
     """Return the rows of a file of `write_parquet`, and where they came from."""
-    found = pq.read_table(path).to_pylist()
-    names = {one.name for one in fields(StudyRow)}
-    reader = TypeAdapter(StudyRow)
-    rows = tuple(reader.validate_python({name: row[name] for name in names}) for row in found)
-    common = {name: str(value) for name, value in found[0].items() if name not in names}
-    return rows, Origin(
-        versions={n.removeprefix("version_"): v for n, v in common.items() if n.startswith("version_")},
-        devices={n.removeprefix("device_"): v for n, v in common.items() if n.startswith("device_")},
-    )
+    return read_rows(StudyRow, path)

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from functools import cache, lru_cache
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from xfrustum.raster import Rasterizer
-from xfrustum.reference import Reference
-from xfrustum.reports.cluster.claims import Claims
-from xfrustum.reports.cluster.job import Job, Session
-from xfrustum.reports.cluster.run import Part, Team, run_blocks
-from xfrustum.reports.common import provenance
+from xfrustum.reports.cluster.run import Part, Team
 from xfrustum.reports.splitting_study.grid import SIDES, Cell, Family, Grid, SheetCell
 from xfrustum.reports.splitting_study.measure import (
     CellResult,
@@ -25,8 +19,7 @@ from xfrustum.reports.splitting_study.measure import (
     SheetResult,
     SheetWorkbench,
 )
-from xfrustum.reports.splitting_study.rows import Origin, StudyRow, joined
-from xfrustum.reports.splitting_study.store import CLAIMS, PICTURES, SHEETS, Store, origin_hash
+from xfrustum.reports.splitting_study.rows import StudyRow, joined
 from xfrustum.reports.splitting_study.suitability import (
     Suitability,
     alike_but_depth,
@@ -35,9 +28,9 @@ from xfrustum.reports.splitting_study.suitability import (
     straight_nears,
     suitability,
 )
-from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, REACH, cars
-from xfrustum.scenes.model.scene import Scene
+from xfrustum.reports.studies.cells import CellsJob, all_measured, measure_part
+from xfrustum.reports.studies.store import Store
+from xfrustum.scenes.library.depth_family import FARTHEST, REACH
 from xfrustum.scenes.plate.double_frustum import Camera, Offset
 
 MAX_SLABS = 6
@@ -45,6 +38,12 @@ MAX_SLABS = 6
 
 FIRST_CUT_PER_NEAREST = 0.99
 """The first cut as a share of the nearest surface's |z|: close under it, so that the first slab is empty."""
+
+PICTURES, SHEETS = "picture", "sheets"
+"""Kinds of results."""
+
+MEASURING_MODULES = ("splitting_study/measure.py",)
+"""Modules of `reports` whose sources decide what is measured."""
 
 CLAIMS_PER_JOB = 1 << 20
 """Claims that are set aside for the blocks of one job: no job has as many."""
@@ -62,29 +61,19 @@ class Cells:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyJob(Job):
-    """Pictures or sheets of some cells.
+class StudyJob(CellsJob[Cell | SheetCell]):
+    """Pictures or sheets of some cells; its kind is `PICTURES` or `SHEETS`.
 
     Attributes
     ----------
     asked
         The cells.
-    kind
-        Kind of results: `PICTURES` or `SHEETS`.
     stage
         Number of cuts of the cells, 0 for those of the grid, by which clients claim blocks.
-    path
-        File of the results, see `Store`.
-    origin
-        Hash of what measures, see `origin_hash`; a process that would measure with something else refuses.
-        Empty for a job that only asks what that is.
     """
 
     asked: Grid | Cells
-    kind: str
     stage: int
-    path: Path
-    origin: str
 
     @property
     def name(self) -> str:
@@ -97,101 +86,32 @@ class StudyJob(Job):
         return "picture" if self.kind == PICTURES else "buffer"
 
     @property
+    def modules(self) -> Sequence[str]:
+        """Modules of `reports` whose sources decide what is measured."""
+        return MEASURING_MODULES
+
+    @property
     def blocks(self) -> tuple[tuple[Cell, ...] | tuple[SheetCell, ...], ...]:
         """The cells of each block: those that share what takes longest to make."""
         return _picture_blocks(self.asked) if self.kind == PICTURES else _sheet_blocks(self.asked)
 
-    def size(self, number: int) -> int:
-        """Return the number of cells of a block."""
-        return len(self.blocks[number])
+    @property
+    def first_claim(self) -> int:
+        """Claim of block 0 of this kind and stage."""
+        return (2 * self.stage + (self.kind == PICTURES)) * CLAIMS_PER_JOB
 
-    def words(self, number: int) -> str:
-        """Return a block by its first cell."""
-        return f"block {number} of {self.kind} ({self.blocks[number][0].key})"
+    def key(self, cell: Cell | SheetCell) -> str:
+        """Return the parameters of a cell."""
+        return cell.key
 
-    def finished(self, number: int) -> bool:
-        """Return whether all results of a block are kept."""
-        if not self.path.exists():
-            return False
-        with Store(self.path, self.origin) as store:
-            return not self.missing(number, store)
-
-    def missing(self, number: int, store: Store) -> list[Cell | SheetCell]:
-        """Return the cells of a block that have no result."""
-        known = store.keys(self.kind)
-        return [cell for cell in self.blocks[number] if cell.key not in known]
-
-    def claims(self) -> Claims:
-        """Return the claims to blocks of this kind and stage."""
-        first = (2 * self.stage + (self.kind == PICTURES)) * CLAIMS_PER_JOB
-        return Claims(self.path.with_name(CLAIMS), first)
-
-    @contextmanager
-    def open(self, scene: Scene | None = None) -> Iterator[StudySession]:
-        """Provide what measures blocks; scenes are made from the cells.
-
-        Raises
-        ------
-        InputError
-            This process would measure with other sources, libraries or another device; or it has no usable
-            OpenGL.
-        """
-        del scene
-        origin = measured_by()
-        if self.origin and origin_hash(origin) != self.origin:
-            raise InputError(
-                f"a worker measures with other sources, libraries or another device than the study was begun "
-                f"with ({origin.devices.get('OpenGL renderer')}); give all workers the same"
-            )
-        yield StudySession(self, origin)
-
-
-class StudySession(Session):
-    """What measures the blocks of one job.
-
-    Attributes
-    ----------
-    origin
-        What this process measures with.
-    """
-
-    def __init__(self, job: StudyJob, origin: Origin) -> None:
-        self._job, self.origin = job, origin
-
-    def make(self, number: int) -> None:
-        """Measure what is missing of a block; each result is kept as soon as it is there."""
-        job = self._job
-        with Store(job.path, job.origin) as store:
-            missing = job.missing(number, store)
-            if pictures := [cell for cell in missing if isinstance(cell, Cell)]:
-                with PictureWorkbench(pictures[0].picture) as pictured:
-                    for cell in pictures:
-                        store.put(PICTURES, cell.key, asdict(pictured.measure(cell)))
-            if sheets := [cell for cell in missing if isinstance(cell, SheetCell)]:
-                with SheetWorkbench(sheets[0]) as ordered:
-                    for pair in sheets:
-                        store.put(SHEETS, pair.key, asdict(ordered.measure(pair)))
-
-
-def origin_of(session: StudySession) -> Origin:
-    """Return what a process measures with; the question that a team of workers is asked."""
-    return session.origin
-
-
-@cache
-def measured_by() -> Origin:
-    """Return the versions and the device that would measure here and now.
-
-    Raises
-    ------
-    InputError
-        No usable OpenGL context.
-    """
-    scene = cars(CAR_RATIO, Camera.C, (1, 1))
-    with Rasterizer(scene) as rasterizer:
-        opengl = {f"OpenGL {name}": value for name, value in rasterizer.device.items()}
-    versions = {**provenance.versions(), **Reference(scene).versions}
-    return Origin(versions=versions, devices={**provenance.machine(), **opengl})
+    def measured(self, cells: Sequence[Cell | SheetCell]) -> Generator[CellResult | SheetResult]:
+        """Yield what is measured of some cells of one block."""
+        if pictures := [cell for cell in cells if isinstance(cell, Cell)]:
+            with PictureWorkbench(pictures[0].picture) as pictured:
+                yield from map(pictured.measure, pictures)
+        if sheets := [cell for cell in cells if isinstance(cell, SheetCell)]:
+            with SheetWorkbench(sheets[0]) as ordered:
+                yield from map(ordered.measure, sheets)
 
 
 def sheets_of(cell: Cell) -> tuple[SheetCell, ...]:
@@ -273,11 +193,9 @@ class Measuring:
             for kind in (SHEETS, PICTURES)
         ]
         for job in jobs:
-            numbers = [n for n in part.of(range(len(job.blocks))) if not job.finished(n)]
-            total = sum(map(job.size, numbers))
             words = "pictures" if job.kind == PICTURES else "pairs of sheets"
-            run_blocks(job, numbers, self.team, total, words, progress=self.progress and bool(numbers))
-        return all(job.finished(number) for job in jobs for number in range(len(job.blocks)))
+            measure_part(job, self.team, part, words, progress=self.progress)
+        return all(map(all_measured, jobs))
 
     def _rows(self, cells: Sequence[Cell]) -> tuple[StudyRow, ...]:
         with Store(self.path, self.origin) as store:

@@ -6,42 +6,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from xfrustum.reports.cluster.run import Engine, open_team
+from xfrustum.reports.cluster.run import Engine
 from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.common.summaries import Summarized
 from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import FULL, Grid
-from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet, write_parquet
-from xfrustum.reports.splitting_study.run import Measuring, StudyJob, origin_of
-from xfrustum.reports.splitting_study.store import CLAIMS, PICTURES, Store, origin_hash
+from xfrustum.reports.splitting_study.rows import StudyRow
+from xfrustum.reports.splitting_study.run import PICTURES, Measuring, StudyJob
 from xfrustum.reports.splitting_study.study_record import FilesRecord, StudyRecord, study_record
+from xfrustum.reports.studies.cells import study_team
+from xfrustum.reports.studies.folder import StudyFolder, WrittenStudy
+from xfrustum.reports.studies.origin import Origin
 
 DEFAULT_FOLDER = Path("study") / "splitting"
-DOCUMENT, DATA, RESULTS, IMAGES = "when-to-split.md", "when-to-split.parquet", "measurements.sqlite", "images"
+DOCUMENT, DATA = "when-to-split.md", "when-to-split.parquet"
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyFiles(Summarized[StudyRecord]):
-    """What a study left behind.
-
-    Attributes
-    ----------
-    document, data
-        Markdown and Parquet.
-    figures
-        SVG files.
-    rows
-        Everything measured.
-    origin
-        What measured it.
-    """
-
-    document: Path
-    data: Path
-    figures: tuple[Path, ...]
-    rows: tuple[StudyRow, ...]
-    origin: Origin
+class StudyFiles(WrittenStudy[StudyRow], Summarized[StudyRecord]):
+    """What the study left behind."""
 
     @property
     def record(self) -> StudyRecord:
@@ -103,20 +87,19 @@ def make_study_on(
     InputError
         As from `make_study`; or no scheduler answers, or workers measure with something else.
     """
-    out = DEFAULT_FOLDER if out is None else out
-    with Staging(out, (DOCUMENT, DATA, RESULTS)), Staging(out / IMAGES):
-        pass  # It can be written; nothing is left lying about while it is being measured.
-    path = out.absolute() / RESULTS
-    asking = StudyJob(asked=grid, kind=PICTURES, stage=0, path=path, origin="")
-    with open_team(engine, len(asking.blocks), None, told) as team:
-        origin = team.ask(asking, origin_of)
-        Store(path, origin_hash(origin)).close()
-        path.with_name(CLAIMS).touch()
+    folder = _folder(DEFAULT_FOLDER if out is None else out)
+    folder.check_writable()
+    asking = StudyJob(asked=grid, kind=PICTURES, stage=0, path=folder.results)
+    with study_team(engine, asking, told) as (team, origin):
         measuring = Measuring(
-            team=team, part=engine.part, path=path, origin=origin_hash(origin), progress=progress
+            team=team,
+            part=engine.part,
+            path=folder.results,
+            origin=asking.hashed(origin),
+            progress=progress,
         )
         rows = measuring.rows(grid)
-    return None if rows is None else write_study(rows, origin, out)
+    return None if rows is None else write_study(rows, origin, folder.out)
 
 
 def rewrite_document(folder: Path) -> Path:
@@ -127,7 +110,7 @@ def rewrite_document(folder: Path) -> Path:
     InputError
         An unwritable folder.
     """
-    rows, origin = read_parquet(folder / DATA)
+    rows, origin = _folder(folder).read()
     with Staging(folder, (DOCUMENT,)) as staging:
         (staging.folder / DOCUMENT).write_text(document(rows, origin), encoding="utf-8")
         staging.commit()
@@ -135,20 +118,10 @@ def rewrite_document(folder: Path) -> Path:
 
 
 def write_study(rows: Sequence[StudyRow], origin: Origin, out: Path) -> StudyFiles:
-    """Write document, figures and data of some rows.
+    """Write document, figures and data of some rows; see `StudyFolder.write`."""
+    figures = {name: svg(drawn) for name, drawn in maps(rows).items()}
+    return StudyFiles(**vars(_folder(out).write(rows, origin, figures, document)))
 
-    The data goes first and the document last: what a document refers to is there.
-    """
-    with Staging(out / IMAGES) as staging:
-        for name, drawn in maps(rows).items():
-            (staging.folder / f"{name}.svg").write_text(svg(drawn), encoding="utf-8")
-        figures = staging.commit()
-    with Staging(out, (DOCUMENT, DATA)) as staging:
-        write_parquet(rows, origin, staging.folder / DATA)
-        # From what is in the file, so that the file alone gives the same document again.
-        rows, origin = read_parquet(staging.folder / DATA)
-        (staging.folder / DOCUMENT).write_text(document(rows, origin), encoding="utf-8")
-        staging.commit()
-    return StudyFiles(
-        document=out / DOCUMENT, data=out / DATA, figures=figures, rows=tuple(rows), origin=origin
-    )
+
+def _folder(out: Path) -> StudyFolder[StudyRow]:
+    return StudyFolder(out=out, document=DOCUMENT, data=DATA, row=StudyRow)

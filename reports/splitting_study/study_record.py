@@ -10,8 +10,9 @@ from xfrustum.reports.splitting_study import facts
 from xfrustum.reports.splitting_study.document import Rows, sentence
 from xfrustum.reports.splitting_study.families import Help, helps, of_family
 from xfrustum.reports.splitting_study.grid import Family
-from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin
+from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION
 from xfrustum.reports.splitting_study.suitability import Outcome, outcomes
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes.plate.double_frustum import (
     Camera,
     DepthFormat,

@@ -6,15 +6,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from xfrustum.reports.cluster.job import Session
 from xfrustum.reports.cluster.rows_job import RowsJob
+from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.survey.hogels import ShownHogel
 from xfrustum.reports.survey.rows import ForeignRow
 from xfrustum.reports.verification.file_state import require_same_images, state_of_files
 from xfrustum.reports.verification.laid_out import is_place
-from xfrustum.reports.verification.sources import absolute_pattern
+from xfrustum.reports.verification.sources import absolute_pattern, folder_named_from
 from xfrustum.reports.verification.verdict import Limits
 from xfrustum.reports.verification.verification import HogelVerifier, checked_files
 from xfrustum.scenes.files.foreign_images import Encoding
@@ -39,6 +41,8 @@ class ForeignPlate:
         Conventions that are no faults.
     layout
         Layout of a folder or picture; None for the one that it looks like.
+    named_from
+        Folder from which the user named the files, for what is written of them; None of absolute names.
     """
 
     pattern: str
@@ -46,6 +50,12 @@ class ForeignPlate:
     near: float | None = None
     accept: tuple[str, ...] = ()
     layout: str | None = None
+    named_from: Path | None = None
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """The plate as the folder of a survey describes it, wherever its files were named from."""
+        return {name: value for name, value in json_object(self).items() if name != "named_from"}
 
     def found(self, scene: Scene, told: Callable[[str], object]) -> ForeignPlate:
         """Return the plate by its absolute path, with the layout in which its files are read.
@@ -67,7 +77,12 @@ class ForeignPlate:
         files = checked_files(scene, place, self.layout)
         if files is not None and self.layout is None:
             told(f"{self.pattern} looks like {files.words}")
-        return replace(self, pattern=place, layout=None if files is None else files.layout.name)
+        return replace(
+            self,
+            pattern=place,
+            layout=None if files is None else files.layout.name,
+            named_from=folder_named_from(self.pattern),
+        )
 
     def state(self, plate: Plate) -> str:
         """Return a digest of the names, sizes and times of all image files: it changes when any is written.
@@ -144,7 +159,8 @@ class ForeignSession(Session):
     def make(self, number: int) -> None:
         """Judge the hogels of a block, and write their rows."""
         job = self._job
-        rows = [ForeignRow.of(self._verifier.hogel(aperture)) for aperture in job.blocks.apertures(number)]
+        hogels = map(self._verifier.hogel, job.blocks.apertures(number))
+        rows = [ForeignRow.of(one.told_from(job.plate.named_from)) for one in hogels]
         job.parts.write(number, table_of(ForeignRow, rows))
 
     def shown(self, column: int, row: int, setting: int) -> ShownHogel:

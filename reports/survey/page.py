@@ -52,7 +52,8 @@ def write_survey(found: Survey, pictured: Sequence[Pictured], out: Path) -> tupl
         (staging.folder / PAGE).write_text(render_page(found, pictured), encoding="utf-8")
         write_json(staging.folder / DATA, found.record)
         inspection.write_inspection(staging.folder, _inspection(found, pictured))
-        return staging.commit()
+        with inspection.replacing_inspection(out):
+            return staging.commit()
 
 
 def _inspection(found: Survey, pictured: Sequence[Pictured]) -> inspection.Inspection:

@@ -177,7 +177,7 @@ def _job(
             ticket=ticket, plate=settings, state=state, tolerance_px=tolerance_px, blocks=blocks, parts=parts
         )
         several: tuple[DoubleFrustum | None, ...] = (None,)
-        work = {"images": settings, "state of the images": state}
+        work = {"images": settings.description, "state of the images": state}
     else:
         drawn = (settings,) if isinstance(settings, DoubleFrustum) else tuple(dict.fromkeys(settings))
         if not drawn:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from pydantic import TypeAdapter
 
@@ -15,6 +16,7 @@ from xfrustum.compare.judging.judged import Figures, HogelNumbers
 from xfrustum.reference import Reference
 from xfrustum.reports.cluster.job import Session
 from xfrustum.reports.cluster.rows_job import RowsJob
+from xfrustum.reports.common.json_ready import json_object
 from xfrustum.reports.common.records import table_of
 from xfrustum.reports.verification.commands import Command
 from xfrustum.reports.verification.file_state import (
@@ -23,7 +25,7 @@ from xfrustum.reports.verification.file_state import (
     state_of_command,
     state_of_images,
 )
-from xfrustum.reports.verification.sources import Source
+from xfrustum.reports.verification.sources import Source, absolute_pattern
 from xfrustum.reports.verification.stored_question import (
     QUESTION,
     StoredQuestion,
@@ -63,6 +65,9 @@ class ForeignRenderer:
         As for `verify`.
     folder
         Folder in which a command runs; None for that of the process.
+    named_from
+        Folder from which the user named the files, for what is written of them, where `source` is absolute
+        and the name that was given is not; else None.
     """
 
     source: str | None = None
@@ -72,6 +77,16 @@ class ForeignRenderer:
     accept: tuple[str, ...] = ()
     timeout_s: float = 60.0
     folder: Path | None = None
+    named_from: Path | None = None
+
+    @property
+    def images(self) -> dict[str, Any]:
+        """The images and what is known of them, as the folder of a verification describes them.
+
+        They are the same wherever the files were named from, and whatever command draws them.
+        """
+        named = replace(self, source=self.source and absolute_pattern(self.source), command=None, folder=None)
+        return {name: value for name, value in json_object(named).items() if name != "named_from"}
 
     def state(self, apertures: Sequence[Aperture]) -> str:
         """Return a digest of the files that its images depend on."""
@@ -245,7 +260,7 @@ class VerifySession(Session):
                     column=hogel.aperture.column,
                     row=hogel.aperture.row,
                     verdict=hogel.verdict,
-                    found=_written(hogel),
+                    found=_written(hogel.told_from(self._job.renderer.named_from)),
                     worst_as_found=badness[0],
                     worst_corrected=badness[1],
                     question=stored.digest,

@@ -116,5 +116,5 @@ def _displacement_words(figures: HogelNumbers | PlateNumbers) -> str:
     p99 = spread.worst_p99 if isinstance(spread, WorstDisplacement) else spread.p99
     means = figures.displacement_by.split(" or ")
     by = " or ".join(one for one in means if one not in (MeasuredBy.NOTHING, MeasuredBy.NO_OUTLINES))
-    elsewhere = ", unknown of other hogels" if MeasuredBy.NOTHING in means else ""
-    return f"{name} {p99:.3g} px by {by}{elsewhere}"
+    some_unknown = " (in some hogels it cannot be known)" if MeasuredBy.NOTHING in means else ""
+    return f"{name} {p99:.3g} px by {by}{some_unknown}"

@@ -36,7 +36,8 @@ def write_verification(found: Verification, out: Path) -> tuple[Path, ...]:
         (staging.folder / DATA).write_text(text + "\n", encoding="utf-8")
         if found.inspected:
             inspection.write_inspection(staging.folder, _inspection(found))
-        written = staging.commit()
+        with inspection.replacing_inspection(out):
+            written = staging.commit()
     if not found.inspected:
         # That of an earlier run would show other images than the page beside it.
         inspection.remove_inspection(out)

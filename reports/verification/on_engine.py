@@ -37,7 +37,7 @@ from xfrustum.reports.verification.block_job import (
     source_of,
 )
 from xfrustum.reports.verification.laid_out import LaidOut
-from xfrustum.reports.verification.sources import absolute_pattern
+from xfrustum.reports.verification.sources import absolute_pattern, folder_named_from
 from xfrustum.reports.verification.stored_question import POLL_S, QUESTION_CLAIM
 from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
 from xfrustum.reports.verification.verification import asked_apertures, nominal_model
@@ -101,7 +101,7 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
         raise InputError("--scheduler and --part keep what is judged in a folder: give --out too")
     asked = asked_apertures(scene, apertures)
     name = _checked(scene, renderer, asked)
-    renderer = _for_workers(renderer, elsewhere=engine.scheduler is not None)
+    renderer = for_workers(renderer, elsewhere=engine.scheduler is not None)
     with _folder(out) as folder:
         job = _job(scene, renderer, limits, asked, folder)
         answer = _answer(engine, job, scene, told, channels=out is not None, progress=progress)
@@ -117,12 +117,13 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
     )
 
 
-def _for_workers(renderer: ForeignRenderer, *, elsewhere: bool) -> ForeignRenderer:
+def for_workers(renderer: ForeignRenderer, *, elsewhere: bool) -> ForeignRenderer:
     """Return a renderer as workers find it, who may have another working folder than the command."""
     if renderer.command is not None and renderer.folder is None:
         return replace(renderer, folder=Path.cwd())
     if renderer.source is not None and elsewhere:
-        return replace(renderer, source=absolute_pattern(renderer.source))
+        named_from = folder_named_from(renderer.source)
+        return replace(renderer, source=absolute_pattern(renderer.source), named_from=named_from)
     return renderer
 
 
@@ -249,12 +250,11 @@ def _job(
     )
     ticket, state = SceneTicket.of(scene), renderer.state(asked)
     parts = Parts(out=folder, name=PARTS)
-    named = renderer.source and absolute_pattern(renderer.source)
     parts.open(
         json_ready(
             {
                 "scene": ticket.description,
-                "images": replace(renderer, source=named, command=None, folder=None),
+                "images": renderer.images,
                 "command": renderer.command,
                 "working folder": renderer.folder and str(renderer.folder),
                 "state of the images": state,

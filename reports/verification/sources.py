@@ -68,6 +68,27 @@ def absolute_pattern(pattern: str) -> str:
     return str(Path(str(Path.cwd()).replace("{", "{{").replace("}", "}}")) / pattern)
 
 
+def as_given(text: str, named_from: Path | None) -> str:
+    """Return a text about files with their names as the user gave them: it is then the same in every folder.
+
+    Parameters
+    ----------
+    text
+        Text in which names of files are absolute.
+    named_from
+        Folder from which the user named them; None where the names that were given are absolute.
+    """
+    if named_from is None or named_from == Path(named_from.anchor):
+        return text
+    # Not within a longer path, which names another folder.
+    return re.sub(rf"(?<![\w./-]){re.escape(str(named_from))}/", "", text)
+
+
+def folder_named_from(pattern: str) -> Path | None:
+    """Return the folder from which a pattern of files is named; None of a pattern that is absolute."""
+    return None if Path(pattern).is_absolute() else Path.cwd()
+
+
 FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfeg]?")
 """How a number may be asked for after a colon, such as 04d or .3f: at most 99 characters of it."""
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from base64 import b64decode
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from xfrustum.reports.verification.figures import (
     percent,
     totals,
 )
+from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.worst_hogels import WorstHogels
 from xfrustum.scenes.arguments import real
 from xfrustum.scenes.errors import InputError
@@ -181,6 +183,10 @@ class Hogel:
     def passed(self) -> bool:
         """Whether it is there and keeps to every limit."""
         return self.problem is None and all(check.held for check in self.checks)
+
+    def told_from(self, folder: Path | None) -> Hogel:
+        """Return the hogel with a problem that names files as the user did; see `sources.as_given`."""
+        return self if self.problem is None else replace(self, problem=as_given(self.problem, folder))
 
     @property
     def verdict(self) -> str:

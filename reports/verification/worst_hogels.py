@@ -12,6 +12,7 @@ from PIL import Image
 from xfrustum.compare.judging.judged import Figures
 from xfrustum.reports.inspection.foreign import inspected_figures
 from xfrustum.reports.inspection.hogels import InspectedHogel
+from xfrustum.scenes.appearance.display import LEVELS, encoding_curve
 from xfrustum.scenes.arrays import Bytes
 from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.scene import Scene
@@ -94,9 +95,7 @@ def _shown(image: HogelImage) -> Bytes:
     """Return what people can see of an image: its colors, else a color for each surface."""
     if image.color is not None:
         linear = np.clip(np.nan_to_num(image.color), 0, 1)
-        # IEC 61966-2-1; scikit-image has no public function for the transfer curve alone.
-        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-        return np.asarray(np.rint(255 * encoded), dtype=np.uint8)
+        return np.asarray(np.rint(LEVELS * encoding_curve(linear)), dtype=np.uint8)
     named = image.triangle if (image.triangle != NOTHING).any() else image.object
     if not (named != NOTHING).any():
         named = np.where(image.covered, 0, NOTHING)

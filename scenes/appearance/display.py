@@ -6,6 +6,8 @@ in every picture.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,19 +20,31 @@ _KNEE, _ENCODED_KNEE = 0.0031308, 0.04045
 """End of the curve's straight part (IEC 61966-2-1), in linear radiance and encoded."""
 
 
+Kind = TypeVar("Kind", bound=np.floating)
+
+
+def encoding_curve(linear: NDArray[Kind]) -> NDArray[Kind]:
+    """Return sRGB values of linear ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
+    return np.where(linear <= _KNEE, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def decoding_curve(shown: NDArray[Kind]) -> NDArray[Kind]:
+    """Return linear values of sRGB ones from 0 to 1, in their own precision (IEC 61966-2-1)."""
+    return np.where(shown <= _ENCODED_KNEE, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+
+
 def encoded(radiance: NDArray[np.floating]) -> Floats:
     """Return linear radiance as a screen shows it: clipped to 0..1, through the sRGB curve.
 
     Black where radiance is NaN.
     """
     linear = np.clip(np.nan_to_num(np.asarray(radiance, dtype=np.float64), posinf=1.0), 0.0, 1.0)
-    return np.where(linear <= _KNEE, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return encoding_curve(linear)
 
 
 def decoded(shown: NDArray[np.floating]) -> Floats:
     """Return the linear radiance of sRGB values from 0 to 1."""
-    shown = np.asarray(shown, dtype=np.float64)
-    return np.where(shown <= _ENCODED_KNEE, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+    return decoding_curve(np.asarray(shown, dtype=np.float64))
 
 
 def through_8_bits(radiance: NDArray[np.floating]) -> Floats:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from xfrustum.scenes.appearance.display import decoding_curve
 from xfrustum.scenes.arrays import Bytes, Numbers, Singles
 from xfrustum.scenes.disk.input_files import regular_size
 from xfrustum.scenes.errors import InputError
@@ -183,8 +184,5 @@ def stored_rgb(image: HogelImage) -> Bytes:
 
 def radiance(rgb: Bytes, encoding: Encoding) -> Singles:
     """Return the linear radiance (.., 3) of stored pixels, `Encoding.RGB` or `Encoding.SRGB`."""
-    color = (rgb / 255).astype(np.float32)
-    if encoding is Encoding.SRGB:
-        # IEC 61966-2-1, decoding.
-        color = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    return color
+    color: Singles = (rgb / 255).astype(np.float32)
+    return decoding_curve(color) if encoding is Encoding.SRGB else color

@@ -19,7 +19,7 @@ from xfrustum.cli import termination as cli_termination
 
 def _noted(notes: Path) -> None:
     """Let the store note every measurement that it has kept."""
-    from xfrustum.reports.splitting_study.store import Store
+    from xfrustum.reports.studies.store import Store
 
     put = Store.put
     descriptor = os.open(notes, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)

@@ -118,7 +118,7 @@ class Structure(HTMLParser):
         self.words.append(data)
 
 
-def is_right_for_a_notebook(name: str, one: Shown) -> None:
+def assert_right_for_a_notebook(name: str, one: Shown) -> None:
     line = repr(one)
     assert "\n" not in line and "array(" not in line
     assert len(line) <= MAX_LINE, line
@@ -139,7 +139,7 @@ def is_right_for_a_notebook(name: str, one: Shown) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_result_says_what_it_is_and_is_shown(name: str, results: dict[str, Shown]) -> None:
-    is_right_for_a_notebook(name, results[name])
+    assert_right_for_a_notebook(name, results[name])
 
 
 def parts_of(value: object) -> Iterator[object]:
@@ -223,7 +223,7 @@ class Strange(Shown):
 
 def test_words_are_escaped_tables_cut_and_large_pictures_reduced() -> None:
     one = Strange()
-    is_right_for_a_notebook("Strange", one)
+    assert_right_for_a_notebook("Strange", one)
     words = Structure(one._repr_html_()).words
     assert words.count("<b>") == MAX_TABLE_ROWS and words[-1] == "and 3 more"
     content = one._repr_png_()
@@ -252,10 +252,10 @@ def test_plans_surveys_verdicts_costs_and_several_budgets_are_shown(tmp_path: Pa
 
     surveyed = survey(scene, SETTINGS, tmp_path, Chosen(sample=4), engine=Engine(workers=1))
     verdict, budgets = verify(scene, always_the_middle), auto_budget(scene, SETTINGS, auto)
-    is_right_for_a_notebook("Survey", surveyed)
-    is_right_for_a_notebook("Verification", verdict)
+    assert_right_for_a_notebook("Survey", surveyed)
+    assert_right_for_a_notebook("Verification", verdict)
     for made in (plan(scene), plan(scene, [middle]), cost(scene, repeat=2), budgets):
-        is_right_for_a_notebook(type(made).__name__, made)
+        assert_right_for_a_notebook(type(made).__name__, made)
     assert surveyed._repr_png_() is not None
     assert "hogels are beyond 0.5 px" in repr(surveyed)
     assert "Not right" in repr(verdict)

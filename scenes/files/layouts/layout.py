@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.scenes.arguments import settle, wholes
@@ -91,6 +92,20 @@ class Part:
     select: Callable[[Pixels], Pixels]
     aperture: tuple[int, int] | None = None
     frames: int | None = None
+
+
+def row_of(part: Part, shape: PlateShape) -> int | None:
+    """Return the row of hogels from which a file has all its pixels; None where there are several."""
+    numbers = np.arange(shape.hogels[1]).reshape(-1, 1, 1, 1, 1)
+    held = part.select(np.broadcast_to(numbers, shape.array))
+    # A step of the view changes the number only where it leads to another row.
+    alike = all(step == 0 or count == 1 for step, count in zip(held.strides, held.shape, strict=True))
+    return int(held.flat[0]) if alike else None
+
+
+def as_plate(hogels: Pixels, shape: PlateShape) -> Pixels:
+    """Return a view with the axes of a plate, every row of which is one row of hogels (columns, H, W, 3)."""
+    return np.lib.stride_tricks.as_strided(hogels, shape.array, (0, *hogels.strides))
 
 
 @dataclass(frozen=True, kw_only=True)

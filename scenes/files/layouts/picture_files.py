@@ -18,6 +18,7 @@ from PIL.PngImagePlugin import PngInfo
 from xfrustum.scenes.disk.input_files import bounded_memory, regular_size
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.layouts.layout import Pixels
+from xfrustum.scenes.files.openexr.channels import lossless_header
 from xfrustum.scenes.files.openexr.header import MAGIC, check_header
 from xfrustum.scenes.files.rgb_pictures import read_rgb
 
@@ -197,9 +198,7 @@ def _read_exr(path: Path) -> Picture:
 def _write_exr(path: Path, pixels: Pixels) -> None:
     height, width = pixels.shape[:2]
     kind = Imath.PixelType.HALF if pixels.dtype == np.float16 else Imath.PixelType.FLOAT
-    header = OpenEXR.Header(width, height)
-    header["channels"] = {name: Imath.Channel(Imath.PixelType(kind)) for name in "RGB"}
-    header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
+    header = lossless_header((width, height), dict.fromkeys("RGB", Imath.PixelType(kind)))
     file = OpenEXR.OutputFile(str(path), header)
     try:
         file.writePixels({name: pixels[..., channel].tobytes() for channel, name in enumerate("RGB")})

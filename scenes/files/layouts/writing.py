@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.layouts.layout import Layout, Naming, PlateShape
+from xfrustum.scenes.files.layouts.layout import Layout, Naming, Part, Pixels, PlateShape, as_plate, row_of
 from xfrustum.scenes.files.layouts.picture_files import (
     BYTE_LEVELS,
     PLENO_LEVELS,
     Picture,
     write_picture,
 )
-from xfrustum.scenes.files.layouts.reading import Plates, with_levels
+from xfrustum.scenes.files.layouts.reading import PlateRows, whole_plate, with_levels
 from xfrustum.scenes.files.layouts.tiles import CUBEVI_TILE_PX, CubeVi, Mosaic, Quilt
 from xfrustum.scenes.files.layouts.video import write_video
 
@@ -57,11 +57,11 @@ class Target:
         """Return the number of files of a plate."""
         return sum(1 for _ in self.layout.parts(shape, self.naming))
 
-    def losses(self, plate: Plates) -> tuple[str, ...]:
+    def losses(self, plate: PlateRows) -> tuple[str, ...]:
         """Return what is lost when a plate is written, one clause each; none where every bit is kept."""
         return tuple(self._losses(plate))
 
-    def _losses(self, plate: Plates) -> Iterator[str]:
+    def _losses(self, plate: PlateRows) -> Iterator[str]:
         height, after = plate.shape.resolution[1], self.levels(plate.levels)
         if self.layout.horizontal and height > 1:
             yield (
@@ -88,9 +88,11 @@ class Target:
 
 
 def write_files(
-    plate: Plates, target: Target, folder: Path, done: Callable[[], object] = lambda: None
+    plate: PlateRows, target: Target, folder: Path, done: Callable[[], object] = lambda: None
 ) -> None:
     """Write a plate into a folder; `done` is called after each file.
+
+    Where each file has pixels of one row of hogels alone, no more than a row is held in memory.
 
     Raises
     ------
@@ -104,8 +106,8 @@ def write_files(
     text: dict[str, object] | None = None
     if isinstance(target.layout, Mosaic):
         text = {"layout": target.layout.name, "hogels": shape.hogels, "resolution": shape.resolution}
-    for part in target.layout.parts(shape, target.naming):
-        stored = np.ascontiguousarray(part.select(plate.pixels))
+    for part, pixels_of_plate in _with_pixels(plate, target):
+        stored = np.ascontiguousarray(part.select(pixels_of_plate))
         width, height = part.size
         pixels = stored.reshape(*(() if part.frames is None else (part.frames,)), height, width, 3)
         picture = Picture(pixels=with_levels(pixels, plate.levels, levels), levels=levels)
@@ -114,3 +116,18 @@ def write_files(
         else:
             write_video(folder / part.name, picture.pixels)
         done()
+
+
+def _with_pixels(plate: PlateRows, target: Target) -> Iterator[tuple[Part, Pixels]]:
+    """Yield the files of a plate, each with an array of the plate's axes that has its pixels, row by row."""
+    parts: dict[int, list[Part]] = {}
+    for part in target.layout.parts(plate.shape, target.naming):
+        row = row_of(part, plate.shape)
+        if row is None:
+            pixels = whole_plate(plate).pixels
+            yield from ((one, pixels) for one in target.layout.parts(plate.shape, target.naming))
+            return
+        parts.setdefault(row, []).append(part)
+    for row, held in sorted(parts.items()):
+        pixels = as_plate(plate.row(row), plate.shape)
+        yield from ((part, pixels) for part in held)

@@ -1,6 +1,6 @@
 """Hogel images as OpenEXR files.
 
-channels    Names and types of an image's OpenEXR channels; its camera and rendering as text
+channels    Names, types and pixels of an image's OpenEXR channels; its camera and rendering as text
 eye_writer  Writing what an eye sees as OpenEXR: the channels of hogel images, and the eye in the header
 header      The header of an OpenEXR file, checked before the library sees it
 images      Hogel images as OpenEXR files (CONVENTIONS.md, "Image files"): one door for reading and writing

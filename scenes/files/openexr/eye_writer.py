@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import Imath
 import numpy as np
 import OpenEXR
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from xfrustum.scenes.errors import InputError
-from xfrustum.scenes.files.openexr.channels import (
-    CERTAINTY,
-    COLOR,
-    HEIGHT,
-    OBJECT,
-    POSITION,
-    TRIANGLE,
-    pixel_type,
-)
+from xfrustum.scenes.files.openexr.channels import lossless_header, pixel_type, stored_planes
 from xfrustum.scenes.model.eye import Eye
 from xfrustum.scenes.model.eye_image import EyeImage
 
@@ -40,20 +29,9 @@ def write_eye_image(path: Path, image: EyeImage) -> None:
     InputError
         The file cannot be written.
     """
-    planes: dict[str, NDArray[Any]] = {
-        TRIANGLE: (image.triangle + 1).astype(np.uint32),
-        OBJECT: (image.object + 1).astype(np.uint32),
-        HEIGHT: image.position[..., 2].astype(np.float32),
-    }
-    if image.certainty is not None:
-        planes[CERTAINTY] = image.certainty.astype(np.uint32)
-    for names, array in ((POSITION, image.position), (COLOR, image.color)):
-        if array is not None:
-            planes |= {name: array[..., axis].astype(np.float32) for axis, name in enumerate(names)}
+    planes = stored_planes(image)
     height, width = image.triangle.shape
-    header = OpenEXR.Header(width, height)
-    header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
-    header["channels"] = {name: Imath.Channel(pixel_type(name)) for name in planes}
+    header = lossless_header((width, height), {name: pixel_type(name) for name in planes})
     header[EYE_ATTRIBUTE] = EYE_JSON.dump_json(image.eye)
     try:
         file = OpenEXR.OutputFile(str(path), header)

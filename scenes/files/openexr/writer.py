@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import Imath
 import numpy as np
 import OpenEXR
-from numpy.typing import NDArray
 
 from xfrustum.scenes.disk.durable import AllOrNothing, NewFile
 from xfrustum.scenes.errors import InputError
@@ -25,7 +22,9 @@ from xfrustum.scenes.files.openexr.channels import (
     RENDERING_JSON,
     TRIANGLE,
     VARIANCE,
+    lossless_header,
     pixel_type,
+    stored_planes,
 )
 from xfrustum.scenes.files.openexr.whole import check_whole
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
@@ -88,9 +87,7 @@ class ImageWriter(AllOrNothing):
                 f"{self._path}: an image of {width} x {height} pixels is more than OpenEXR writes here, "
                 f"{MAX_PIXELS:,}; lower frustum.resolution"
             )
-        header = OpenEXR.Header(*camera.resolution)
-        header["compression"] = Imath.Compression(Imath.Compression.ZIP_COMPRESSION)
-        header["channels"] = {name: Imath.Channel(pixel_type(name)) for name in self._channels}
+        header = lossless_header(camera.resolution, {name: pixel_type(name) for name in self._channels})
         header[CAMERA_ATTRIBUTE] = CAMERA_JSON.dump_json(camera)
         if rendering is not None:
             header[RENDERING_ATTRIBUTE] = RENDERING_JSON.dump_json(rendering)
@@ -183,24 +180,3 @@ def write_image(path: str | Path, image: HogelImage) -> None:
         rendering=image.rendering,
     ) as writer:
         writer.write_rows(0, image)
-
-
-def stored_planes(image: HogelImage) -> dict[str, NDArray[Any]]:
-    """Return every channel that an image has, by its name, (H, W), with the type and bits of a file."""
-    planes: dict[str, NDArray[Any]] = {
-        HEIGHT: image.height.astype(np.float32),
-        TRIANGLE: (image.triangle + 1).astype(np.uint32),
-        OBJECT: (image.object + 1).astype(np.uint32),
-    }
-    if image.certainty is not None:
-        planes[CERTAINTY] = image.certainty.astype(np.uint32)
-    vectors = (
-        (POSITION, image.position),
-        (NORMAL, image.normal),
-        (COLOR, image.color),
-        (VARIANCE, image.variance),
-    )
-    for names, array in vectors:
-        if array is not None:
-            planes |= {name: array[..., axis].astype(np.float32) for axis, name in enumerate(names)}
-    return planes

@@ -59,7 +59,7 @@ def some_apertures(scene: Scene) -> list[Aperture]:
     return [scene.plate.middle, scene.plate.aperture(column + 1, row), *scene.plate.corners, between]
 
 
-def same_as_one_by_one(
+def checked_one_by_one(
     scene: Scene,
     chosen: DoubleFrustum,
     apertures: Sequence[Aperture],
@@ -84,25 +84,25 @@ def test_every_depth_buffer_decides_as_for_a_single_hogel(depth: DepthFormat, ma
     """With near at 1e-4 of the reach, 16 bits leave many ties, which the drawing order decides."""
     scene = view("asymmetric-recentered", (48, 36))
     chosen = DoubleFrustum(near=0.015, depth=depth, mapping=mapping)
-    assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.1
+    assert checked_one_by_one(scene, chosen, some_apertures(scene)) > 0.1
 
 
 @pytest.mark.parametrize("name", ["asymmetric", "asymmetric-recentered"])
 @pytest.mark.parametrize("chosen", OPTIONS, ids=lambda chosen: str(OPTIONS.index(chosen)))
 def test_slabs_pivots_fits_and_single_cameras_are_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
     scene = view(name, (48, 36))
-    assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
+    assert checked_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
 
 
 @pytest.mark.parametrize("name", ["crossing", "large-triangles"])
 @pytest.mark.parametrize("chosen", CULLED, ids=["whole", "slabs"])
 def test_faces_are_culled_alike(name: str, chosen: DoubleFrustum) -> None:
-    assert same_as_one_by_one(view(name, (48, 36)), chosen, some_apertures(view(name, (48, 36)))) > 0.05
+    assert checked_one_by_one(view(name, (48, 36)), chosen, some_apertures(view(name, (48, 36)))) > 0.05
 
 
 def test_culled_mirrors_reflect_alike() -> None:
     scene = dressed_scene("asymmetric", (48, 36))
-    assert same_as_one_by_one(scene, CULLED[0], some_apertures(scene), ALL_EFFECTS) > 0.05
+    assert checked_one_by_one(scene, CULLED[0], some_apertures(scene), ALL_EFFECTS) > 0.05
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_culled_mirrors_reflect_alike() -> None:
 )
 def test_scenes_across_the_plate_are_drawn_alike(name: str) -> None:
     scene = view(name, (64, 48))
-    assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene)) > 0.05
+    assert checked_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene)) > 0.05
 
 
 LIT = ("car-studio", "mirror-sphere", "grating", "truck")
@@ -120,7 +120,7 @@ LIT = ("car-studio", "mirror-sphere", "grating", "truck")
 @pytest.mark.parametrize("name", LIT)
 def test_light_textures_and_mirrors_are_drawn_alike(name: str, effects: frozenset[Effect] | None) -> None:
     scene = replace(view(name, (64, 48)), sampling=Sampling())
-    assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene), effects) > 0.02
+    assert checked_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene), effects) > 0.02
 
 
 @pytest.mark.parametrize(
@@ -130,14 +130,14 @@ def test_light_textures_and_mirrors_are_drawn_alike(name: str, effects: frozense
 def test_every_kind_of_light_at_once_is_drawn_alike(name: str, chosen: DoubleFrustum) -> None:
     """The scene is smooth and flat, colored and not, textured and not, with three lights and mirrors."""
     scene = dressed_scene(name, (64, 48))
-    assert same_as_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
+    assert checked_one_by_one(scene, chosen, some_apertures(scene)) > 0.05
 
 
 @pytest.mark.parametrize("effect", Effect)
 def test_what_is_left_out_is_left_out_of_both(effect: Effect) -> None:
     scene = dressed_scene("asymmetric", (32, 24))
     chosen = DoubleFrustum(near=0.1)
-    assert same_as_one_by_one(scene, chosen, [scene.plate.middle], ALL_EFFECTS - {effect}) > 0.05
+    assert checked_one_by_one(scene, chosen, [scene.plate.middle], ALL_EFFECTS - {effect}) > 0.05
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_without_layers_hogels_are_drawn_one_at_a_time(monkeypatch: pytest.Monke
     scene = view("asymmetric-recentered", (48, 36))
     with PlateRenderer(scene, DoubleFrustum(near=0.1), EVERYTHING) as plate:
         assert plate.batching.hogels == 1
-    assert same_as_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene)) > 0.1
+    assert checked_one_by_one(scene, DoubleFrustum(near=0.1), some_apertures(scene)) > 0.1
 
 
 def test_other_renderers_may_draw_while_a_stream_is_open() -> None:
@@ -301,7 +301,7 @@ def test_culling_loses_no_pixel_of_triangles_of_any_size(
     scene = soup(scattered(seed, 60, size), frustum)
     apertures = [scene.plate.aperture(column, row) for column, row in ((0, 0), (7, 8), (8, 8), (15, 3))]
     # Small triangles may cover no pixel of an image; that both are alike is what is asserted.
-    assert same_as_one_by_one(scene, reversed_d32f(near), apertures) >= 0
+    assert checked_one_by_one(scene, reversed_d32f(near), apertures) >= 0
 
 
 def test_what_one_camera_cannot_see_is_not_drawn() -> None:

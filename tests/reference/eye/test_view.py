@@ -28,7 +28,7 @@ def coarse(scene: Scene) -> Scene:
     return replace(scene, plate=replace(scene.plate, hogels=(12, 9)))
 
 
-def taken_from_whole_hogels(scene: Scene, pixels: HogelPixels, replayed: EyeImage, every: int) -> int:
+def checked_with_whole_hogels(scene: Scene, pixels: HogelPixels, replayed: EyeImage, every: int) -> int:
     """Hold some hogels' parts of a replayed view to their images; return the number of pixels."""
     reference = Reference(scene)
     hogels = {(int(i), int(j)) for i in pixels.hogel_column for j in pixels.hogel_row if min(i, j) >= 0}
@@ -52,7 +52,7 @@ def taken_from_whole_hogels(scene: Scene, pixels: HogelPixels, replayed: EyeImag
 def test_a_replayed_view_has_the_pixels_of_whole_hogels_bit_for_bit(name: str) -> None:
     scene = coarse(view(name, (64, 48)))
     eyes = EyeReference(scene)
-    assert taken_from_whole_hogels(scene, eyes.replay(EYE).shown, eyes.replayed(EYE), every=19) >= 100
+    assert checked_with_whole_hogels(scene, eyes.replay(EYE).shown, eyes.replayed(EYE), every=19) >= 100
 
 
 @pytest.mark.slow
@@ -61,7 +61,7 @@ def test_replayed_views_have_the_pixels_of_many_whole_hogels(name: str) -> None:
     scene = view(name, (96, 96))
     eyes = EyeReference(scene)
     eye = replace(EYE, resolution=(160, 120), position=(-30.0, 12.0, 380.0))
-    assert taken_from_whole_hogels(scene, eyes.replay(eye).shown, eyes.replayed(eye), every=41) > 200
+    assert checked_with_whole_hogels(scene, eyes.replay(eye).shown, eyes.replayed(eye), every=41) > 200
 
 
 def exact_ray(scene: Scene, eye: Eye, column: int, row: int) -> tuple[list[Fraction], list[Fraction]]:

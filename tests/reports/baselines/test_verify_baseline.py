@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import pytest
 
 from tests.reports.baselines.synthetic import commit, repository, verification
 from tests.support.scene_file import film, named, part
+from xfrustum.cli.commands.verify import BaselineAsked
 from xfrustum.cli.main import cli, main
 
 # This library is untyped, and needed here only.
@@ -193,10 +195,18 @@ def test_the_action_declares_every_input_that_it_uses_and_uses_every_one() -> No
     assert all("${{" not in step.get("run", "") for step in found["runs"]["steps"])
 
 
+def test_every_option_of_baselines_is_an_input_of_the_action() -> None:
+    options = {one.name for one in fields(BaselineAsked)}
+    assert {"approve", "repeated", "tolerance"} <= options
+    assert options - {"folder"} <= set(action()["inputs"])
+
+
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
         ({"source": "hogels/{i}x{j}.png", "encoding": "triangle-id"}, {"source": "hogels/{i}x{j}.png"}),
+        # Nothing is approved, and so nothing is noise.
+        ({"source": "hogels/{i}x{j}.png", "repeated": "true"}, {"approve": False, "repeated": False}),
         (
             {
                 "command": "build/r --x {x} --y {y} --out {out}",
@@ -204,12 +214,14 @@ def test_the_action_declares_every_input_that_it_uses_and_uses_every_one() -> No
                 "accept": "orientation",
                 "tolerance": "5%",
                 "approve": "true",
+                "repeated": "true",
                 "renderer": "mine; rm -rf",
                 "arguments": "--max-wrong 0.5% --timeout '20'",
             },
             {
                 "command": "build/r --x {x} --y {y} --out {out}",
                 "approve": True,
+                "repeated": True,
                 "renderer": "mine; rm -rf",
                 "max_wrong": 0.005,
                 "apertures": ((0, 0), (2, 1)),

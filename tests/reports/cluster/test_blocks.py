@@ -146,6 +146,9 @@ def test_blocks_that_workers_finish_where_nobody_sees_them_are_no_end_of_work(
             rounds.append(1)
             yield from numbers
 
+        def progressed(self) -> None:
+            raise AssertionError("no block is finished")
+
         def ask(self, job: Job, question: Callable[..., Answer], *arguments: Any) -> Answer:
             raise NotImplementedError
 

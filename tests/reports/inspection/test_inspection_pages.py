@@ -11,9 +11,17 @@ import pytest
 
 from tests.reports.inspection.conftest import Inspected
 from xfrustum import open_scene
+from xfrustum.reports.common.outputs import Staging
 from xfrustum.reports.inspection import page as inspection_page
 from xfrustum.reports.inspection.hogels import InspectedHogel
-from xfrustum.reports.inspection.page import PAGE, Inspection, read_inspection, write_inspection
+from xfrustum.reports.inspection.page import (
+    PAGE,
+    Inspection,
+    read_inspection,
+    remove_inspection,
+    replacing_inspection,
+    write_inspection,
+)
 from xfrustum.reports.inspection.plate_map import MAX_MAP_CELLS, PlateMap
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.plate.plate import Plate
@@ -94,6 +102,45 @@ def test_a_page_that_would_be_too_large_leaves_hogels_in_files_beside_it(
     beside[0].unlink()
     with pytest.raises(InputError, match="cannot be read"):
         read_inspection(tmp_path / PAGE)
+
+
+def test_a_later_page_in_a_folder_removes_what_belonged_to_the_earlier_one_and_nothing_else(
+    inspected: Inspected, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, whole = open_scene(inspected.scene), hogels(inspected, "verify")
+    nothing_known = PlateMap.of(scene.plate, "nothing", [])
+
+    def run(shown: list[InspectedHogel], folder: Path = tmp_path) -> None:
+        page = Inspection(command="verify", scene=scene, told=(), hogels=shown, plate_map=nothing_known)
+        with Staging(folder) as staging:
+            write_inspection(staging.folder, page)
+            with replacing_inspection(folder):
+                staging.commit()
+
+    with monkeypatch.context() as small:
+        small.setattr(inspection_page, "MAX_PAGE_BYTES", 0)
+        run([*whole, replace(whole[0], aperture=(7, 7))])
+        beside = {f"inspect-{i}x{j}.js" for i, j in [(0, 0), (1, 0), (7, 7)]}
+        assert {path.name for path in tmp_path.iterdir()} == {PAGE, *beside}
+        # A file that no page has named, and one that is no more what the page says of it.
+        (tmp_path / "inspect-9x9.js").write_text("mine")
+        (tmp_path / "inspect-7x7.js").write_text("mine")
+        run(whole[:1])
+        (name,) = {"inspect-{}x{}.js".format(*one.aperture) for one in whole[:1]}
+        kept = {PAGE, name, "inspect-7x7.js", "inspect-9x9.js"}
+        assert {path.name for path in tmp_path.iterdir()} == kept
+    run(whole)
+    assert {path.name for path in tmp_path.iterdir()} == {PAGE, "inspect-7x7.js", "inspect-9x9.js"}
+    assert len(read_inspection(tmp_path / PAGE)) == len(whole)
+
+
+def test_a_page_that_somebody_else_wrote_names_nothing_that_is_removed(tmp_path: Path) -> None:
+    (tmp_path / PAGE).write_text("<html>mine</html>")
+    (tmp_path / "inspect-0x0.js").write_text('takeStream("00","")')
+    with replacing_inspection(tmp_path):
+        pass
+    remove_inspection(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["inspect-0x0.js", PAGE]
 
 
 def test_a_page_knows_files_beside_it_by_a_word_that_its_texts_cannot_know(inspected: Inspected) -> None:

@@ -149,7 +149,7 @@ def mesh(
     return path
 
 
-def fits(scene: Scene) -> None:
+def assert_fits(scene: Scene) -> None:
     (low, high), (toward, back) = box(scene.objects[0]), scene.frustum.reach
     assert -back <= low[2] and high[2] <= toward
     checked = xfrustum.check(scene)
@@ -180,7 +180,7 @@ def test_a_new_scene_fits_a_mesh_of_any_size_anywhere(
     solid = mesh(folder, tuple(unit * s for s in sides), tuple(unit * a for a in at), "box.ply")  # type: ignore[arg-type]
     written = xfrustum.new_scene(solid, folder / "box.toml", place=place, size=size)
     scene = open_scene(str(written.path))
-    fits(scene)
+    assert_fits(scene)
     low, high = box(scene.objects[0])
     if size is not None:
         assert max(np.subtract(high, low)) == pytest.approx(size, rel=1e-4)
@@ -200,7 +200,7 @@ def test_new_writes_a_file_that_opens_from_anywhere_and_says_what_fits(
     text = Path("scenes/new.toml").read_text()
     assert tomllib.loads(text)["units"] == "mm" and text.count("#") > 8
     monkeypatch.chdir(tmp_path / "scenes")
-    fits(open_scene("new.toml"))
+    assert_fits(open_scene("new.toml"))
 
 
 def test_new_replaces_nothing_unless_told_to(
@@ -213,7 +213,7 @@ def test_new_replaces_nothing_unless_told_to(
     assert "part.toml: exists already" in capsys.readouterr().err
     assert Path("part.toml").read_text() == "mine"
     assert main(["new", "part.stl", "--force"]) == 0
-    fits(open_scene("part.toml"))
+    assert_fits(open_scene("part.toml"))
 
 
 def test_glb_is_in_meters_and_new_says_so(tmp_path: Path) -> None:

@@ -13,8 +13,9 @@ from tests.conftest import CHECKOUT
 from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.facts import buffer_facts
 from xfrustum.reports.splitting_study.grid import Family
-from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet
+from xfrustum.reports.splitting_study.rows import StudyRow, read_parquet
 from xfrustum.reports.splitting_study.study import DATA, DOCUMENT, rewrite_document
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes import DepthFormat, DepthMapping
 
 PUBLISHED = CHECKOUT / "docs"

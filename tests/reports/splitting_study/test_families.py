@@ -16,10 +16,11 @@ from xfrustum.reports.splitting_study.document import document
 from xfrustum.reports.splitting_study.figures import maps
 from xfrustum.reports.splitting_study.grid import FAMILIES, FULL, Cell, Family, Grid, Picture
 from xfrustum.reports.splitting_study.measure import CellResult, PictureWorkbench, seen_scene
-from xfrustum.reports.splitting_study.rows import Origin, StudyRow, read_parquet
+from xfrustum.reports.splitting_study.rows import StudyRow, read_parquet
 from xfrustum.reports.splitting_study.run import sheets_of
 from xfrustum.reports.splitting_study.study import DATA, StudyFiles, make_study
 from xfrustum.reports.splitting_study.suitability import case_of, outcomes
+from xfrustum.reports.studies.origin import Origin
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping
 from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.library.depth_family import REACH, balanced_height

@@ -30,13 +30,11 @@ from xfrustum.reports.splitting_study.facts import buffer_facts, by_the_rule, le
 from xfrustum.reports.splitting_study.figures import maps, svg
 from xfrustum.reports.splitting_study.grid import BUFFERS, FULL, QUICK, Family, Grid
 from xfrustum.reports.splitting_study.measure import SEPARATIONS, CellResult, PictureWorkbench
-from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, Origin, StudyRow, read_parquet
-from xfrustum.reports.splitting_study.store import PICTURES, Store, origin_hash
+from xfrustum.reports.splitting_study.rows import ASKED_SEPARATION, StudyRow, read_parquet
+from xfrustum.reports.splitting_study.run import PICTURES
 from xfrustum.reports.splitting_study.study import (
     DATA,
     DOCUMENT,
-    IMAGES,
-    RESULTS,
     StudyFiles,
     make_study,
 )
@@ -48,6 +46,9 @@ from xfrustum.reports.splitting_study.suitability import (
     suitability,
     unbroken,
 )
+from xfrustum.reports.studies.folder import IMAGES, RESULTS
+from xfrustum.reports.studies.origin import Origin, origin_hash
+from xfrustum.reports.studies.store import Store
 from xfrustum.scenes import Camera, DepthFormat, DepthMapping, InputError
 from xfrustum.scenes.library.depth_family import CAR_RATIO, FARTHEST, cars
 from xfrustum.scenes.plate.double_frustum import Offset
@@ -290,7 +291,7 @@ import os, signal, sys
 from pathlib import Path
 from tests.reports.splitting_study.test_study import ONE_SIDE
 from xfrustum.reports.splitting_study.study import make_study
-from xfrustum.reports.splitting_study.store import Store
+from xfrustum.reports.studies.store import Store
 
 left, put = int(sys.argv[2]), Store.put
 
@@ -323,7 +324,7 @@ def start(folder: Path, results: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, cwd=CHECKOUT, env=os.environ | {"PYTHONPATH": str(CHECKOUT)})
 
 
-def finish(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> None:
+def assert_resumes_without_loss(folder: Path, tiny: StudyFiles, monkeypatch: pytest.MonkeyPatch) -> None:
     """Resume here, and check that nothing kept is lost or measured again and that all comes out the same."""
     kept = results(folder)
     measured = []
@@ -357,7 +358,7 @@ def test_killed_at_any_point_it_loses_nothing_and_measures_nothing_twice(
         assert kept.items() <= found.items()
         assert not (tmp_path / DOCUMENT).exists()
         kept = found
-    finish(tmp_path, tiny, monkeypatch)
+    assert_resumes_without_loss(tmp_path, tiny, monkeypatch)
 
 
 @pytest.mark.slow
@@ -370,7 +371,7 @@ def test_killed_at_any_time_too(tiny: StudyFiles, tmp_path: Path, monkeypatch: p
             child.kill()
         assert kept.items() <= results(tmp_path).items()
         kept = results(tmp_path)
-    finish(tmp_path, tiny, monkeypatch)
+    assert_resumes_without_loss(tmp_path, tiny, monkeypatch)
 
 
 def test_a_result_that_is_there_stays(tmp_path: Path) -> None:

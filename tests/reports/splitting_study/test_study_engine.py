@@ -11,9 +11,9 @@ import pytest
 from xfrustum.reports.cluster.run import Engine, Part
 from xfrustum.reports.splitting_study.grid import Grid
 from xfrustum.reports.splitting_study.rows import StudyRow
-from xfrustum.reports.splitting_study.run import StudyJob
-from xfrustum.reports.splitting_study.store import PICTURES, SHEETS
-from xfrustum.reports.splitting_study.study import DOCUMENT, RESULTS, StudyFiles, make_study, make_study_on
+from xfrustum.reports.splitting_study.run import PICTURES, SHEETS, StudyJob
+from xfrustum.reports.splitting_study.study import DOCUMENT, StudyFiles, make_study, make_study_on
+from xfrustum.reports.studies.folder import RESULTS
 from xfrustum.scenes import DepthFormat, DepthMapping, InputError
 
 SMALL = Grid(

@@ -16,6 +16,7 @@ from xfrustum import DoubleFrustum, Rasterizer, open_scene, verify, write_image,
 from xfrustum.cli.main import main
 from xfrustum.reports.exchange.drawn import LaidOutPlate
 from xfrustum.reports.inspection.plate_map import MAX_MAP_CELLS
+from xfrustum.reports.verification.sources import as_given
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.scenes.model.plate_content import Channel, PlateContent
 
@@ -72,6 +73,37 @@ def test_a_survey_of_images_says_what_verify_says(tmp_path: Path) -> None:
     page = (out / "index.html").read_text()
     assert "<b>2,1</b>: missing</summary>" in page
     assert "This hogel is missing" in page
+
+
+def test_rows_name_files_as_they_were_given_whatever_folder_that_was_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = []
+    for folder in (tmp_path / "one", tmp_path / "another" / "folder"):
+        folder.mkdir(parents=True)
+        monkeypatch.chdir(folder)
+        path = Path("box.toml")
+        objects = part("box", 12, (4, 0, -14))
+        path.write_text(named("box") + film((40, 32), (2, 1), (8, 8), (60, 60), (60, 60)) + objects)
+        scene = open_scene(path)
+        with Rasterizer(scene) as rasterizer:
+            drawn = rasterizer.render(scene.plate.aperture(0, 0), DoubleFrustum(near=0.5))
+        write_image(Path("0x0.exr"), drawn)
+        survey_of(path, Path("{i}x{j}.exr"), Path("out"))
+        told.append([row["problem"] for row in rows_of(Path("out"))])
+        verified = verify(scene, "{i}x{j}.exr")
+        assert told[-1] == [hogel.problem for hogel in verified.hogels]
+    assert told[0] == told[1]
+    missing = told[0][1]
+    assert missing is not None and missing.startswith("1x0.exr: ")
+
+
+def test_only_the_folder_that_files_were_named_from_is_left_out_of_a_text() -> None:
+    folder = Path("/a/b")
+    assert as_given("/a/b/c.png: is none, unlike /a/b/d.png", folder) == "c.png: is none, unlike d.png"
+    for other in ("/x/a/b/c.png", "/a/bc.png", "../a/b/c.png"):
+        assert as_given(other, folder) == other
+    assert as_given("/a/b/c.png", None) == as_given("/a/b/c.png", Path("/")) == "/a/b/c.png"
 
 
 @pytest.mark.slow

@@ -30,8 +30,9 @@ from xfrustum.reports.cluster.ticket import SceneTicket
 from xfrustum.reports.verification import on_engine
 from xfrustum.reports.verification.block_job import ForeignRenderer, VerifyJob, source_of
 from xfrustum.reports.verification.file_state import require_same_images, state_of_command, state_of_images
+from xfrustum.reports.verification.on_engine import for_workers
 from xfrustum.reports.verification.stored_question import agreed_question
-from xfrustum.reports.verification.verdict import Limits
+from xfrustum.reports.verification.verdict import Hogel, Limits
 from xfrustum.reports.verification.verification import Question
 from xfrustum.scenes import InputError, Plate
 
@@ -351,3 +352,18 @@ def test_strange_wishes_are_refused_in_one_line(
     assert main(["verify", str(right_path), "--quiet", *words]) == 2
     line = capsys.readouterr().err
     assert told in line and line.count("\n") == 1
+
+
+def test_workers_elsewhere_find_the_files_and_name_them_as_they_were_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = ForeignRenderer(source="{i}x{j}.exr")
+    sent = for_workers(given, elsewhere=True)
+    assert (sent.source, sent.named_from) == (f"{tmp_path}/{{i}}x{{j}}.exr", tmp_path)
+    assert sent.images == given.images
+    aperture = open_scene("car").plate.aperture(0, 0)
+    missing = Hogel(aperture=aperture, problem=f"{tmp_path}/0x0.exr: is missing")
+    assert missing.told_from(sent.named_from).problem == "0x0.exr: is missing"
+    absolute = ForeignRenderer(source=str(tmp_path / "{i}x{j}.exr"))
+    assert for_workers(absolute, elsewhere=True) == absolute

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from xfrustum.scenes import InputError
+from xfrustum.scenes.files.layouts import reading
 from xfrustum.scenes.files.layouts.catalogue import NAMES, layout_for, layouts_named
 from xfrustum.scenes.files.layouts.detection import looks_like
-from xfrustum.scenes.files.layouts.layout import Naming, PlateShape
+from xfrustum.scenes.files.layouts.layout import Naming, Pixels, PlateShape
 from xfrustum.scenes.files.layouts.picture_files import Picture, read_picture, write_picture
-from xfrustum.scenes.files.layouts.reading import LaidOutFiles, Plates, with_levels
+from xfrustum.scenes.files.layouts.reading import LaidOutFiles, Plates, WithLevels, with_levels
 from xfrustum.scenes.files.layouts.writing import Target, write_files
 
 HORIZONTAL = ("hocking-columns", "quilt", "cubevi")
@@ -66,6 +67,63 @@ def test_floating_point_is_kept_in_openexr(name: str, dtype: str, tmp_path: Path
     after = LaidOutFiles(files=found).plate
     assert after.pixels.dtype == before.pixels.dtype
     assert np.array_equal(after.pixels, before.pixels)
+
+
+class Rows:
+    """A plate that is had row by row alone, and notes which rows it was asked for."""
+
+    def __init__(self, whole: Plates) -> None:
+        self._whole = whole
+        self.shape, self.levels, self.dtype = whole.shape, whole.levels, whole.dtype
+        self.asked: list[int] = []
+
+    def row(self, number: int) -> Pixels:
+        self.asked.append(number)
+        return self._whole.row(number).copy()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_plate_that_is_had_row_by_row_gives_the_same_files_and_rows(name: str, tmp_path: Path) -> None:
+    shape = shape_for(name)
+    before = plate(shape)
+    rows = Rows(before)
+    for folder, one in (("whole", before), ("rows", rows)):
+        (tmp_path / folder).mkdir()
+        write_files(one, target(name), tmp_path / folder)
+    assert rows.asked == [0, 1, 2]
+    files = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
+    assert files == {path.name: path.read_bytes() for path in (tmp_path / "rows").iterdir()}
+    found = LaidOutFiles(files=looks_like(tmp_path / "rows", shape, layouts_named(name))[0])
+    after = WithLevels(plate=found.rows(), levels=255)
+    assert (after.shape, after.dtype) == (before.shape, before.dtype)
+    for number in (2, 0, 1):
+        assert np.array_equal(after.row(number), before.row(number))
+
+
+def test_rows_of_hogels_are_read_alone_where_files_have_pixels_of_one_row(tmp_path: Path) -> None:
+    # Files of the other layouts have pixels from all over the plate.
+    by_rows = set()
+    for name in NAMES:
+        (tmp_path / name).mkdir()
+        write_files(plate(shape_for(name)), target(name), tmp_path / name)
+        found = LaidOutFiles(files=looks_like(tmp_path / name, shape_for(name), layouts_named(name))[0])
+        if not isinstance(found.rows(), Plates):
+            by_rows.add(name)
+    assert by_rows == {"hogels", "hocking", "burnett"}
+
+
+def test_a_row_that_is_too_large_for_memory_lies_in_a_scratch_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shape = shape_for("hogels")
+    before = plate(shape)
+    write_files(before, target("hogels"), tmp_path)
+    rows = LaidOutFiles(files=looks_like(tmp_path, shape)[0]).rows()
+    assert not isinstance(rows.row(1), np.memmap)
+    monkeypatch.setattr(reading, "MAX_BYTES_IN_MEMORY", before.row(1).nbytes - 1)
+    found = rows.row(1)
+    assert isinstance(found, np.memmap)
+    assert np.array_equal(found, before.row(1))
 
 
 @pytest.mark.parametrize("name", HORIZONTAL)

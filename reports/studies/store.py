@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from xfrustum.reports.splitting_study.rows import Origin
 from xfrustum.scenes.errors import InputError
-
-PICTURES, SHEETS = "picture", "sheets"
-"""Kinds of results."""
-
-CLAIMS = "measurements.claims"
-"""File beside the results by which processes that measure at once tell who does what; it stays empty."""
-
-MEASURING = ("scenes", "reference", "raster", "compare")
-"""Packages whose sources decide what is measured."""
-
-MEASURING_MODULES = ("splitting_study/measure.py",)
-"""Modules of `reports` whose sources decide what is measured."""
 
 _WAIT_S = 30.0
 """Longest wait for another process that is writing to the same file."""
@@ -38,24 +23,6 @@ _SCHEMA = """
 """
 
 
-def origin_hash(origin: Origin) -> str:
-    """Return a hash of everything but the parameters that a result depends on.
-
-    The sources that make scenes, truth, raster and comparison, the versions of the libraries, and the
-    OpenGL that drew. Results of another origin are neither used nor touched.
-    """
-    opengl = {name: text for name, text in origin.devices.items() if name.startswith("OpenGL")}
-    digest = hashlib.sha256(json.dumps([dict(origin.versions), opengl], sort_keys=True).encode())
-    root = files("xfrustum")
-    sources = [root / "reports" / name for name in MEASURING_MODULES]
-    for package in MEASURING:
-        folder = Path(str(root / package))
-        sources += sorted(path for path in folder.rglob("*") if path.suffix in {".py", ".vert", ".frag"})
-    for source in sources:
-        digest.update(hashlib.sha256(source.read_bytes()).digest())
-    return digest.hexdigest()
-
-
 class Store:
     """Results of one origin in a SQLite file, by kind and key.
 
@@ -66,7 +33,7 @@ class Store:
     path
         The file; made where there is none.
     origin
-        See `origin_hash`.
+        Hash of what measures, see `origin.origin_hash`.
 
     Raises
     ------
