@@ -9,18 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.footprints import footprints
-from xfrustum.reference.certify.processors import narrow_phase
+from xfrustum.reference.certify.footprints import Footprints, footprints
+from xfrustum.reference.certify.processors import compiled, narrow_phase
 from xfrustum.reference.certify.rows import boxed_rows
 from xfrustum.reference.certify.sides import Sides, sorted_by_side
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+
+if TYPE_CHECKING:
+    from xfrustum.reference.certify.table_jit import CornerTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,6 +67,8 @@ class Certifier:
         (F, 3, 3) corners of the scene's triangles, in scene units, and the lines that are decided.
     sides
         The triangles sorted by `sorted_by_side`, if the caller has done so; None to sort them here.
+    table
+        The triangles' corners on the device, see `corner_table`; None where they are not there.
 
     Attributes
     ----------
@@ -69,16 +76,32 @@ class Certifier:
         Lines that are decided.
     """
 
-    def __init__(self, triangles: Floats, pencil: Pencil, sides: Iterable[Sides] | None = None) -> None:
+    def __init__(
+        self,
+        triangles: Floats,
+        pencil: Pencil,
+        sides: Iterable[Sides] | None = None,
+        table: CornerTable | None = None,
+    ) -> None:
         self._triangles = triangles
         self.pencil = pencil
         self._exact = ExactPencil(triangles, pencil)
-        self._footprints = footprints(sides or sorted_by_side(triangles, pencil), pencil, self._exact)
+        self._table = table
+        self._footprints = self._found(sides)
+
+    def _found(self, sides: Iterable[Sides] | None) -> Footprints:
+        """Return the boxes in which triangles may show, found on the device where the corners lie there."""
+        if sides or self._table is None:
+            return footprints(sides or sorted_by_side(self._triangles, self.pencil), self.pencil, self._exact)
+        # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
+        find = import_module("xfrustum.reference.certify.footprints_jit").footprints_on_device
+        found: Footprints = find(self._table, self.pencil, self._exact)
+        return found
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
         phase = narrow_phase(self.pencil, rows)
-        for boxed in boxed_rows(self._triangles, self.pencil, self._footprints, rows):
+        for boxed in boxed_rows(self._triangles, self.pencil, self._footprints, rows, self._table):
             phase.add(boxed)
         sifted = phase.finish()
         shape = (len(rows), self.pencil.resolution[0])
@@ -133,6 +156,14 @@ class Certifier:
             if len(winners) > 1:
                 companions.append(np.array([(*divmod(pixel, width), winner) for winner in winners]))
         return np.concatenate(companions)
+
+
+def corner_table(triangles: Floats) -> CornerTable | None:
+    """Return corners (F, 3, 3) on the device, for many pencils; None where nothing is compiled or to be seen."""
+    if not compiled() or not len(triangles):
+        return None
+    table: CornerTable = import_module("xfrustum.reference.certify.table_jit").CornerTable(triangles)
+    return table
 
 
 def first_surfaces(triangles: Floats, pencil: Pencil) -> FirstSurfaces:

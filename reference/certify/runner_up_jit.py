@@ -8,6 +8,7 @@ import drjit as dr
 import numpy as np
 
 from xfrustum.reference.certify.narrow_jit import JitNarrowPhase, Lanes, walk
+from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.devices.arithmetic_jit import Float64
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.scenes.arrays import Floats
@@ -15,6 +16,12 @@ from xfrustum.scenes.arrays import Floats
 
 class JitRunnersUp(JitNarrowPhase):
     """Second surfaces on Dr.Jit; see `runner_up.RunnerUpPhase`."""
+
+    def add(self, rows: Rows) -> None:
+        """Take more triangles into account."""
+        with strict_arithmetic():
+            self._lanes.append(lanes := self._cut(rows))
+            self._lower(lanes)
 
     def first(self) -> Floats:
         """Return the largest s at which the first surface of each pixel can lie; infinite without one."""
