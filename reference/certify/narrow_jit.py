@@ -3,11 +3,11 @@
 Each lane cuts its row by the triangle's edges (`spans.slopes_inside`), which leaves columns from first to
 last, and marks the pixel of the first column and the one after the last in an array of zeros. The sums from
 the start of that array count the lanes of each pixel. A lane walks its columns in double precision, with the
-arithmetic of `narrow.plane_meeting`. Where a pixel has no other lane, nothing else can be first, and the lane
-writes down the place. Lanes with pixels that have several walk twice more: to lower, pixel by pixel, the
-largest s at which the first surface can lie, and to count the triangles that may lie before this limit, and
-write one of them down. Only if some pixel is left with more than one, or with one that is not surely met, do
-lanes return the pairs of such pixels.
+arithmetic of `narrow.plane_meeting`. Where it surely meets and the pixel has no other lane, nothing else can be
+first, and the lane writes down the place. Lanes that have other pixels, too, walk twice more: to lower, pixel
+by pixel, the largest s at which the first surface can lie, and to count the triangles that may lie before this
+limit, and write one of them down. Only if some pixel is left with more than one, or with one that is not
+surely met, do lanes return the pairs of such pixels.
 """
 
 from __future__ import annotations
@@ -84,16 +84,8 @@ class Lanes:
         """Return what there is of each lane, without the planes."""
         return {name: value for name, value in vars(self).items() if name not in ("rows", "planes")}
 
-    def with_some(self, before: Any) -> Lanes:
-        """Return the lanes that have some of a set of pixels.
-
-        Parameters
-        ----------
-        before
-            Number of the set's pixels before each pixel, and at the end that of all of them.
-        """
-        start, end = (dr.gather(UInt32, before, self.base + at) for at in (self.first, self.last + 1))
-        kept = dr.compress((self.first <= self.last) & (start != end))
+    def some(self, kept: Any) -> Lanes:
+        """Return the lanes with some numbers, of which there is at least one."""
 
         def taken(arrays: dict[str, Any]) -> dict[str, Any]:
             return {name: dr.gather(type(array), array, kept) for name, array in arrays.items()}
@@ -109,17 +101,8 @@ class Lanes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Marks:
-    """What lanes write down for each pixel.
+    """What lanes write down for each pixel: number and place of a triangle, `NOTHING` and NaN before."""
 
-    Attributes
-    ----------
-    rivals
-        Sum over the triangles that may be first: 1 for one that is surely met, else `_DOUBTFUL_WEIGHT`.
-    number, distance
-        Number and place of one of them; `NOTHING` and NaN where there is none.
-    """
-
-    rivals: Any
     number: Any
     distance: Any
 
@@ -127,14 +110,9 @@ class _Marks:
     def none(cls, pixels: int) -> _Marks:
         """Return the marks of pixels for which there is no triangle yet."""
         return cls(
-            rivals=dr.opaque(UInt32, 0, pixels),
             number=dr.opaque(Int32, NOTHING, pixels),
             distance=dr.opaque(Float64, np.nan, pixels),
         )
-
-    def evaluate(self) -> None:
-        """Have everything written."""
-        dr.eval(self.rivals, self.number, self.distance)
 
 
 class JitNarrowPhase:
@@ -147,7 +125,6 @@ class JitNarrowPhase:
         self._lanes: list[Lanes] = []
         with strict_arithmetic():
             # Opaque: values that differ from image to image must not compile another kernel.
-            self._limit = dr.opaque(Float64, np.inf, self._pixels)
             self._ends = dr.opaque(UInt32, 0, self._pixels + 1)
             self._dx, self._dy = Float64(np.array(pencil.dx)), Float64(np.array(pencil.dy))
             self._film = FilmRow(**{k: dr.opaque(Float64, v) for k, v in vars(FilmRow.of(pencil)).items()})
@@ -162,18 +139,14 @@ class JitNarrowPhase:
     def finish(self) -> Sifted:
         """Return the triangles that may be first among all that were added."""
         with strict_arithmetic():
-            # The sum up to each pixel of what `_cut` has marked: the lanes that have it.
+            # The sum up to each pixel of what `_cut` has marked: the number of lanes that have it.
             sharing = dr.cumsum(self._ends)
-            dr.eval(sharing)
             marks = _Marks.none(self._pixels)
-            for lanes in self._lanes:
-                self._write_alone(lanes, sharing, marks)
-            shared = self._having(sharing > 1)
-            for lanes in shared:
-                self._lower(lanes)
-            for lanes in shared:
-                self._count(lanes, sharing, marks)
-            contested = self._contested(marks)
+            left = [self._write_alone(lanes, sharing, marks) for lanes in self._lanes]
+            unsettled = [
+                lanes.some(kept) for lanes, kept in zip(self._lanes, left, strict=True) if dr.width(kept)
+            ]
+            contested = self._contested(unsettled, marks) if unsettled else NO_PAIRS
             return Sifted(triangle=marks.number.numpy(), s=marks.distance.numpy(), contested=contested)
 
     def _cut(self, rows: Rows) -> Lanes:
@@ -220,25 +193,27 @@ class JitNarrowPhase:
         lanes.evaluate()
         return lanes
 
-    def _having(self, pixels: Any) -> list[Lanes]:
-        """Return the lanes that have some of a set of pixels; none where it is empty."""
-        before = dr.prefix_sum(dr.select(pixels, UInt32(1), UInt32(0)))
-        found = [lanes.with_some(before) for lanes in self._lanes]
-        return [lanes for lanes in found if dr.width(lanes.first)]
+    def _write_alone(self, lanes: Lanes, sharing: Any, marks: _Marks) -> Any:
+        """Write the triangles that are surely met in pixels that have one lane.
 
-    def _write_alone(self, lanes: Lanes, sharing: Any, marks: _Marks) -> None:
-        """Write the triangles of pixels that have one lane."""
+        Returns
+        -------
+        The numbers of the lanes that have other pixels, too.
+        """
 
-        def write(column: Any) -> None:
+        def write(column: Any, left: Any) -> tuple[Any, Any]:
             s, _, sure, possible = self._evaluated(lanes, column)
             pixel = lanes.base + column
-            possible &= dr.gather(UInt32, sharing, pixel) == 1
-            dr.scatter(marks.rivals, UInt32(_DOUBTFUL_WEIGHT), pixel, possible & ~sure)
-            dr.scatter(marks.number, lanes.number, pixel, possible)
-            dr.scatter(marks.distance, s, pixel, possible)
+            alone = sure & (dr.gather(UInt32, sharing, pixel) == 1)
+            dr.scatter(marks.number, lanes.number, pixel, alone)
+            dr.scatter(marks.distance, s, pixel, alone)
+            return column + 1, left | (possible & ~alone)
 
-        walk(lanes, write)
-        marks.evaluate()
+        _, left = dr.while_loop(
+            (UInt32(lanes.first), Bool(False)), lambda column, _: column <= lanes.last, write
+        )
+        dr.eval(left, marks.number, marks.distance)
+        return dr.compress(left)
 
     def _lower(self, lanes: Lanes) -> None:
         """Lower the largest s at which the first surface of each pixel can lie."""
@@ -266,39 +241,43 @@ class JitNarrowPhase:
         limit = dr.gather(Float64, self._limit, lanes.base + column)
         return s, error, sure, possible & (s - error <= limit)
 
-    def _count(self, lanes: Lanes, sharing: Any, marks: _Marks) -> None:
-        """Count the triangles that may be first in pixels that have several lanes, and write one of them."""
+    def _count(self, lanes: Lanes, rivals: Any, marks: _Marks) -> None:
+        """Count the triangles that may be first in each pixel of some lanes, and write one of them down."""
 
         def count(column: Any) -> None:
             s, _, sure, possible = self._may_be_first(lanes, column)
             pixel = lanes.base + column
-            possible &= dr.gather(UInt32, sharing, pixel) > 1
             weight = dr.select(sure, UInt32(1), UInt32(_DOUBTFUL_WEIGHT))
             # In the mode Direct, as in `_lower`.
-            dr.scatter_reduce(
-                dr.ReduceOp.Add, marks.rivals, weight, pixel, possible, mode=dr.ReduceMode.Direct
-            )
+            dr.scatter_reduce(dr.ReduceOp.Add, rivals, weight, pixel, possible, mode=dr.ReduceMode.Direct)
             dr.scatter(marks.number, lanes.number, pixel, possible)
             dr.scatter(marks.distance, s, pixel, possible)
 
         walk(lanes, count)
-        marks.evaluate()
+        dr.eval(rivals, marks.number, marks.distance)
 
-    def _contested(self, marks: _Marks) -> Pairs:
-        """Return all pairs of the pixels for which several triangles may be first, or one not surely met.
+    def _contested(self, unsettled: list[Lanes], marks: _Marks) -> Pairs:
+        """Settle what can be settled in the pixels of some lanes, and return the pairs of all others.
 
-        In these pixels number and distance are those of one triangle of several, and are taken back.
+        These are all pairs of the pixels for which several triangles may be first, or one not surely met. In
+        these pixels number and distance are those of one triangle of several, and are taken back. A pixel
+        that is settled already belongs to one lane, which writes the same again.
         """
-        open_pixels = marks.rivals > 1
-        size = int(dr.sum(dr.select(open_pixels, marks.rivals, UInt32(0)))[0])
+        self._limit = dr.opaque(Float64, np.inf, self._pixels)
+        rivals = dr.opaque(UInt32, 0, self._pixels)
+        for lanes in unsettled:
+            self._lower(lanes)
+        for lanes in unsettled:
+            self._count(lanes, rivals, marks)
+        open_pixels = rivals > 1
+        size = int(dr.sum(dr.select(open_pixels, rivals, UInt32(0)))[0])
         if size == 0:
             return NO_PAIRS
-        lanes = self._having(dr.concat((open_pixels, Bool(False))))
-        found = Pairs.joined([self._pairs(some, marks.rivals, size) for some in lanes])
+        found = Pairs.joined([self._pairs(lanes, rivals, size) for lanes in unsettled])
         pixel = dr.arange(UInt32, self._pixels)
         dr.scatter(marks.number, Int32(NOTHING), pixel, open_pixels)
         dr.scatter(marks.distance, Float64(np.nan), pixel, open_pixels)
-        marks.evaluate()
+        dr.eval(marks.number, marks.distance)
         return found
 
     def _pairs(self, lanes: Lanes, rivals: Any, size: int) -> Pairs:

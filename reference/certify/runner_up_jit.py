@@ -11,11 +11,17 @@ from xfrustum.reference.certify.narrow_jit import JitNarrowPhase, Lanes, walk
 from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.devices.arithmetic_jit import Float64
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats
 
 
 class JitRunnersUp(JitNarrowPhase):
     """Second surfaces on Dr.Jit; see `runner_up.RunnerUpPhase`."""
+
+    def __init__(self, pencil: Pencil, rows: range) -> None:
+        super().__init__(pencil, rows)
+        with strict_arithmetic():
+            self._limit = dr.opaque(Float64, np.inf, self._pixels)
 
     def add(self, rows: Rows) -> None:
         """Take more triangles into account."""
