@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -57,38 +58,46 @@ class JitPictures:
             self._objects = JIT.table(scene.object_of_triangle)
             self._light = shader.on(JIT)
 
-    def points(self, layers: Sequence[tuple[Pencil, FirstSurfaces]], rows: range) -> tuple[Numbers, Floats]:
-        """Return objects (rows, W) and points (rows, W, 3) that overlaid layers show, the last on top.
+    def points(
+        self, layers: Sequence[tuple[Pencil, FirstSurfaces]], rows: range
+    ) -> tuple[Numbers, Numbers, Floats]:
+        """Return triangles and objects (rows, W) and points (rows, W, 3) that overlaid layers show.
 
         Parameters
         ----------
         layers
-            Lines of each camera, and what is first along them.
+            Lines of each camera, and what is first along them; the last one is on top.
         rows
             Rows of the image.
         """
         shape = layers[0][1].triangle.shape
         size = layers[0][1].triangle.size
         with strict_arithmetic():
-            lane = dr.arange(UInt32, size)
             number, position = Int32(NOTHING), [Float64(np.nan)] * 3
+            directions: dict[object, list[Any]] = {}
             for pencil, decided in layers:
-                # Gathered, because kernels do not depend on the alignment of arrays that are gathered from.
-                triangle = dr.gather(Int32, on_device(decided.triangle), lane)
-                s = dr.gather(Float64, on_device(decided.s), lane)
+                # Cameras that were not fitted to a height have the same lines, from centers of their own.
+                film = pencil.shear, pencil.half_extent
+                if film not in directions:
+                    directions[film] = pixel_directions(pencil, rows)
+                triangle, s = decided.device or _copied(decided)
                 covers = triangle != NOTHING
                 number = dr.select(covers, triangle, number)
                 position = [
                     dr.select(covers, at + s * along, below)
                     for at, along, below in zip(
-                        JIT.constants(pencil.center), pixel_directions(pencil, rows), position, strict=True
+                        JIT.constants(pencil.center), directions[film], position, strict=True
                     )
                 ]
             (of_triangle,) = self._objects(dr.maximum(number, 0))
-            objects = interleaved([dr.select(number != NOTHING, of_triangle, NOTHING)], size)
+            objects = dr.select(number != NOTHING, of_triangle, NOTHING)
             points = interleaved(position, size)
-            dr.eval(objects, points)
-            return objects.numpy().reshape(shape), points.numpy().reshape(*shape, 3)
+            dr.eval(number, objects, points)
+            return (
+                number.numpy().reshape(shape),
+                objects.numpy().reshape(shape),
+                points.numpy().reshape(*shape, 3),
+            )
 
     def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces, *, colored: bool = True) -> Shown:
         """Return what decided rows show.
@@ -130,3 +139,17 @@ class JitPictures:
             normal=read["normal"],
             color=read.get("color"),
         )
+
+
+def _copied(decided: FirstSurfaces) -> tuple[Any, Any]:
+    """Return triangles and places on the device, in its own memory.
+
+    Kernels depend on the alignment of arrays that lanes load directly; NumPy's are gathered from.
+    """
+    lane = dr.arange(UInt32, decided.triangle.size)
+    copies = (
+        dr.gather(Int32, on_device(decided.triangle), lane),
+        dr.gather(Float64, on_device(decided.s), lane),
+    )
+    dr.eval(*copies)
+    return copies

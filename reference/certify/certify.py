@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,12 +42,15 @@ class FirstSurfaces:
         (rows, W) uint8 `Certainty`.
     companions
         (N, 3) row of the image, column and triangle number of each triangle that shares a tie.
+    device
+        `triangle` and `s` as flat arrays of Dr.Jit, where they lie on its device; else None.
     """
 
     triangle: Numbers
     s: Floats
     certainty: Bytes
     companions: Indices
+    device: tuple[Any, Any] | None = None
 
     def renumbered(self, numbers: Indices) -> FirstSurfaces:
         """Return the same decisions with other triangle numbers: number i of (F,) is that of triangle i."""
@@ -55,7 +58,9 @@ class FirstSurfaces:
         known = np.append(numbers, NOTHING)
         companions = self.companions.copy()
         companions[:, 2] = known[companions[:, 2]]
-        return replace(self, triangle=known.astype(np.int32)[self.triangle], companions=companions)
+        return replace(
+            self, triangle=known.astype(np.int32)[self.triangle], companions=companions, device=None
+        )
 
 
 class Certifier:
@@ -111,10 +116,12 @@ class Certifier:
             # Proven unless contested: `_settle` overwrites the contested ones.
             certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
             companions=np.zeros((0, 3), dtype=np.int64),
+            device=sifted.device,
         )
         if not len(sifted.contested.pixel):
             return found
-        return replace(found, companions=self._settle(found, sifted.contested, rows.start * shape[1]))
+        companions = self._settle(found, sifted.contested, rows.start * shape[1])
+        return replace(found, companions=companions, device=None)
 
     def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
         """Fill in the pixels that the narrow phase left open; return the companions of ties.

@@ -147,7 +147,12 @@ class JitNarrowPhase:
                 lanes.some(kept) for lanes, kept in zip(self._lanes, left, strict=True) if dr.width(kept)
             ]
             contested = self._contested(unsettled, marks) if unsettled else NO_PAIRS
-            return Sifted(triangle=marks.number.numpy(), s=marks.distance.numpy(), contested=contested)
+            return Sifted(
+                triangle=marks.number.numpy(),
+                s=marks.distance.numpy(),
+                contested=contested,
+                device=(marks.number, marks.distance),
+            )
 
     def _cut(self, rows: Rows) -> Lanes:
         size = len(rows.entry_of_row)
