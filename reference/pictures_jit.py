@@ -111,10 +111,7 @@ class JitPictures:
         """
         shape, size = decided.triangle.shape, decided.triangle.size
         with strict_arithmetic():
-            lane = dr.arange(UInt32, size)
-            # Gathered, because kernels do not depend on the alignment of arrays that are gathered from.
-            triangle = dr.gather(Int32, on_device(decided.triangle), lane)
-            s = dr.gather(Float64, on_device(decided.s), lane)
+            triangle, s = decided.device or _copied(decided)
             direction = pixel_directions(pencil, rows)
             center = JIT.constants(pencil.center)
             position = [at + s * along for at, along in zip(center, direction, strict=True)]

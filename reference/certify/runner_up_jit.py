@@ -39,11 +39,11 @@ class JitRunnersUp(JitNarrowPhase):
             before = Float64(np.array(first))
             second = dr.opaque(Float64, np.inf, self._pixels)
             for lanes in self._lanes:
-                self._lower(lanes, before, second)
+                self._lower_second(lanes, before, second)
                 dr.eval(second)
             return np.asarray(second.numpy())
 
-    def _lower(self, lanes: Lanes, before: Any, second: Any) -> None:
+    def _lower_second(self, lanes: Lanes, before: Any, second: Any) -> None:
         def lower(column: Any) -> None:
             s, error, sure, _ = self._evaluated(lanes, column)
             pixel = lanes.base + column
