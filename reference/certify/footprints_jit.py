@@ -77,24 +77,25 @@ def footprints_on_device(table: CornerTable, pencil: Pencil, exact: ExactPencil)
     parts: list[Footprints] = []
     turned: Numbers = np.zeros(0, dtype=np.int32)
     with strict_arithmetic():
+        listed = table.listed(pencil)
         seen_from = Viewpoint.of(pencil, JIT)
         film = tuple(_FilmAxis.of(pencil, axis) for axis in range(2))
-        found = {side: _on_side(table.points, seen_from, film, side) for side in sides_of(pencil)}
+        found = {side: _on_side(listed.points, seen_from, film, side) for side in sides_of(pencil)}
         dr.eval(*(array for arrays in found.values() for array in arrays))
         for side, arrays in found.items():
             *box, turned = (array.numpy() for array in arrays)
-            number = np.flatnonzero((turned != 0) & (turned != TOUCHING))
+            hit = np.flatnonzero((turned != 0) & (turned != TOUCHING))
             parts.append(
                 Footprints(
-                    number=number,
-                    side=np.full(len(number), side, dtype=np.int8),
-                    holds_center=np.zeros(len(number), dtype=np.bool_),
-                    box=np.stack([bound[number] for bound in box]),
-                    turned=turned[number].astype(np.int8),
+                    number=listed.number[hit],
+                    side=np.full(len(hit), side, dtype=np.int8),
+                    holds_center=np.zeros(len(hit), dtype=np.bool_),
+                    box=np.stack([bound[hit] for bound in box]),
+                    turned=turned[hit].astype(np.int8),
                 )
             )
     # Triangles about the center are found on either side alike.
-    touching = np.flatnonzero(turned == TOUCHING)
+    touching = listed.number[np.flatnonzero(turned == TOUCHING)]
     if len(touching):
         parts.append(footprints_around_center(touching, pencil, exact))
     return joined_footprints(parts)

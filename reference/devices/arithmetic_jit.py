@@ -31,7 +31,13 @@ __all__ = [
     "on_lanes",
 ]
 
-_KINDS = {"float64": Float64, "float32": Float32, "int32": Int32, "uint32": UInt32, "bool": Bool}
+_KINDS = {
+    np.dtype(np.float64): Float64,
+    np.dtype(np.float32): Float32,
+    np.dtype(np.int32): Int32,
+    np.dtype(np.uint32): UInt32,
+    np.dtype(np.bool_): Bool,
+}
 
 
 def on_device(values: NDArray[Any]) -> Any:
@@ -41,9 +47,9 @@ def on_device(values: NDArray[Any]) -> Any:
     load directly. Gathers do not depend on alignment.
     """
     flat = np.ascontiguousarray(values).ravel()
-    if str(flat.dtype) not in _KINDS:
+    if flat.dtype not in _KINDS:
         flat = flat.astype(np.int32)
-    return _KINDS[str(flat.dtype)](flat)
+    return _KINDS[flat.dtype](flat)
 
 
 def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:
