@@ -78,6 +78,8 @@ def footprints_on_device(table: CornerTable, pencil: Pencil, exact: ExactPencil)
     turned: Numbers = np.zeros(0, dtype=np.int32)
     with strict_arithmetic():
         listed = table.listed(pencil)
+        if listed is None:
+            return joined_footprints([])
         seen_from = Viewpoint.of(pencil, JIT)
         film = tuple(_FilmAxis.of(pencil, axis) for axis in range(2))
         found = {side: _on_side(listed.points, seen_from, film, side) for side in sides_of(pencil)}

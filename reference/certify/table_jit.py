@@ -56,10 +56,10 @@ class CornerTable:
         heights = triangles[..., 2]
         self._lowest, self._highest = heights.min(axis=1), heights.max(axis=1)
         self._largest = float(np.abs(heights).max())
-        self._lists: dict[int, Listed] = {}
+        self._lists: dict[int, Listed | None] = {}
 
-    def listed(self, pencil: Pencil) -> Listed:
-        """Return all triangles that a pencil can image, and perhaps others.
+    def listed(self, pencil: Pencil) -> Listed | None:
+        """Return all triangles that a pencil can image, and perhaps others; None where there are none.
 
         Most cameras image one side of the plate alone, and need the triangles of that side.
         """
@@ -71,11 +71,13 @@ class CornerTable:
             self._lists[side] = self._list(side)
         return self._lists[side]
 
-    def _list(self, side: int) -> Listed:
+    def _list(self, side: int) -> Listed | None:
         """Return the triangles that reach above the plate (1), below it (-1), or all (0)."""
         slack = HEIGHT_SLACK * self._largest
         reaching = {1: self._highest >= -slack, -1: self._lowest <= slack}
         number = np.flatnonzero(reaching[side]) if side else np.arange(len(self._lowest))
+        if not len(number):
+            return None
         points = self.look_up(UInt32(on_device(number)))
         dr.eval(*(coordinate for point in points for coordinate in point))
         return Listed(number=number, points=points)
