@@ -20,6 +20,9 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
+NUMBERS_ALONE = {"NUMBERED": "1"}
+"""Names that hogel.vert and hogel.frag ask for where a picture has no color."""
+
 ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray]
 """A program, and the mesh with the attributes that it reads."""
 
@@ -78,7 +81,7 @@ class Drawing:
             Whether to shade; triangle numbers are always drawn.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
-        target.begin()
+        target.begin(color=color)
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
             self._picture(target, number, camera, mapping, effects if color else None)
@@ -97,7 +100,7 @@ class Drawing:
     ) -> None:
         how = MAPPINGS[mapping]
         shading = None if effects is None else self._shading(effects)
-        defines = picture_defines(how, effects) | ({} if shading is None else shading.defines)
+        defines = picture_defines(how, effects) | (NUMBERS_ALONE if shading is None else shading.defines)
         shaders, mesh = self._drawn("hogel.frag", defines)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = camera.test.function
@@ -132,5 +135,5 @@ class Drawing:
         key = (fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
             made = program(self._context, fragment, defines)
-            self._programs[key] = (made, self._mesh.drawn_by(made))
+            self._programs[key] = (made, self._mesh.drawn_by(made, numbered="NUMBERED" in defines))
         return self._programs[key]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
+from xfrustum.raster.device.numbered_mesh import number_triangles
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.scene import Scene
 
@@ -36,8 +37,21 @@ class Mesh:
         self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
         self._attributes: dict[str, moderngl.Buffer] = {}
 
-    def drawn_by(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """Return the mesh for a program, with the attributes that it reads."""
+    def drawn_by(self, program: moderngl.Program, *, numbered: bool = False) -> moderngl.VertexArray:
+        """Return the mesh for a program, with the attributes that it reads.
+
+        Parameters
+        ----------
+        program
+            Program that draws it.
+        numbered
+            Whether triangles have the numbers of their last vertices; such a mesh has positions alone.
+        """
+        if numbered:
+            mesh = number_triangles(self._scene.faces)
+            positions = self._context.buffer(attribute_of(self._scene, "in_position")[mesh.source].tobytes())
+            indices = self._context.buffer(mesh.faces.tobytes())
+            return self._context.vertex_array(program, [(positions, "3f", "in_position")], index_buffer=indices)
         read = [name for name in ATTRIBUTES if name in program]
         content = [(self._attribute(name), f"{ATTRIBUTES[name]}f", name) for name in read]
         return self._context.vertex_array(program, content, index_buffer=self._indices)
