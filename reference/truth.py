@@ -38,7 +38,7 @@ from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
 if TYPE_CHECKING:
-    from xfrustum.reference.certify.table_jit import CornerTable
+    from xfrustum.reference.lines.corners_jit import CornerTable
 
 KEPT_TRIANGLES = 1 << 20
 """Most triangles that a reference keeps sorted for all apertures, in some 150 bytes each."""

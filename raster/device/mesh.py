@@ -20,8 +20,8 @@ ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
 SIDE_SLACK = 2.0**-10
 """Slack of heights by which a triangle is taken for one that lies on one side of the plate alone, relative to
 the largest length along z. Clip depth is a sum of two products in float32, each within some 2^-22 of that
-length; a triangle all of whose corners lie this far beyond the near plane, or farther, is clipped whole by any
-device. The near plane is the plate, or lies beyond it."""
+length, and grows with the same factor as the distance to the near plane does. A triangle all of whose corners
+lie this far before that plane is clipped whole by any device; the plane is the plate, or lies beyond it."""
 
 
 class Mesh:

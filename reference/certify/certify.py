@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.footprints import Footprints, footprints
+from xfrustum.reference.certify.footprints import Footprints, footprints, footprints_on_device
 from xfrustum.reference.certify.processors import compiled, narrow_phase
 from xfrustum.reference.certify.rows import boxed_rows
 from xfrustum.reference.certify.sides import Sides, sorted_by_side
@@ -25,7 +25,7 @@ from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
 
 if TYPE_CHECKING:
-    from xfrustum.reference.certify.table_jit import CornerTable
+    from xfrustum.reference.lines.corners_jit import CornerTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,10 +98,7 @@ class Certifier:
         """Return the boxes in which triangles may show, found on the device where the corners lie there."""
         if sides or self._table is None:
             return footprints(sides or sorted_by_side(self._triangles, self.pencil), self.pencil, self._exact)
-        # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
-        find = import_module("xfrustum.reference.certify.footprints_jit").footprints_on_device
-        found: Footprints = find(self._table, self.pencil, self._exact)
-        return found
+        return footprints_on_device(self._table, self.pencil, self._exact)
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
@@ -166,10 +163,11 @@ class Certifier:
 
 
 def corner_table(triangles: Floats) -> CornerTable | None:
-    """Return corners (F, 3, 3) on the device, for many pencils; None where nothing is compiled or to be seen."""
+    """Return corners (F, 3, 3) on the device; None where nothing is compiled, or nothing is to be seen."""
     if not compiled() or not len(triangles):
         return None
-    table: CornerTable = import_module("xfrustum.reference.certify.table_jit").CornerTable(triangles)
+    # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
+    table: CornerTable = import_module("xfrustum.reference.lines.corners_jit").CornerTable(triangles)
     return table
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,10 @@ from xfrustum.reference.certify.sides import Sides, some
 from xfrustum.reference.lines.cone import EDGES, ROUNDING, UNIT_ROUNDOFF
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+
+if TYPE_CHECKING:
+    from xfrustum.reference.lines.boxes_jit import Boxes
+    from xfrustum.reference.lines.corners_jit import CornerTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,6 +75,31 @@ def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPe
     return joined_footprints(parts)
 
 
+def footprints_on_device(table: CornerTable, pencil: Pencil, exact: ExactPencil) -> Footprints:
+    """Return what `footprints` returns of all triangles of a table, with the way that they are turned.
+
+    Parameters
+    ----------
+    table
+        Corners of the triangles.
+    pencil
+        Lines of the image.
+    exact
+        The same lines in integers.
+    """
+    sides = sides_of(pencil)
+    # Imported only here, because Dr.Jit's arrays need the LLVM that `processors.compiled` has chosen.
+    boxes_on = import_module("xfrustum.reference.lines.boxes_jit").boxes_on
+    found: list[Boxes] = boxes_on(table, pencil, (pixel_slack(pencil, 0), pixel_slack(pencil, 1)), sides)
+    parts = []
+    for side, boxes in zip(sides, found, strict=False):
+        part = _footprints(boxes.number, side, boxes.box)
+        parts.append(replace(part, turned=boxes.turned.astype(np.int8)))
+    if found and len(found[0].touching):
+        parts.append(footprints_around_center(found[0].touching, pencil, exact))
+    return joined_footprints(parts)
+
+
 def footprints_around_center(touching: Indices, pencil: Pencil, exact: ExactPencil) -> Footprints:
     """Return the boxes of triangles whose boxes in space contain the center: they may show in every pixel."""
     width, height = pencil.resolution
@@ -97,7 +127,7 @@ def joined_footprints(parts: Sequence[Footprints]) -> Footprints:
 
 
 def sides_of(pencil: Pencil) -> tuple[int, ...]:
-    """Return the sides of the center that a pencil's range reaches into: +1 behind it (s > 0), -1 before it."""
+    """Return the sides of the center that a pencil's range reaches into: +1 behind it, -1 before it."""
     return tuple(sign for sign in (1, -1) if sign * pencil.s_range[sign > 0] > 0)
 
 

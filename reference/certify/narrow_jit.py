@@ -3,11 +3,11 @@
 Each lane cuts its row by the triangle's edges (`spans.slopes_inside`), which leaves columns from first to
 last, and marks the pixel of the first column and the one after the last in an array of zeros. The sums from
 the start of that array count the lanes of each pixel. A lane walks its columns in double precision, with the
-arithmetic of `narrow.plane_meeting`. Where it surely meets and the pixel has no other lane, nothing else can be
-first, and the lane writes down the place. Lanes that have other pixels, too, walk twice more: to lower, pixel
-by pixel, the largest s at which the first surface can lie, and to count the triangles that may lie before this
-limit, and write one of them down. Only if some pixel is left with more than one, or with one that is not
-surely met, do lanes return the pairs of such pixels.
+arithmetic of `narrow.plane_meeting`. Where it surely meets and the pixel has no other lane, nothing else can
+be first, and the lane writes down the place. Lanes that have other pixels, too, walk twice more: to lower,
+pixel by pixel, the largest s at which the first surface can lie, and to count the triangles that may lie
+before this limit, and write one of them down. Only if some pixel is left with more than one, or with one that
+is not surely met, do lanes return the pairs of such pixels.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from xfrustum.reference.certify.narrow import (
     RowPlanes,
@@ -142,10 +143,10 @@ class JitNarrowPhase:
             # The sum up to each pixel of what `_cut` has marked: the number of lanes that have it.
             sharing = dr.cumsum(self._ends)
             marks = _Marks.none(self._pixels)
-            left = [self._write_alone(lanes, sharing, marks) for lanes in self._lanes]
-            unsettled = [
-                lanes.some(kept) for lanes, kept in zip(self._lanes, left, strict=True) if dr.width(kept)
-            ]
+            unsettled = self._lanes
+            if _mostly_alone(sharing.numpy()):
+                left = [(lanes, self._write_alone(lanes, sharing, marks)) for lanes in self._lanes]
+                unsettled = [lanes.some(kept) for lanes, kept in left if dr.width(kept)]
             contested = self._contested(unsettled, marks) if unsettled else NO_PAIRS
             return Sifted(
                 triangle=marks.number.numpy(),
@@ -321,3 +322,11 @@ def walk(lanes: Lanes, visit: Callable[[Any], None]) -> None:
         return (column + 1,)
 
     dr.while_loop((UInt32(lanes.first),), lambda column: column <= lanes.last, step)
+
+
+def _mostly_alone(sharing: NDArray[np.uint32]) -> bool:
+    """Return whether most pixels that have lanes have one.
+
+    If they do not, most lanes would walk once more, and hardly any would be settled by that.
+    """
+    return bool(2 * np.count_nonzero(sharing == 1) > np.count_nonzero(sharing))

@@ -18,7 +18,7 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
 
 if TYPE_CHECKING:
-    from xfrustum.reference.certify.table_jit import CornerTable
+    from xfrustum.reference.lines.corners_jit import CornerTable
 
 ROWS_PER_CHUNK = 1 << 20
 """Rows of triangles that are cut by edges at once. This bounds the memory, some 200 bytes for each row."""

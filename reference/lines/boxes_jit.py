@@ -1,32 +1,26 @@
 """The boxes of pixels in which triangles may show, compiled by Dr.Jit: one lane for each triangle.
 
-The formulas are those of `sides` and `footprints`, operation by operation, so that the boxes are the same to
-the last pixel. Which way a triangle is turned is found beside them, where its corners are at hand already.
+The formulas are those of `certify.sides` and `certify.footprints`, operation by operation, so that the boxes
+are the same to the last pixel. Which way a triangle is turned is found beside them, where its corners are at
+hand.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.footprints import (
-    Footprints,
-    footprints_around_center,
-    joined_footprints,
-    pixel_slack,
-    sides_of,
-)
-from xfrustum.reference.certify.table_jit import CornerTable
 from xfrustum.reference.devices.arithmetic import difference
 from xfrustum.reference.devices.arithmetic_jit import JIT, Int32
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.cone import EDGES, ROUNDING, Planes, Viewpoint
+from xfrustum.reference.lines.corners_jit import CornerTable
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Numbers
+from xfrustum.scenes.arrays import Indices, Numbers
 
 TOUCHING = 3
 """Value in place of a turn for triangles whose boxes in space contain the center."""
@@ -41,7 +35,7 @@ class _FilmAxis:
     shear, scale, middle
         Parts of column = (slope - shear) scale + middle.
     slack
-        Bound on the rounding of this formula, see `pixel_slack`.
+        Bound on the rounding of this formula.
     count, last
         Number of columns, and the number of the last one.
     """
@@ -54,16 +48,40 @@ class _FilmAxis:
     last: Any
 
     @classmethod
-    def of(cls, pencil: Pencil, axis: int) -> _FilmAxis:
+    def of(cls, pencil: Pencil, axis: int, slack: float) -> _FilmAxis:
         count = pencil.resolution[axis]
         scale = count / (2 * pencil.half_extent[axis])
-        numbers = (pencil.shear[axis], scale, (count - 1) / 2, pixel_slack(pencil, axis), count, count - 1)
-        shear, scale_, middle, slack, count_, last = JIT.constants([float(one) for one in numbers])
-        return cls(shear=shear, scale=scale_, middle=middle, slack=slack, count=count_, last=last)
+        numbers = (pencil.shear[axis], scale, (count - 1) / 2, slack, count, count - 1)
+        shear, scale_, middle, slack_, count_, last = JIT.constants([float(one) for one in numbers])
+        return cls(shear=shear, scale=scale_, middle=middle, slack=slack_, count=count_, last=last)
 
 
-def footprints_on_device(table: CornerTable, pencil: Pencil, exact: ExactPencil) -> Footprints:
-    """Return what `footprints` returns of all triangles of a table, with the way that they are turned.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Boxes:
+    """The boxes of the triangles on one side of a pencil's center.
+
+    Attributes
+    ----------
+    number
+        (N,) triangle numbers, ascending.
+    box
+        (4, N) first and last column, first and last row, inclusive.
+    turned
+        (N,) the sign of the edge functions inside each triangle, twice that where the sign is in doubt.
+    touching
+        (M,) numbers of the triangles whose boxes in space contain the center, and which have no box here.
+    """
+
+    number: Indices
+    box: Numbers
+    turned: Numbers
+    touching: Indices
+
+
+def boxes_on(
+    table: CornerTable, pencil: Pencil, slack: tuple[float, float], sides: Sequence[int]
+) -> list[Boxes]:
+    """Return the boxes of all triangles of a table that may show on some sides of a pencil's center.
 
     Parameters
     ----------
@@ -71,36 +89,35 @@ def footprints_on_device(table: CornerTable, pencil: Pencil, exact: ExactPencil)
         Corners of the triangles.
     pencil
         Lines of the image.
-    exact
-        The same lines in integers.
+    slack
+        Bounds in columns and in rows on the rounding of places on the film.
+    sides
+        +1 behind the center (s > 0), -1 before it.
+
+    Returns
+    -------
+    Boxes on each of the sides; on all of them the same triangles touch the center.
     """
-    parts: list[Footprints] = []
-    turned: Numbers = np.zeros(0, dtype=np.int32)
     with strict_arithmetic():
         listed = table.listed(pencil)
         if listed is None:
-            return joined_footprints([])
+            return []
         seen_from = Viewpoint.of(pencil, JIT)
-        film = tuple(_FilmAxis.of(pencil, axis) for axis in range(2))
-        found = {side: _on_side(listed.points, seen_from, film, side) for side in sides_of(pencil)}
-        dr.eval(*(array for arrays in found.values() for array in arrays))
-        for side, arrays in found.items():
-            *box, turned = (array.numpy() for array in arrays)
-            hit = np.flatnonzero((turned != 0) & (turned != TOUCHING))
-            parts.append(
-                Footprints(
-                    number=listed.number[hit],
-                    side=np.full(len(hit), side, dtype=np.int8),
-                    holds_center=np.zeros(len(hit), dtype=np.bool_),
-                    box=np.stack([bound[hit] for bound in box]),
-                    turned=turned[hit].astype(np.int8),
-                )
-            )
-    # Triangles about the center are found on either side alike.
-    touching = listed.number[np.flatnonzero(turned == TOUCHING)]
-    if len(touching):
-        parts.append(footprints_around_center(touching, pencil, exact))
-    return joined_footprints(parts)
+        film = tuple(_FilmAxis.of(pencil, axis, slack[axis]) for axis in range(2))
+        found = [_on_side(listed.points, seen_from, film, side) for side in sides]
+        dr.eval(*(array for arrays in found for array in arrays))
+        return [_read(arrays, listed.number) for arrays in found]
+
+
+def _read(arrays: Sequence[Any], number: Indices) -> Boxes:
+    *box, turned = (array.numpy() for array in arrays)
+    hit = np.flatnonzero((turned != 0) & (turned != TOUCHING))
+    return Boxes(
+        number=number[hit],
+        box=np.stack([bound[hit] for bound in box]),
+        turned=turned[hit],
+        touching=number[np.flatnonzero(turned == TOUCHING)],
+    )
 
 
 def _on_side(
@@ -136,7 +153,7 @@ def _on_side(
 
 
 def _slope_range(x: list[Any], s: list[Any], side: int) -> tuple[Any, Any]:
-    """Return the range of x / s over the part of each triangle on one side; see `footprints.slope_range`."""
+    """Return the range of x / s over the part of each triangle on one side; see `certify.footprints`."""
     ahead = [side * one > 0 for one in s]
     slopes = [one / depth for one, depth in zip(x, s, strict=True)]
     low = _least([dr.select(mine, slope, np.inf) for mine, slope in zip(ahead, slopes, strict=True)])
