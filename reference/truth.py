@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from xfrustum.reference.lines.corners_jit import CornerTable
 
 KEPT_TRIANGLES = 1 << 20
-"""Most triangles that a reference keeps for all apertures: sorted in some 150 bytes each, and on the device in
-some 200."""
+"""Most triangles that a reference keeps for all apertures: sorted in some 150 bytes each, and on the device
+in some 200."""
 
 
 class Reference:
