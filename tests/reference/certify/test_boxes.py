@@ -21,6 +21,7 @@ from xfrustum.reference.lines.cone import Planes
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, model_cameras
 from xfrustum.scenes import DoubleFrustum, Frustum
 from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.plate.double_frustum import Pivot
 
 pytestmark = pytest.mark.skipif(not processors.compiled(), reason="there is no LLVM for Dr.Jit here")
 
@@ -78,6 +79,6 @@ def test_so_have_those_of_a_scene(name: str) -> None:
     scene = view(name, (40, 30))
     for aperture in (scene.plate.middle, *scene.plate.corners):
         for near in (1e-6, 3.0):
-            cameras = model_cameras(scene.frustum, aperture, DoubleFrustum(near=near, pivot="camera"))
+            cameras = model_cameras(scene.frustum, aperture, DoubleFrustum(near=near, pivot=Pivot.CAMERA))
             for pencil in (crossed_frustum(scene.frustum, aperture), *(one.pencil for one in cameras)):
                 assert_same_boxes(scene.triangles, pencil)
