@@ -20,8 +20,14 @@ from xfrustum.scenes.model.effects import Effect
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthMapping
 
-ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray]
-"""A program, and the mesh with the attributes that it reads."""
+NUMBERS_ALONE = {"NUMBERED": "1"}
+"""Names that hogel.vert and hogel.frag ask for where a picture has no color."""
+
+ProgramKey = tuple[str, tuple[tuple[str, str], ...]]
+"""Fragment shader of a program, and the names that are defined in it."""
+
+ProgramWithMesh = tuple[moderngl.Program, moderngl.VertexArray | None]
+"""A program, and the mesh with the attributes that it reads; None where no triangle is to be drawn."""
 
 
 class Drawing:
@@ -40,7 +46,8 @@ class Drawing:
         self._scene = scene
         self._shadings: dict[bool, Shading] = {}
         self._mesh = Mesh(context, scene)
-        self._programs: dict[tuple[str, tuple[tuple[str, str], ...]], ProgramWithMesh] = {}
+        self._programs: dict[ProgramKey, moderngl.Program] = {}
+        self._meshes: dict[tuple[ProgramKey, int | None], moderngl.VertexArray | None] = {}
 
     def _shading(self, effects: frozenset[Effect]) -> Shading:
         """Return materials and lights, with textures only where effects have them."""
@@ -78,7 +85,7 @@ class Drawing:
             Whether to shade; triangle numbers are always drawn.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
-        target.begin()
+        target.begin(color=color)
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
             self._picture(target, number, camera, mapping, effects if color else None)
@@ -97,8 +104,12 @@ class Drawing:
     ) -> None:
         how = MAPPINGS[mapping]
         shading = None if effects is None else self._shading(effects)
-        defines = picture_defines(how, effects) | ({} if shading is None else shading.defines)
-        shaders, mesh = self._drawn("hogel.frag", defines)
+        defines = picture_defines(how, effects) | (NUMBERS_ALONE if shading is None else shading.defines)
+        shaders, mesh = self._drawn(
+            "hogel.frag", defines, None if shading else self._mesh.side_of(camera.heights)
+        )
+        if mesh is None:
+            return
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = camera.test.function
         GL.glClipControl(GL.GL_LOWER_LEFT, how.clip_control)
@@ -120,6 +131,7 @@ class Drawing:
         assign(shaders, sample_count=target.samples)
         for first, count in self._environment.reflecting:
             assign(shaders, first_triangle=first)
+            assert mesh is not None, "it has the triangles that reflect"
             mesh.render(vertices=3 * count, first=3 * first)
 
     def _look(self, target: Target, number: int, camera: Pass, shaders: moderngl.Program) -> None:
@@ -128,9 +140,13 @@ class Drawing:
         self._mesh.bind()
         set_camera(shaders, number, camera, target.size)
 
-    def _drawn(self, fragment: str, defines: dict[str, str]) -> ProgramWithMesh:
+    def _drawn(self, fragment: str, defines: dict[str, str], side: int | None = None) -> ProgramWithMesh:
+        """Return a program and the mesh for it: with numbers of its own for some side, if one is given."""
         key = (fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
-            made = program(self._context, fragment, defines)
-            self._programs[key] = (made, self._mesh.drawn_by(made))
-        return self._programs[key]
+            self._programs[key] = program(self._context, fragment, defines)
+        made = self._programs[key]
+        if (key, side) not in self._meshes:
+            mesh = self._mesh.drawn_by(made) if side is None else self._mesh.numbered(made, side)
+            self._meshes[key, side] = mesh
+        return made, self._meshes[key, side]

@@ -218,8 +218,8 @@ class Rasterizer(ContextOwner):
             if not _same_cameras(_drawn_by(passes), drawn.cameras):
                 triangle, position = _triangle_of(identity), self._read_position(target, passes)
             else:
-                rows = np.flatnonzero(np.not_equal(*map(_whole, (identity, drawn.identity))).any(axis=1))
-                if not rows.size:
+                pixels = np.flatnonzero(np.not_equal(*map(_whole, (identity, drawn.identity))))
+                if not pixels.size:
                     return replace(
                         drawn.image,
                         camera=self._camera(aperture, settings),
@@ -228,8 +228,9 @@ class Rasterizer(ContextOwner):
                         rendering=None,
                     )
                 triangle, position = _triangle_of(identity), np.array(drawn.image.position)
-                some = range(int(rows[0]), int(rows[-1]) + 1)
-                position[some.start : some.stop] = self._read_position(target, passes, some)
+                # Where other pictures show something there are cameras, hence triangles to find points on.
+                assert self._positions is not None
+                position.reshape(-1, 3)[pixels] = self._positions.read_some(target, _drawn_by(passes), pixels)
         return HogelImage(
             camera=self._camera(aperture, settings),
             triangle=triangle,
@@ -292,12 +293,11 @@ class Rasterizer(ContextOwner):
             effects = self.effects_for(settings)
             self._drawing.draw(target, passes, settings.mapping, effects, color=color)
 
-    def _read_position(self, target: Target, passes: Sequence[Pass], some: range | None = None) -> Singles:
-        """Return the surface points of some rows, or of all."""
+    def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
+        """Return the surface points."""
         if self._positions is None or not passes:
-            rows = target.size[1] if some is None else len(some)
-            return np.full((rows, target.size[0], 3), np.nan, dtype=np.float32)
-        return self._positions.read(target, _drawn_by(passes), some)
+            return np.full((*target.size[::-1], 3), np.nan, dtype=np.float32)
+        return self._positions.read(target, _drawn_by(passes))
 
     def _target(self, size: tuple[int, int], depth: DepthFormat, samples: int = 1) -> Target:
         if (size, depth, samples) not in self._targets:

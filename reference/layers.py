@@ -118,6 +118,10 @@ def overlaid(layers: Sequence[Layer]) -> Layer:
     return below
 
 
-def overlaid_numbers(decided: Sequence[FirstSurfaces], rows: range) -> NumberedLayer:
-    """Return the triangles of decided layers of the same rows, the last of them on top, without points."""
-    return reduce(NumberedLayer.under, (NumberedLayer.of_decided(one, rows) for one in decided))
+def overlaid_certainty(decided: Sequence[FirstSurfaces], rows: range) -> tuple[Bytes, Indices]:
+    """Return the certainty and the companions of decided layers of the same rows, the last of them on top."""
+    if not any(layer.certainty.any() for layer in decided):
+        # All are proven, and there are no ties.
+        return decided[0].certainty, decided[0].companions
+    top = reduce(NumberedLayer.under, (NumberedLayer.of_decided(one, rows) for one in decided))
+    return top.certainty, top.companions

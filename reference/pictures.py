@@ -11,7 +11,7 @@ import numpy as np
 
 from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.certify.processors import compiled
-from xfrustum.reference.layers import Layer, overlaid, overlaid_numbers
+from xfrustum.reference.layers import Layer, overlaid, overlaid_certainty
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum
 from xfrustum.reference.shading.shading import Hits, Shader
 from xfrustum.scenes.arrays import Floats, Singles
@@ -139,15 +139,16 @@ class Pictures:
         decided: list[tuple[Pencil, FirstSurfaces]],
     ) -> HogelImage:
         """Return what `image` returns without normals and color, with points made by a kernel."""
-        objects, position = made_by.points(decided, rows)
-        top = overlaid_numbers([found for _, found in decided], rows)
+        found = [surfaces for _, surfaces in decided]
+        triangle, objects, position = made_by.points(decided, rows)
+        certainty, companions = overlaid_certainty(found, rows)
         return HogelImage(
             camera=camera,
-            triangle=top.triangle,
+            triangle=triangle,
             object=objects,
             position=position,
-            certainty=top.certainty,
-            companions=top.companions,
+            certainty=certainty,
+            companions=companions,
         )
 
     def _shaded(self, shown: Layer) -> tuple[Floats, Singles]:

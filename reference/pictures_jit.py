@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -57,13 +58,15 @@ class JitPictures:
             self._objects = JIT.table(scene.object_of_triangle)
             self._light = shader.on(JIT)
 
-    def points(self, layers: Sequence[tuple[Pencil, FirstSurfaces]], rows: range) -> tuple[Numbers, Floats]:
-        """Return objects (rows, W) and points (rows, W, 3) that overlaid layers show, the last on top.
+    def points(
+        self, layers: Sequence[tuple[Pencil, FirstSurfaces]], rows: range
+    ) -> tuple[Numbers, Numbers, Floats]:
+        """Return triangles and objects (rows, W) and points (rows, W, 3) that overlaid layers show.
 
         Parameters
         ----------
         layers
-            Lines of each camera, and what is first along them.
+            Lines of each camera, and what is first along them; the last one is on top.
         rows
             Rows of the image.
         """
@@ -71,21 +74,30 @@ class JitPictures:
         size = layers[0][1].triangle.size
         with strict_arithmetic():
             number, position = Int32(NOTHING), [Float64(np.nan)] * 3
+            directions: dict[object, list[Any]] = {}
             for pencil, decided in layers:
-                triangle, s = on_device(decided.triangle), on_device(decided.s)
+                # Cameras that were not fitted to a height have the same lines, from centers of their own.
+                film = pencil.shear, pencil.half_extent
+                if film not in directions:
+                    directions[film] = pixel_directions(pencil, rows)
+                triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))
                 covers = triangle != NOTHING
                 number = dr.select(covers, triangle, number)
                 position = [
                     dr.select(covers, at + s * along, below)
                     for at, along, below in zip(
-                        JIT.constants(pencil.center), pixel_directions(pencil, rows), position, strict=True
+                        JIT.constants(pencil.center), directions[film], position, strict=True
                     )
                 ]
             (of_triangle,) = self._objects(dr.maximum(number, 0))
-            objects = interleaved([dr.select(number != NOTHING, of_triangle, NOTHING)], size)
+            objects = dr.select(number != NOTHING, of_triangle, NOTHING)
             points = interleaved(position, size)
-            dr.eval(objects, points)
-            return objects.numpy().reshape(shape), points.numpy().reshape(*shape, 3)
+            dr.eval(number, objects, points)
+            return (
+                number.numpy().reshape(shape),
+                objects.numpy().reshape(shape),
+                points.numpy().reshape(*shape, 3),
+            )
 
     def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces, *, colored: bool = True) -> Shown:
         """Return what decided rows show.
@@ -99,7 +111,7 @@ class JitPictures:
         """
         shape, size = decided.triangle.shape, decided.triangle.size
         with strict_arithmetic():
-            triangle, s = on_device(decided.triangle), on_device(decided.s)
+            triangle, s = decided.device or (on_device(decided.triangle), on_device(decided.s))
             direction = pixel_directions(pencil, rows)
             center = JIT.constants(pencil.center)
             position = [at + s * along for at, along in zip(center, direction, strict=True)]

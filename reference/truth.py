@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from xfrustum.reference.averages import AVERAGED_PIXELS, averages, mean_color, points_per_side
-from xfrustum.reference.certify.certify import Certifier, FirstSurfaces
+from xfrustum.reference.certify.certify import Certifier, FirstSurfaces, corner_table
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.certify.runner_up import RunnersUp
 from xfrustum.reference.certify.sides import Sides, sorted_by_side
@@ -37,8 +38,12 @@ from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import Cull, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
 
+if TYPE_CHECKING:
+    from xfrustum.reference.lines.corners_jit import CornerTable
+
 KEPT_TRIANGLES = 1 << 20
-"""Most triangles that a reference keeps sorted for all apertures, in some 150 bytes each."""
+"""Most triangles that a reference keeps for all apertures: sorted in some 150 bytes each, and on the device
+in some 200."""
 
 
 class Reference:
@@ -151,6 +156,11 @@ class Reference:
     def _kept_sides(self) -> list[Sides] | None:
         """The triangles sorted for all apertures; None where they would take too much memory to be kept."""
         return self._sorted_sides() if len(self.scene.faces) <= KEPT_TRIANGLES else None
+
+    @cached_property
+    def _corner_table(self) -> CornerTable | None:
+        """The triangles' corners on the device; None where they would take too much memory to be kept."""
+        return corner_table(self.scene.triangles) if len(self.scene.faces) <= KEPT_TRIANGLES else None
 
     def _sorted_sides(self) -> list[Sides]:
         middle = crossed_frustum(self.scene.frustum, self.scene.plate.middle)
@@ -267,9 +277,10 @@ class Reference:
     def _decider(self, pencil: Pencil, cull: Cull) -> Callable[[range], FirstSurfaces]:
         """Return what decides rows of a camera that may leave out faces."""
         if cull is Cull.NONE:
-            return Certifier(self.scene.triangles, pencil).decide
+            return Certifier(self.scene.triangles, pencil, table=self._corner_table).decide
         some = drawn_triangles(self.scene.triangles, pencil, cull)
-        certifier = Certifier(self.scene.triangles[some], pencil)
+        triangles = self.scene.triangles[some]
+        certifier = Certifier(triangles, pencil, table=corner_table(triangles))
         return lambda rows: certifier.decide(rows).renumbered(some)
 
     def gaps(self, aperture: Aperture) -> Floats:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import moderngl
 import numpy as np
 
+from xfrustum.raster.device.numbered_mesh import NumberedMesh, number_triangles
 from xfrustum.scenes.arrays import Singles
 from xfrustum.scenes.model.scene import Scene
 
@@ -13,6 +16,12 @@ NORMALS = 0
 
 ATTRIBUTES = {"in_position": 3, "in_normal": 3, "in_color": 3, "in_uv": 2}
 """Numbers per vertex of each attribute of hogel.vert."""
+
+SIDE_SLACK = 2.0**-10
+"""Slack of heights by which a triangle is taken for one that lies on one side of the plate alone, relative to
+the largest length along z. Clip depth is a sum of two products in float32, each within some 2^-22 of that
+length, and grows with the same factor as the distance to the near plane does. A triangle all of whose corners
+lie this far before that plane is clipped whole by any device; the plane is the plate, or lies beyond it."""
 
 
 class Mesh:
@@ -35,12 +44,56 @@ class Mesh:
         self._indices = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._normals = context.buffer(scene.normals.astype(np.float32).tobytes())
         self._attributes: dict[str, moderngl.Buffer] = {}
+        self._sides: dict[int, moderngl.Buffer | None] = {}
 
     def drawn_by(self, program: moderngl.Program) -> moderngl.VertexArray:
         """Return the mesh for a program, with the attributes that it reads."""
         read = [name for name in ATTRIBUTES if name in program]
         content = [(self._attribute(name), f"{ATTRIBUTES[name]}f", name) for name in read]
         return self._context.vertex_array(program, content, index_buffer=self._indices)
+
+    @staticmethod
+    def side_of(heights: tuple[float, float]) -> int:
+        """Return the side of the plate of what a camera keeps: 1 above, -1 below, 0 for both.
+
+        `heights` are the lowest and the highest z.
+        """
+        return -1 if heights[1] <= 0 else 1 if heights[0] >= 0 else 0
+
+    def numbered(self, program: moderngl.Program, side: int) -> moderngl.VertexArray | None:
+        """Return a mesh whose triangles have the numbers of their last vertices, with positions alone.
+
+        Parameters
+        ----------
+        program
+            Program that draws it.
+        side
+            Side of the plate, see `side_of`. Triangles that lie on the other one are left out; None where
+            these are all.
+        """
+        if side not in self._sides:
+            lowest, highest = self._scene.height_ranges
+            largest = max(self._scene.frustum.longest_reach, -float(lowest.min()), float(highest.max()))
+            slack = SIDE_SLACK * largest
+            kept = {-1: lowest <= slack, 0: np.ones(len(lowest), dtype=np.bool_), 1: highest >= -slack}[side]
+            faces = self._numbered.faces[kept]
+            # A buffer cannot be empty.
+            self._sides[side] = self._context.buffer(faces.tobytes()) if len(faces) else None
+        indices = self._sides[side]
+        if indices is None:
+            return None
+        return self._context.vertex_array(
+            program, [(self._numbered_positions, "3f", "in_position")], index_buffer=indices
+        )
+
+    @cached_property
+    def _numbered(self) -> NumberedMesh:
+        return number_triangles(self._scene.faces)
+
+    @cached_property
+    def _numbered_positions(self) -> moderngl.Buffer:
+        positions = attribute_of(self._scene, "in_position")[self._numbered.source]
+        return self._context.buffer(positions.tobytes())
 
     def bind(self) -> None:
         """Bind the normals for the shaders."""

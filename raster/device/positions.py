@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.resources import files
+from functools import cached_property
 from typing import Protocol
 
 import moderngl
 import numpy as np
 from OpenGL import GL
 
-from xfrustum.scenes.arrays import Floats, Singles
+from xfrustum.raster.device.programs import Defines, defined, shader
+from xfrustum.scenes.arrays import Floats, Indices, Singles
 from xfrustum.scenes.model.scene import Scene
 
 GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
+
+LISTED_GROUP = 256
+"""Pixels of a work group where some pixels are listed, as in position.comp. A device runs 65,535 groups at
+least: 16 million pixels, more than images have."""
+
+PIXELS_BINDING = 6
+"""Binding of the list of pixels, as in position.comp."""
 
 BYTES_PER_POINT = 12
 """Bytes of a point, three float32. An image is read in as many bands as its points need storage blocks."""
@@ -51,16 +60,26 @@ class Positions:
 
     def __init__(self, context: moderngl.Context, scene: Scene) -> None:
         self._context = context
-        source = (files("xfrustum.raster") / "shaders" / "position.comp").read_text()
-        self._program = context.compute_shader(source)
-        self._program["nothing"] = float("nan")
         self._largest_block = int(GL.glGetIntegerv(GL.GL_MAX_SHADER_STORAGE_BLOCK_SIZE))
         self._vertices = context.buffer(scene.vertices.tobytes())
         self._faces = context.buffer(scene.faces.astype(np.uint32).tobytes())
         self._points: dict[tuple[int, int], moderngl.Buffer] = {}
 
-    def read(self, target: Identified, drawn: Sequence[DrawnBy], some: range | None = None) -> Singles:
-        """Return surface points in scene units, (rows, W, 3), NaN where nothing was drawn.
+    @cached_property
+    def _of_rows(self) -> moderngl.ComputeShader:
+        return self._program({})
+
+    @cached_property
+    def _of_pixels(self) -> moderngl.ComputeShader:
+        return self._program({"LISTED": "1"})
+
+    def _program(self, defines: Defines) -> moderngl.ComputeShader:
+        made = self._context.compute_shader(defined(shader("position.comp"), defines))
+        made["nothing"] = float("nan")
+        return made
+
+    def read(self, target: Identified, drawn: Sequence[DrawnBy]) -> Singles:
+        """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
 
         Parameters
         ----------
@@ -68,13 +87,44 @@ class Positions:
             Picture with the triangle and camera numbers that were drawn.
         drawn
             The cameras, in the order of their numbers.
-        some
-            Rows that are read, counted from the top; all where None.
         """
         width, height = target.size
-        rows = max(1, min(height, self._largest_block // (BYTES_PER_POINT * width)))
+        rows = max(1, min(height, self._points_at_once(target) // width))
+        found = np.empty((height, width, 3), dtype=np.float32)
+        with self._bound(target, drawn) as points:
+            for start in range(0, height, rows):
+                band = found[start : start + rows]
+                program = self._of_rows
+                program["first_row"], program["last_row"] = start, start + len(band) - 1
+                program.run(-(-width // GROUP), -(-len(band) // GROUP), 1)
+                _read_into(band, points)
+        return found
+
+    def read_some(self, target: Identified, drawn: Sequence[DrawnBy], pixels: Indices) -> Singles:
+        """Return the surface points (N, 3) of some pixels, given by row * W + column; see `read`."""
+        found = np.empty((len(pixels), 3), dtype=np.float32)
+        size = self._points_at_once(target)
+        with self._bound(target, drawn) as points:
+            for start in range(0, len(pixels), size):
+                some = pixels[start : start + size].astype(np.uint32)
+                listed = self._context.buffer(some.tobytes())
+                listed.bind_to_storage_buffer(PIXELS_BINDING)
+                self._of_pixels["count"] = len(some)
+                self._of_pixels.run(-(-len(some) // LISTED_GROUP), 1, 1)
+                _read_into(found[start : start + size], points)
+                listed.release()
+        return found
+
+    def _points_at_once(self, target: Identified) -> int:
+        width, height = target.size
+        return max(width, min(width * height, self._largest_block // BYTES_PER_POINT))
+
+    @contextmanager
+    def _bound(self, target: Identified, drawn: Sequence[DrawnBy]) -> Iterator[moderngl.Buffer]:
+        """Bind what both programs read, and return the buffer that they write."""
         if target.size not in self._points:
-            self._points[target.size] = self._context.buffer(reserve=BYTES_PER_POINT * width * rows)
+            room = BYTES_PER_POINT * self._points_at_once(target)
+            self._points[target.size] = self._context.buffer(reserve=room)
         points = self._points[target.size]
         matrices = np.stack([camera.clip_from_scene.T for camera in drawn])
         cameras = self._context.buffer(matrices.tobytes())
@@ -83,16 +133,12 @@ class Positions:
         buffers = (self._vertices, self._faces, points, cameras, cuts)
         for binding, buffer in enumerate(buffers, start=1):
             buffer.bind_to_storage_buffer(binding)
-        wanted = range(height) if some is None else some
-        found = np.empty((len(wanted), width, 3), dtype=np.float32)
-        for start in range(0, len(wanted), rows):
-            band = found[start : start + rows]
-            first = wanted.start + start
-            self._program["first_row"], self._program["last_row"] = first, first + len(band) - 1
-            self._program.run(-(-width // GROUP), -(-len(band) // GROUP), 1)
-            GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
-            read = points.read(size=BYTES_PER_POINT * width * len(band))
-            band[:] = np.frombuffer(read, dtype=np.float32).reshape(band.shape)
+        yield points
         cameras.release()
         cuts.release()
-        return found
+
+
+def _read_into(found: Singles, points: moderngl.Buffer) -> None:
+    """Wait for the points of a program's run, and read them."""
+    GL.glMemoryBarrier(GL.GL_BUFFER_UPDATE_BARRIER_BIT)
+    found[:] = np.frombuffer(points.read(size=found.nbytes), dtype=np.float32).reshape(found.shape)

@@ -62,6 +62,8 @@ class Target:
             self._store(self._textures[attachment], internal)
         self._store(self._textures[-1], INTERNAL_FORMAT[depth])
         self._picture = self._framebuffer([IDENTITY, COLOR], depth=True)
+        # Triangle numbers alone are drawn without a color to clear and to write.
+        self._numbers = self._framebuffer([IDENTITY], depth=True)
         # Reflections read the identities, which therefore must not be attached; reflection.frag says how
         # it does without a depth buffer.
         self._reflection = self._framebuffer([COLOR], depth=False)
@@ -104,12 +106,13 @@ class Target:
             )
         return framebuffer
 
-    def begin(self) -> None:
-        """Draw here from now on, on an empty image: number 0, black."""
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture)
+    def begin(self, *, color: bool = True) -> None:
+        """Draw here from now on, on an empty image: number 0 and, unless no color is wanted, black."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._picture if color else self._numbers)
         GL.glViewport(0, 0, *self.size)
         GL.glClearBufferuiv(GL.GL_COLOR, IDENTITY, np.zeros(4, np.uint32))
-        GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
+        if color:
+            GL.glClearBufferfv(GL.GL_COLOR, COLOR, np.zeros(4, np.float32))
 
     def begin_reflection(self) -> None:
         """Draw from now on color alone, over the picture."""
@@ -158,7 +161,7 @@ class Target:
 
     def release(self) -> None:
         """Free the framebuffers and textures."""
-        GL.glDeleteFramebuffers(2, [self._picture, self._reflection])
+        GL.glDeleteFramebuffers(3, [self._picture, self._numbers, self._reflection])
         GL.glDeleteTextures(self._textures)
         if self._resolved is not None:
             self._resolved.release()

@@ -2,7 +2,7 @@
 // What a pixel shows: which triangle, drawn by which camera, in which light.
 //
 // FRAGMENT_DEPTH, where it is defined, is an expression in w, near and far: a depth mapping that
-// the hardware does not interpolate. SHADED asks for light; without it a picture is identities alone.
+// the hardware does not interpolate. SHADED asks for light; NUMBERED draws identities alone.
 
 #include "triangle.glsl"
 #ifdef SHADED
@@ -11,7 +11,9 @@
 #endif
 
 layout(location = 0) out uvec2 identity;
+#ifndef NUMBERED
 layout(location = 1) out vec4 radiance;
+#endif
 
 uniform uint camera;  // its number in drawing order
 
@@ -28,7 +30,7 @@ void main() {
 #endif
 #ifdef SHADED
     radiance = vec4(lit(TRIANGLE), 1.0);
-#else
+#elif !defined(NUMBERED)
     radiance = vec4(0.0);
 #endif
 }

@@ -1,7 +1,8 @@
 #version 450 core
 // One camera, C or C*: which one is in the matrix alone.
 //
-// MANY draws up to so many hogels in one submission, each on a layer of its own; WITH_LAYERS where the
+// NUMBERED draws a mesh whose triangles have the numbers of their last vertices, see numbered_mesh.py.
+// MANY does so, too, and draws up to so many hogels in one submission, each on a layer of its own; WITH_LAYERS where the
 // device lets a vertex choose its layer. Otherwise there is one hogel at a time.
 
 #ifdef WITH_LAYERS
@@ -25,6 +26,9 @@ flat out vec3 flat_normal;
 flat out uvec2 flat_surface;
 #else
 uniform mat4 clip_from_scene;
+#ifdef NUMBERED
+flat out int numbered;
+#endif
 #endif
 
 in vec3 in_position;  // scene units
@@ -59,8 +63,10 @@ void main() {
 #ifdef TEXTURES
     uv = in_uv;
 #endif
-#ifdef MANY
+#if defined(MANY) || defined(NUMBERED)
     numbered = gl_VertexID;
+#endif
+#ifdef MANY
     hogel = in_hogel;
     flat_normal = in_flat_normal;
     flat_surface = in_flat_surface;

@@ -1,5 +1,5 @@
 // Which of the scene's triangles a fragment belongs to.
-#ifdef MANY
+#if defined(MANY) || defined(NUMBERED)
 flat in int numbered;  // see hogel.vert
 #define TRIANGLE numbered
 #else

@@ -9,18 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xfrustum.reference.certify.exact import ExactPencil
-from xfrustum.reference.certify.footprints import footprints
-from xfrustum.reference.certify.processors import narrow_phase
+from xfrustum.reference.certify.footprints import Footprints, footprints, footprints_on_device
+from xfrustum.reference.certify.processors import compiled, narrow_phase
 from xfrustum.reference.certify.rows import boxed_rows
 from xfrustum.reference.certify.sides import Sides, sorted_by_side
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import Pairs
 from xfrustum.scenes.arrays import Bytes, Floats, Indices, Mask, Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING, Certainty
+
+if TYPE_CHECKING:
+    from xfrustum.reference.lines.corners_jit import CornerTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,12 +42,15 @@ class FirstSurfaces:
         (rows, W) uint8 `Certainty`.
     companions
         (N, 3) row of the image, column and triangle number of each triangle that shares a tie.
+    device
+        `triangle` and `s` as flat arrays of Dr.Jit, where they lie on its device; else None.
     """
 
     triangle: Numbers
     s: Floats
     certainty: Bytes
     companions: Indices
+    device: tuple[Any, Any] | None = None
 
     def renumbered(self, numbers: Indices) -> FirstSurfaces:
         """Return the same decisions with other triangle numbers: number i of (F,) is that of triangle i."""
@@ -50,7 +58,9 @@ class FirstSurfaces:
         known = np.append(numbers, NOTHING)
         companions = self.companions.copy()
         companions[:, 2] = known[companions[:, 2]]
-        return replace(self, triangle=known.astype(np.int32)[self.triangle], companions=companions)
+        return replace(
+            self, triangle=known.astype(np.int32)[self.triangle], companions=companions, device=None
+        )
 
 
 class Certifier:
@@ -62,6 +72,8 @@ class Certifier:
         (F, 3, 3) corners of the scene's triangles, in scene units, and the lines that are decided.
     sides
         The triangles sorted by `sorted_by_side`, if the caller has done so; None to sort them here.
+    table
+        The triangles' corners on the device, see `corner_table`; None where they are not there.
 
     Attributes
     ----------
@@ -69,16 +81,29 @@ class Certifier:
         Lines that are decided.
     """
 
-    def __init__(self, triangles: Floats, pencil: Pencil, sides: Iterable[Sides] | None = None) -> None:
+    def __init__(
+        self,
+        triangles: Floats,
+        pencil: Pencil,
+        sides: Iterable[Sides] | None = None,
+        table: CornerTable | None = None,
+    ) -> None:
         self._triangles = triangles
         self.pencil = pencil
         self._exact = ExactPencil(triangles, pencil)
-        self._footprints = footprints(sides or sorted_by_side(triangles, pencil), pencil, self._exact)
+        self._table = table
+        self._footprints = self._found(sides)
+
+    def _found(self, sides: Iterable[Sides] | None) -> Footprints:
+        """Return the boxes in which triangles may show, found on the device where the corners lie there."""
+        if sides or self._table is None:
+            return footprints(sides or sorted_by_side(self._triangles, self.pencil), self.pencil, self._exact)
+        return footprints_on_device(self._table, self.pencil, self._exact)
 
     def decide(self, rows: range) -> FirstSurfaces:
         """Decide the first surface of every pixel in some rows of the image."""
         phase = narrow_phase(self.pencil, rows)
-        for boxed in boxed_rows(self._triangles, self.pencil, self._footprints, rows):
+        for boxed in boxed_rows(self._triangles, self.pencil, self._footprints, rows, self._table):
             phase.add(boxed)
         sifted = phase.finish()
         shape = (len(rows), self.pencil.resolution[0])
@@ -88,10 +113,12 @@ class Certifier:
             # Proven unless contested: `_settle` overwrites the contested ones.
             certainty=np.full(shape, Certainty.PROVEN, dtype=np.uint8),
             companions=np.zeros((0, 3), dtype=np.int64),
+            device=sifted.device,
         )
         if not len(sifted.contested.pixel):
             return found
-        return replace(found, companions=self._settle(found, sifted.contested, rows.start * shape[1]))
+        companions = self._settle(found, sifted.contested, rows.start * shape[1])
+        return replace(found, companions=companions, device=None)
 
     def _settle(self, found: FirstSurfaces, contested: Pairs, base: int) -> Indices:
         """Fill in the pixels that the narrow phase left open; return the companions of ties.
@@ -133,6 +160,15 @@ class Certifier:
             if len(winners) > 1:
                 companions.append(np.array([(*divmod(pixel, width), winner) for winner in winners]))
         return np.concatenate(companions)
+
+
+def corner_table(triangles: Floats) -> CornerTable | None:
+    """Return corners (F, 3, 3) on the device; None where nothing is compiled, or nothing is to be seen."""
+    if not compiled() or not len(triangles):
+        return None
+    # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
+    table: CornerTable = import_module("xfrustum.reference.lines.corners_jit").CornerTable(triangles)
+    return table
 
 
 def first_surfaces(triangles: Floats, pencil: Pencil) -> FirstSurfaces:

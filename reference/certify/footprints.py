@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,10 @@ from xfrustum.reference.certify.sides import Sides, some
 from xfrustum.reference.lines.cone import EDGES, ROUNDING, UNIT_ROUNDOFF
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices, Mask, Numbers
+
+if TYPE_CHECKING:
+    from xfrustum.reference.lines.boxes_jit import Boxes
+    from xfrustum.reference.lines.corners_jit import CornerTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,12 +36,16 @@ class Footprints:
         (N,) the center lies in the closed triangle, exactly.
     box
         (4, N) first and last column, first and last row, inclusive.
+    turned
+        (N,) the sign of the edge functions inside each triangle, twice that where the sign is in doubt, and
+        0 where `side` is; None where it was not found together with the boxes.
     """
 
     number: Indices
     side: NDArray[np.int8]
     holds_center: Mask
     box: Numbers
+    turned: NDArray[np.int8] | None = None
 
 
 def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPencil) -> Footprints:
@@ -62,20 +71,64 @@ def footprints(sorted_triangles: Iterable[Sides], pencil: Pencil, exact: ExactPe
             parts.append(_footprints(side.number[hit], side.sign, box[:, hit]))
         # The others may contain the center, and may then show in every pixel.
         if len(touching):
-            width, height = pencil.resolution
-            # No line meets a triangle without area, which would take the whole image here for nothing.
-            numbers = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
-            holds = np.array([exact.contains_center(number) for number in numbers.tolist()], dtype=np.bool_)
-            whole = np.tile([[0], [width - 1], [0], [height - 1]], len(numbers))
-            parts.append(_footprints(numbers, 0, whole, holds))
+            parts.append(footprints_around_center(touching, pencil, exact))
+    return joined_footprints(parts)
+
+
+def footprints_on_device(table: CornerTable, pencil: Pencil, exact: ExactPencil) -> Footprints:
+    """Return what `footprints` returns of all triangles of a table, with the way that they are turned.
+
+    Parameters
+    ----------
+    table
+        Corners of the triangles.
+    pencil
+        Lines of the image.
+    exact
+        The same lines in integers.
+    """
+    sides = sides_of(pencil)
+    # Imported only here, because Dr.Jit's arrays need the LLVM that `processors.compiled` has chosen.
+    boxes_on = import_module("xfrustum.reference.lines.boxes_jit").boxes_on
+    found: list[Boxes] = boxes_on(table, pencil, (pixel_slack(pencil, 0), pixel_slack(pencil, 1)), sides)
+    parts = []
+    for side, boxes in zip(sides, found, strict=False):
+        part = _footprints(boxes.number, side, boxes.box)
+        parts.append(replace(part, turned=boxes.turned.astype(np.int8)))
+    if found and len(found[0].touching):
+        parts.append(footprints_around_center(found[0].touching, pencil, exact))
+    return joined_footprints(parts)
+
+
+def footprints_around_center(touching: Indices, pencil: Pencil, exact: ExactPencil) -> Footprints:
+    """Return the boxes of triangles whose boxes in space contain the center: they may show in every pixel."""
+    width, height = pencil.resolution
+    # No line meets a triangle without area, which would take the whole image here for nothing.
+    numbers = np.array([n for n in touching.tolist() if exact.has_area(n)], dtype=np.int64)
+    holds = np.array([exact.contains_center(number) for number in numbers.tolist()], dtype=np.bool_)
+    whole = np.tile([[0], [width - 1], [0], [height - 1]], len(numbers))
+    return _footprints(numbers, 0, whole, holds)
+
+
+def joined_footprints(parts: Sequence[Footprints]) -> Footprints:
+    """Return the boxes of all parts, one part after the other."""
     if not parts:
         return _footprints(np.zeros(0, dtype=np.int64), 0, np.zeros((4, 0)))
+    if len(parts) == 1:
+        return parts[0]
+    turned = [np.zeros(len(part.number), np.int8) if part.turned is None else part.turned for part in parts]
     return Footprints(
         number=np.concatenate([part.number for part in parts]),
         side=np.concatenate([part.side for part in parts]),
         holds_center=np.concatenate([part.holds_center for part in parts]),
         box=np.concatenate([part.box for part in parts], axis=1),
+        turned=None if all(part.turned is None for part in parts) else np.concatenate(turned),
     )
+
+
+def sides_of(pencil: Pencil) -> tuple[int, ...]:
+    """Return the sides of the center that a pencil's range reaches into: +1 behind it, -1 before it."""
+    return tuple(sign for sign in (1, -1) if sign * pencil.s_range[sign > 0] > 0)
 
 
 def _footprints(number: Indices, side: int, box: NDArray[Any], holds: Mask | None = None) -> Footprints:

@@ -31,11 +31,14 @@ class Sifted:
         meets none, and where `contested` has pairs.
     contested
         All pairs of the pixels for which several triangles may be first, or one that is not surely met.
+    device
+        `triangle` and `s` as arrays of Dr.Jit, where they lie on its device; else None.
     """
 
     triangle: Numbers
     s: Floats
     contested: Pairs
+    device: tuple[Any, Any] | None = None
 
 
 class NarrowPhase(Protocol):

@@ -8,13 +8,26 @@ import drjit as dr
 import numpy as np
 
 from xfrustum.reference.certify.narrow_jit import JitNarrowPhase, Lanes, walk
+from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.devices.arithmetic_jit import Float64, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
+from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats
 
 
 class JitRunnersUp(JitNarrowPhase):
     """Second surfaces on Dr.Jit; see `runner_up.RunnerUpPhase`."""
+
+    def __init__(self, pencil: Pencil, rows: range) -> None:
+        super().__init__(pencil, rows)
+        with strict_arithmetic():
+            self._limit = dr.opaque(Float64, np.inf, self._pixels)
+
+    def add(self, rows: Rows) -> None:
+        """Take more triangles into account."""
+        with strict_arithmetic():
+            self._lanes.append(lanes := self._cut(rows))
+            self._lower(lanes)
 
     def first(self) -> Floats:
         """Return the largest s at which the first surface of each pixel can lie; infinite without one."""
@@ -26,11 +39,11 @@ class JitRunnersUp(JitNarrowPhase):
             before = on_device(first)
             second = dr.opaque(Float64, np.inf, self._pixels)
             for lanes in self._lanes:
-                self._lower(lanes, before, second)
+                self._lower_second(lanes, before, second)
                 dr.eval(second)
             return np.asarray(second.numpy())
 
-    def _lower(self, lanes: Lanes, before: Any, second: Any) -> None:
+    def _lower_second(self, lanes: Lanes, before: Any, second: Any) -> None:
         def lower(column: Any) -> None:
             s, error, sure, _ = self._evaluated(lanes, column)
             pixel = lanes.base + column

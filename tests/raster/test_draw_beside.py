@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.views import view
 from xfrustum.raster import Rasterizer
-from xfrustum.scenes import DepthFormat, DepthMapping, DoubleFrustum, HogelImage
+from xfrustum.scenes import Camera, DepthFormat, DepthMapping, DoubleFrustum, HogelImage
 
 NEARS_PER_REACH = (1e-2, 1e-4, 1e-6, 1e-8)
 """Nears from one at which D16 orders nearly all surfaces to one at which it loses all of them."""
@@ -49,6 +49,25 @@ def test_so_has_one_beside_a_picture_of_other_cameras() -> None:
         alone = rasterizer.render(scene.plate.middle, exactly(settings))
     assert _differing(alone, other.image)
     assert beside.position.tobytes() == alone.position.tobytes()
+
+
+@pytest.mark.parametrize("name", ["large-triangles", "crossing"])
+@pytest.mark.parametrize("slabs", [(), (20.0,)])
+def test_a_picture_without_color_shows_the_triangles_of_one_with_color(
+    name: str, slabs: tuple[float, ...]
+) -> None:
+    """It is drawn from another mesh, by cameras that leave out what lies on the other side of the plate."""
+    scene = view(name, (64, 48))
+    with Rasterizer(scene) as rasterizer:
+        for share in NEARS_PER_REACH:
+            near = share * scene.frustum.longest_reach
+            for camera in Camera:
+                settings = DoubleFrustum(near=near, camera=camera, slabs=slabs)
+                plain, colored = (
+                    rasterizer.draw(scene.plate.middle, settings, color=color) for color in (False, True)
+                )
+                np.testing.assert_array_equal(plain.identity, colored.identity)
+                assert plain.image.position.tobytes() == colored.image.position.tobytes()
 
 
 def _differing(one: HogelImage, other: HogelImage) -> int:

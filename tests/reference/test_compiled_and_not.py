@@ -23,6 +23,7 @@ from tests.support.views import at, soup, view
 from xfrustum.reference import Reference
 from xfrustum.reference import pictures as pictures_module
 from xfrustum.reference import truth as truth_module
+from xfrustum.reference.certify import certify as certify_module
 from xfrustum.reference.certify import processors
 from xfrustum.reference.devices import dr_jit
 from xfrustum.reference.devices.arithmetic import NUMPY
@@ -56,7 +57,7 @@ MODELS = (
 def without_llvm() -> Iterator[None]:
     """Let everything that is certified and made be certified and made in NumPy."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (processors, pictures_module, truth_module):
+        for module in (processors, pictures_module, truth_module, certify_module):
             patch.setattr(module, "compiled", lambda: False)
         yield
 
