@@ -64,12 +64,9 @@ def film_steps(
     (N,) lengths in pixels of the differences of neighboring images' shifts; not finite where either image has
     none, or one beyond all numbers.
     """
-    if compiled():
-        return list(
-            import_module("xfrustum.reference.film_shifts_jit").compiled_steps(
-                positions, pencil, pixels, first
-            )
-        )
+    if compiled() and len(pixels):
+        steps = import_module("xfrustum.reference.film_shifts_jit").compiled_steps
+        return list(steps(positions, pencil, pixels, first))
     centers = _centers(pencil.resolution).take(pixels)
     shifts = [
         first.take(pixels)

@@ -332,7 +332,7 @@ class Budget(Shown):
         sizes = self._step_sizes()
         charges = self.surface_charge, self.charge
         return tuple(
-            self._cause(link, size, tuple(np.count_nonzero(charge == link) for charge in charges))
+            self._cause(link, size, tuple(int(np.count_nonzero(charge == link)) for charge in charges))
             for link, size in enumerate(sizes)
         )
 
