@@ -97,15 +97,18 @@ class Silhouettes:
         The true image of an aperture.
     frustum
         Frustum of the scene.
+    points
+        Surface points of the true image, where they are known already.
     """
 
-    def __init__(self, truth: HogelImage, frustum: Frustum) -> None:
+    def __init__(self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None) -> None:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
-        self._points = TruePoints.of(truth)
+        self._points = points or TruePoints.of(truth)
         self._in_aperture = _in_aperture(truth)
         self._contours: dict[tuple[float, ...], _Sided] = {}
         self._wrong: dict[DoubleFrustum, float] = {}
+        self._snapping: dict[tuple[float, ...], float] = {}
 
     def wrong_pixels(self, settings: DoubleFrustum) -> float:
         """Return the expected number of judged pixels with a wrong surface, errors of depth left out."""
@@ -154,11 +157,14 @@ class Silhouettes:
         of the contour that recedes does. The number is an upper estimate: where displacement has moved a
         contour farther than snapping does, half of the pixels that change were wrong before.
         """
-        steps = self._contours_for(settings).steps
-        length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
-        judged = self._judged.ravel()
-        counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
-        return float(np.sum(length * counted)) * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
+        first = settings.slabs[:1]
+        if first not in self._snapping:
+            steps = self._contours_for(settings).steps
+            length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
+            judged = self._judged.ravel()
+            counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
+            self._snapping[first] = float(np.sum(length * counted))
+        return self._snapping[first] * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
 
     def _contours_for(self, settings: DoubleFrustum) -> _Sided:
         """Return the contours, found once for each height at which the first slab ends."""
