@@ -25,10 +25,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, Contours, Kind, contours
+from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, SIGMAS, Contours, Kind, contours, smoothed
 from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -39,10 +38,6 @@ SNAP_PER_HALF_SUBPIXEL = 0.39
 """Mean distance by which a point of an edge moves along the edge's normal when both ends of the edge snap to
 the nearest subpixel in each axis, as a part of half a subpixel. Both errors of each end are uniform; the mean
 over points and directions is 0.390, by two million random edges."""
-
-
-SIGMAS = 4.0
-"""Standard deviations after which SciPy's filter ends, as it does unless told otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,7 +195,7 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
         return float(swept.sum())
     wrong = np.zeros_like(swept)
     some = _reached_by(swept)
-    wrong[some] = np.minimum(gaussian_filter(swept[some], CONTOUR_SIGMA_PX, truncate=SIGMAS), 1)
+    wrong[some] = np.minimum(smoothed(swept[some]), 1)
     wrong[missing] = 1.0
     return float(wrong.sum(where=judged))
 
