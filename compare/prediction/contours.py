@@ -147,7 +147,7 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     height = np.where(truth.covered, truth.height, -np.inf).ravel()
     parts = []
     for axis, step in enumerate(steps):
-        normal = _normals(gradients, step, axis)
+        normal = _normals(gradients[axis], step, axis)
         ahead = height[step.before] >= height[step.after]
         turned = np.where(ahead, 1.0, -1.0) * step.oriented
         front, back = np.where(ahead, [step.before, step.after], [step.after, step.before])
@@ -173,40 +173,48 @@ def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
         kind[(here != there) & pairs(truth.covered)[0] & (kind == _NO_CONTOUR)] = Kind.SEAM
     row, column = np.divmod(np.flatnonzero(kind != _NO_CONTOUR), kind.shape[1])
     kind = kind[row, column]
-    first = row * truth.triangle.shape[1] + column
-    second = first + (1 if axis else truth.triangle.shape[1])
-    height, objects = truth.height.ravel(), truth.object.ravel()
+    places = row, column
+    beyond = (row, column + 1) if axis else (row + 1, column)
+    height, objects = truth.height, truth.object
     forward = np.select(
         [kind == Kind.OBJECTS, kind == Kind.OCCLUSION],
-        [objects[first] > objects[second], height[first] > height[second]],
-        default=False if slab is None else slab.ravel()[first],
+        [objects[places] > objects[beyond], height[places] > height[beyond]],
+        default=False if slab is None else slab[places],
     )
+    first, second = (down * truth.triangle.shape[1] + across for down, across in (places, beyond))
     return _Steps(before=first, after=second, kind=kind, oriented=np.where(forward, 1.0, -1.0))
 
 
 def _occludes(truth: HogelImage, pairs: Pairs) -> Mask:
     """Return the pairs of neighbors whose points lie in neither tangent plane of the other."""
-    near, far = pairs(truth.height)
+    height = np.ascontiguousarray(truth.height)
+    near, far = pairs(height)
     found = np.zeros(near.shape, dtype=np.bool_)
     if truth.normal is None:
         return found
     k, t = np.asarray(truth.camera.shear), np.asarray(truth.camera.half_extent)
-    footprint = 2 * np.max(t / truth.camera.resolution) * np.maximum(*pairs(np.abs(truth.height)))
+    footprint = 2 * np.max(t / truth.camera.resolution) * np.maximum(*pairs(np.abs(height)))
     # Neighboring lines are a footprint apart: two points of equal height are no farther off any plane.
     longest = np.hypot(1, np.hypot(*(np.abs(k) + t)))
     deep = np.abs(far - near) * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
     some = np.divmod(np.flatnonzero(deep), deep.shape[1])
     (start, end), normals = (pairs(one) for one in (truth.position, truth.normal))
     chord = end[some] - start[some]
-    off = [np.abs(np.einsum("ij,ij->i", chord, ends[some])) for ends in normals]
-    found[some] = np.minimum(*off) > MIN_OCCLUSION_FOOTPRINTS * footprint[some]
+    # Few points lie off the first plane: only these are asked how far they lie off the second.
+    for ends in normals:
+        off = np.abs(np.einsum("ij,ij->i", chord, ends[some])) > MIN_OCCLUSION_FOOTPRINTS * footprint[some]
+        some, chord = (some[0][off], some[1][off]), chord[off]
+    found[some] = True
     return found
 
 
-def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> Floats:
-    """Return the oriented steps around each pixel, (kinds, 2, H, W), smoothed over `CONTOUR_SIGMA_PX`."""
+def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Return the oriented steps around each step along either axis, (N, 2).
+
+    Steps of its kind are smoothed over `CONTOUR_SIGMA_PX`, and those around both of its pixels are added up.
+    """
     size = int(np.prod(shape))
-    gradients = np.zeros((len(Kind), 2, *shape))
+    across, down = (np.zeros((len(step.kind), 2)) for step in steps)
     for kind in Kind:
         for axis, step in enumerate(steps):
             weight = step.oriented * (step.kind == kind)
@@ -214,8 +222,13 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> Floats:
                 continue
             # Each of a step's two pixels takes half of it.
             halves = np.bincount(step.before, weight, size) + np.bincount(step.after, weight, size)
-            gradients[kind, axis] = smoothed(halves.reshape(shape), "constant")
-    return gradients
+            smooth = smoothed(halves.reshape(shape), "constant")
+            for found, asked in zip((across, down), steps, strict=True):
+                mine = np.flatnonzero(asked.kind == kind)
+                ends = (np.divmod(end[mine], shape[1]) for end in (asked.before, asked.after))
+                first, second = (smooth[end] for end in ends)
+                found[mine, axis] = first + second
+    return across, down
 
 
 def _normals(gradients: Floats, step: _Steps, axis: int) -> Floats:
@@ -224,11 +237,7 @@ def _normals(gradients: Floats, step: _Steps, axis: int) -> Floats:
     On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the rest points against
     the step itself, the step's normal is the axis.
     """
-    around = gradients.reshape(len(Kind), 2, -1)
-    normal = np.empty((len(step.kind), 2))
-    for component in (0, 1):
-        normal[:, component] = around[step.kind, component, step.before]
-        normal[:, component] += around[step.kind, component, step.after]
+    normal = gradients.copy()
     length = np.hypot(normal[:, 0], normal[:, 1])
     normal /= np.where(length > 0, length, 1.0)[:, None]
     against = normal[:, axis] * step.oriented <= 0

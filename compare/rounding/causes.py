@@ -140,7 +140,8 @@ def _drawn_by(
         of the next one: what is found of a pixel depends on no other, and small arrays cost calls alone.
     """
     number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
-    heights = [image.height.reshape(-1).take(pixels) for image in images]
+    # `take` would copy all of the heights, which lie apart in memory.
+    heights = [image.height.reshape(-1)[pixels] for image in images]
     columns, rows = _columns_and_rows(np.tile(pixels, len(images)), images[0].triangle.shape[1])
     exists = (number != NOTHING) & (number < len(triangles))
     for camera in cameras:
