@@ -90,24 +90,16 @@ class Steps:
     lengths: tuple[Floats | None, ...]
 
     @classmethod
-    def of(cls, images: Sequence[Vectors]) -> Steps:
-        """Return the steps from image to image; an image that is the one before it adds nothing."""
-        found = [None if after is before else np.abs(after - before) for before, after in pairwise(images)]
-        # Points very near the plate may be displaced beyond all numbers.
-        finite = [np.isfinite(one) for one in found if one is not None]
-        known: Mask = np.logical_and.reduce(finite) if finite else np.isfinite(images[0])
-        return cls(
-            pixels=np.flatnonzero(known),
-            lengths=tuple(None if one is None else one[known] for one in found),
-        )
-
-    @classmethod
     def between(cls, images: Sequence[HogelImage], first: KnownShifts) -> Steps:
-        """Return the same as `of` of images of a chain, given the displacement of the first."""
+        """Return the steps from image to image, given the displacement of the first.
+
+        An image that is the one before it adds nothing.
+        """
         distinct = [images[0], *(after for before, after in pairwise(images) if after is not before)]
         pencil = true_lines(images[0].camera)
         found = film_steps([image.position for image in distinct], pencil, first.pixels, first.vectors)
         pixels = first.pixels
+        # Points very near the plate may be displaced beyond all numbers.
         known = np.isfinite(found[0]) if found else np.ones(len(pixels), dtype=np.bool_)
         for one in found[1:]:
             known &= np.isfinite(one)

@@ -123,7 +123,8 @@ def smoothed(image: Floats, mode: str = "reflect") -> Floats:
     """
     height, width = image.shape
     lines = -(-width // CACHE_LINE_VALUES) | 1
-    given, found = np.empty((2, height, lines * CACHE_LINE_VALUES))[..., :width]
+    given: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
+    found: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
     given[:] = image
     gaussian_filter(given, CONTOUR_SIGMA_PX, output=found, mode=mode, truncate=SIGMAS)
     return found
@@ -221,7 +222,8 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
             if not weight.any():
                 continue
             # Each of a step's two pixels takes half of it.
-            halves = np.bincount(step.before, weight, size) + np.bincount(step.after, weight, size)
+            halves: Floats = np.bincount(step.before, weight, size).astype(np.float64, copy=False)
+            halves += np.bincount(step.after, weight, size)
             smooth = smoothed(halves.reshape(shape), "constant")
             for found, asked in zip((across, down), steps, strict=True):
                 mine = np.flatnonzero(asked.kind == kind)
