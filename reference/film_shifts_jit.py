@@ -70,20 +70,30 @@ def compiled_steps(
     first: NDArray[np.complex128] | None,
 ) -> list[Floats]:
     """Return the lengths (N,) of `film_steps`, by the same operations in the same order."""
+    # Lengths are copied, and all arrays of Dr.Jit are given back while nobody else records or evaluates.
     with strict_arithmetic():
-        film = _Film.of(pencil, UInt32(on_device(pixels)))
-        if first is None:
-            shifts = [film.shifts(position) for position in positions]
-        else:
-            known = on_device(first.view(np.float64))
-            begun = [dr.gather(Float64, known, film.pixel * 2 + part) for part in (0, 1)]
-            shifts = [begun, *(film.shifts(position) for position in positions[1:])]
-        found = [
-            _length(*(new - old for old, new in zip(before, after, strict=True)))
-            for before, after in pairwise(shifts)
-        ]
-        dr.eval(*found)
-        return [one.numpy() for one in found]
+        return [one.numpy().copy() for one in _steps(positions, pencil, pixels, first)]
+
+
+def _steps(
+    positions: Sequence[NDArray[np.floating]],
+    pencil: Pencil,
+    pixels: Indices,
+    first: NDArray[np.complex128] | None,
+) -> list[Any]:
+    film = _Film.of(pencil, UInt32(on_device(pixels)))
+    if first is None:
+        shifts = [film.shifts(position) for position in positions]
+    else:
+        known = on_device(first.view(np.float64))
+        begun = [dr.gather(Float64, known, film.pixel * 2 + part) for part in (0, 1)]
+        shifts = [begun, *(film.shifts(position) for position in positions[1:])]
+    found = [
+        _length(*(new - old for old, new in zip(before, after, strict=True)))
+        for before, after in pairwise(shifts)
+    ]
+    dr.eval(*found)
+    return found
 
 
 def _place(along: Any, side: Any) -> Any:
