@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from importlib import import_module
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil, places_off_center
+from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.scene import read_only
 
 Vectors = NDArray[np.complex128]
@@ -31,19 +34,57 @@ def film_shifts(position: NDArray[np.floating], pencil: Pencil) -> Vectors:
     (H W,) place where each point belongs minus the center of the pixel that shows it, in pixels; rows count
     down. NaN where no surface is shown and where it lies in the plate.
     """
-    found = np.empty(pencil.resolution[0] * pencil.resolution[1], dtype=np.complex128)
     if compiled():
         # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
         shifts = import_module("xfrustum.reference.film_shifts_jit").compiled_shifts
+        found = np.empty(pencil.resolution[0] * pencil.resolution[1], dtype=np.complex128)
         found.real, found.imag = shifts(position, pencil)
         return found
-    found.fill(complex(np.nan, np.nan))
-    rows = position.reshape(-1, 3)
-    pixels = np.flatnonzero(np.isfinite(rows).all(axis=1) & (rows[:, 2] != 0))
-    x, y, z = np.ascontiguousarray(rows.take(pixels, axis=0).T, dtype=np.float64)
-    shift = np.empty(len(pixels), dtype=np.complex128)
+    return _numpy_shifts(position.reshape(-1, 3), pencil, _centers(pencil.resolution))
+
+
+def film_steps(
+    positions: Sequence[NDArray[np.floating]], pencil: Pencil, pixels: Indices, first: Vectors | None = None
+) -> list[Floats]:
+    """Return by how far each of several images moves what it shows beyond the image before it.
+
+    Parameters
+    ----------
+    positions
+        (H, W, 3) surface points of each image, as for `film_shifts`.
+    pencil
+        Lines of the film, through a point in the plate.
+    pixels
+        (N,) flat numbers of the pixels that are asked about.
+    first
+        `film_shifts` of the first image, where they are known already.
+
+    Returns
+    -------
+    (N,) lengths in pixels of the differences of neighboring images' shifts; not finite where either image has
+    none, or one beyond all numbers.
+    """
+    if compiled() and len(pixels):
+        steps = import_module("xfrustum.reference.film_shifts_jit").compiled_steps
+        return list(steps(positions, pencil, pixels, first))
+    centers = _centers(pencil.resolution).take(pixels)
+    shifts = [
+        first.take(pixels)
+        if first is not None and number == 0
+        else _numpy_shifts(position.reshape(-1, 3).take(pixels, axis=0), pencil, centers)
+        for number, position in enumerate(positions)
+    ]
+    return [np.abs(after - before) for before, after in pairwise(shifts)]
+
+
+def _numpy_shifts(rows: NDArray[np.floating], pencil: Pencil, centers: Vectors) -> Vectors:
+    """Return the shifts (N,) of surface points (N, 3), given the centers of the pixels that show them."""
+    found = np.full(len(rows), complex(np.nan, np.nan))
+    shown = np.flatnonzero(np.isfinite(rows).all(axis=1) & (rows[:, 2] != 0))
+    x, y, z = np.ascontiguousarray(rows.take(shown, axis=0).T, dtype=np.float64)
+    shift = np.empty(len(shown), dtype=np.complex128)
     shift.real, shift.imag = places_off_center(x, y, z, pencil)
-    found[pixels] = shift - _centers(pencil.resolution).take(pixels)
+    found[shown] = shift - centers.take(shown)
     return found
 
 

@@ -2,41 +2,113 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.devices.arithmetic_jit import JIT, Float64, UInt32, on_device
+from xfrustum.reference.devices.arithmetic_jit import JIT, Bool, Float64, UInt32, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.scenes.arrays import Floats
+from xfrustum.scenes.arrays import Floats, Indices
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Film:
+    """A film as lanes see it: constants of its pencil, and each lane's pixel, column and row."""
+
+    center: list[Any]
+    shear: list[Any]
+    half: list[Any]
+    sides: list[Any]
+    pixel: Any
+    column: Any
+    row: Any
+
+    @classmethod
+    def of(cls, pencil: Pencil, pixel: Any) -> _Film:
+        center, shear, half = map(JIT.constants, (pencil.center, pencil.shear, pencil.half_extent))
+        sides = JIT.constants(pencil.resolution)
+        # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
+        row = dr.floor((Float64(pixel) + 0.5) / sides[0])
+        column = Float64(pixel) - row * sides[0]
+        return cls(center=center, shear=shear, half=half, sides=sides, pixel=pixel, column=column, row=row)
+
+    def shifts(self, position: NDArray[np.floating]) -> list[Any]:
+        """Return columns and rows of `film_shifts` of the lanes' pixels, NaN where no surface is shown."""
+        flat = on_device(position)
+        x, y, z = (Float64(dr.gather(type(flat), flat, self.pixel * 3 + axis)) for axis in range(3))
+        depth = -(z - self.center[2])
+        across, down = (
+            ((value - self.center[axis]) / depth - self.shear[axis]) / self.half[axis]
+            for axis, value in enumerate((x, y))
+        )
+        shown = dr.isfinite(x) & dr.isfinite(y) & dr.isfinite(z) & (z != 0)
+        column = _place(across + 1, self.sides[0]) - self.column
+        return [
+            dr.select(shown, value, np.nan) for value in (column, _place(1 - down, self.sides[1]) - self.row)
+        ]
 
 
 def compiled_shifts(position: NDArray[np.floating], pencil: Pencil) -> tuple[Floats, Floats]:
     """Return columns and rows (H W,) of `film_shifts`, by the same operations in the same order."""
-    size = pencil.resolution[0] * pencil.resolution[1]
     with strict_arithmetic():
-        lane, flat = dr.arange(UInt32, size), on_device(position)
-        x, y, z = (Float64(dr.gather(type(flat), flat, lane * 3 + axis)) for axis in range(3))
-        center, shear, half = map(JIT.constants, (pencil.center, pencil.shear, pencil.half_extent))
-        width, height = JIT.constants(pencil.resolution)
-        # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
-        row = dr.floor((Float64(lane) + 0.5) / width)
-        depth = -(z - center[2])
-        across, down = (
-            ((value - center[axis]) / depth - shear[axis]) / half[axis] for axis, value in enumerate((x, y))
-        )
-        shown = dr.isfinite(x) & dr.isfinite(y) & dr.isfinite(z) & (z != 0)
-        column = _place(across + 1, width) - (Float64(lane) - row * width)
-        columns, rows = (
-            dr.select(shown, value, np.nan) for value in (column, _place(1 - down, height) - row)
-        )
+        pixel = dr.arange(UInt32, pencil.resolution[0] * pencil.resolution[1])
+        columns, rows = _Film.of(pencil, pixel).shifts(position)
         dr.eval(columns, rows)
         return columns.numpy(), rows.numpy()
+
+
+def compiled_steps(
+    positions: Sequence[NDArray[np.floating]],
+    pencil: Pencil,
+    pixels: Indices,
+    first: NDArray[np.complex128] | None,
+) -> list[Floats]:
+    """Return the lengths (N,) of `film_steps`, by the same operations in the same order."""
+    # Lengths are copied, and all arrays of Dr.Jit are given back while nobody else records or evaluates.
+    with strict_arithmetic():
+        return [one.numpy().copy() for one in _steps(positions, pencil, pixels, first)]
+
+
+def _steps(
+    positions: Sequence[NDArray[np.floating]],
+    pencil: Pencil,
+    pixels: Indices,
+    first: NDArray[np.complex128] | None,
+) -> list[Any]:
+    film = _Film.of(pencil, UInt32(on_device(pixels)))
+    if first is None:
+        shifts = [film.shifts(position) for position in positions]
+    else:
+        known = on_device(first.view(np.float64))
+        begun = [dr.gather(Float64, known, film.pixel * 2 + part) for part in (0, 1)]
+        shifts = [begun, *(film.shifts(position) for position in positions[1:])]
+    found = [
+        _length(*(new - old for old, new in zip(before, after, strict=True)))
+        for before, after in pairwise(shifts)
+    ]
+    dr.eval(*found)
+    return found
 
 
 def _place(along: Any, side: Any) -> Any:
     """Return the place in pixels of what lies so far along a side of the film, which is two long."""
     return along * side / 2 - 0.5
+
+
+def _length(x: Any, y: Any) -> Any:
+    """Return the lengths of vectors, NaN where a coordinate is not finite: NumPy's `abs` of complex numbers.
+
+    NumPy, too, scales by the larger coordinate, and adds one to the square of the quotient in one rounding
+    where the processor has an instruction for that.
+    """
+    x, y = dr.abs(x), dr.abs(y)
+    finite: Bool = dr.isfinite(x) & dr.isfinite(y)
+    larger, smaller = dr.maximum(x, y), dr.minimum(x, y)
+    share = dr.select(larger > 0, smaller / larger, 0.0)
+    return dr.select(finite, dr.sqrt(dr.fma(share, share, 1.0)) * larger, np.nan)

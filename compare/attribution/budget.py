@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
-from xfrustum.compare.attribution.steps import Steps, StepSize, shifts
+from xfrustum.compare.attribution.steps import KnownShifts, Steps, StepSize, step_lengths
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import (
     JudgedImage,
@@ -29,7 +29,6 @@ from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
-from xfrustum.reference.film_shifts import Vectors
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.notebook.shown import Brief, Shown
@@ -154,7 +153,7 @@ class ChainStart(Brief):
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
-    truth_shifts: Vectors | None = None
+    truth_shifts: KnownShifts | None = None
     beside: Callable[[], JudgedImage] | None = None
 
     @property
@@ -180,10 +179,15 @@ class ChainStart(Brief):
     @cached_property
     def charge(self) -> NDArray[np.int8]:
         """(H, W) the last link that changes the triangle of each pixel up to R0, `RIGHT` where none does."""
-        charge = np.full(self.truth.triangle.shape, RIGHT, dtype=np.int8)
+        pixels = np.arange(self.truth.triangle.size)
+        return self.charge_at(pixels).reshape(self.truth.triangle.shape)
+
+    def charge_at(self, pixels: Indices) -> NDArray[np.int8]:
+        """Return `charge` of some pixels, given by their flat numbers (N,)."""
+        charge = np.full(len(pixels), RIGHT, dtype=np.int8)
         for link, (before, after) in enumerate(pairwise(self.images)):
             if after is not before:
-                charge[before.triangle != after.triangle] = link
+                charge[_differs(before, after, pixels)] = link
         return charge
 
     @cached_property
@@ -236,16 +240,7 @@ class ChainStart(Brief):
     @cached_property
     def steps(self) -> Steps:
         """What each link but the last adds to displacement, where all images show a surface off the plate."""
-        return Steps.of(self.shifts)
-
-    @cached_property
-    def shifts(self) -> tuple[Vectors, ...]:
-        """Displacement (H W,) of each image; see `shifts`."""
-        found = {} if self.truth_shifts is None else {id(self.truth): self.truth_shifts}
-        for image in self.images:
-            if id(image) not in found:
-                found[id(image)] = shifts(image, self.truth.camera)
-        return tuple(found[id(image)] for image in self.images)
+        return Steps.between(self.images, self.truth_shifts or KnownShifts.of(self.truth))
 
     @cached_property
     def step_sizes(self) -> tuple[StepSize | None, ...]:
@@ -335,12 +330,9 @@ class Budget(Shown):
     def causes(self) -> tuple[Cause, ...]:
         """What each link does, in the order of `links`."""
         sizes = self._step_sizes()
-        surfaces, triangles = (
-            np.bincount(charge[charge != RIGHT], minlength=len(sizes))
-            for charge in (self.surface_charge, self.charge)
-        )
+        charges = self.surface_charge, self.charge
         return tuple(
-            self._cause(link, size, (int(surfaces[link]), int(triangles[link])))
+            self._cause(link, size, tuple(int(np.count_nonzero(charge == link)) for charge in charges))
             for link, size in enumerate(sizes)
         )
 
@@ -351,14 +343,14 @@ class Budget(Shown):
         # What depth does not change it does not move: elsewhere R0 is displaced alike, or not at all.
         step = np.zeros(0)
         if changed.size:
-            step = np.abs(shifts(self.drawn, start.truth.camera)[changed] - start.shifts[-1][changed])
+            step = step_lengths(start.images[-1], self.drawn, start.truth.camera, changed)
         steps = start.steps.with_last(changed, step)
         if len(steps.pixels) == len(start.steps.pixels):
             last = Steps(pixels=steps.pixels, lengths=steps.lengths[-1:])
             return (*start.step_sizes, *last.sizes())
         return steps.sizes()
 
-    def _cause(self, link: int, size: StepSize | None, wrong: tuple[int, int]) -> Cause:
+    def _cause(self, link: int, size: StepSize | None, wrong: tuple[int, ...]) -> Cause:
         return Cause(
             name=self.links[link],
             surface=wrong[0],
@@ -412,6 +404,12 @@ def make_budget(reference: Reference, chain: Chain) -> Budget:
     return charged(start, chain.images[-1], predictor.links(chain.settings))
 
 
+def _differs(one: HogelImage, other: HogelImage, pixels: Indices) -> Mask:
+    """Return at which of some pixels (N,), given by their flat numbers, two images show other triangles."""
+    mine, its = (image.triangle.reshape(-1).take(pixels) for image in (one, other))
+    return np.asarray(mine != its)
+
+
 def charged(
     start: ChainStart,
     drawn: HogelImage,
@@ -434,23 +432,26 @@ def charged(
     errors
         Errors of the last image with its wrong surfaces, where it was compared with the truth already.
     """
-    charge = start.charge.copy()
-    charge[drawn.triangle != start.images[-1].triangle] = start.depth
-    charge[~start.judged | (drawn.triangle == start.truth.triangle)] = RIGHT
+    charge = np.full(drawn.triangle.shape, RIGHT, dtype=np.int8)
+    pixels = np.flatnonzero((drawn.triangle != start.truth.triangle) & start.judged)
+    by_depth = _differs(drawn, start.images[-1], pixels)
+    charge.reshape(-1)[pixels] = np.where(by_depth, start.depth, start.charge_at(pixels))
     if errors is None or errors.surface is None:
         wrong = wrong_surface(start.truth, drawn, start.reference) & start.judged
     else:
         wrong = errors.surface
     # What R0 shows rightly goes wrong by depth, whatever the images before show.
-    surface_charge = np.where(start.surface_charge == RIGHT, np.int8(start.depth), start.surface_charge)
-    surface_charge[~wrong] = RIGHT
+    surface_charge = np.full(wrong.shape, RIGHT, dtype=np.int8)
+    pixels = np.flatnonzero(wrong)
+    before = start.surface_charge.reshape(-1).take(pixels)
+    surface_charge.reshape(-1)[pixels] = np.where(before == RIGHT, start.depth, before)
     by_rasterizing = start.rounding.within(charge == start.rasterization)
-    by_depth = start.causes_of(start.depth, drawn, charge == start.depth)
+    by_rounding_depth = start.causes_of(start.depth, drawn, charge == start.depth)
     return Budget(
         start=start,
         drawn=drawn,
         charge=charge,
         surface_charge=surface_charge,
-        explanation=by_rasterizing.joined(by_depth),
+        explanation=by_rasterizing.joined(by_rounding_depth),
         predicted=predicted,
     )

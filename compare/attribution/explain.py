@@ -35,10 +35,10 @@ def explain(
     pixels
         (H, W) the pixels that are asked about; all where None.
     """
-    cameras = drawing_cameras(scene, raster, subpixel_bits)
     wrong: Mask = np.not_equal(model.triangle, raster.triangle)
     if pixels is not None:
         wrong &= pixels
+    cameras = drawing_cameras(scene, raster, subpixel_bits) if wrong.any() else []
     return find_causes(scene.triangles, cameras, model, raster, wrong)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.displacement import percentiles, root_mean_square
 from xfrustum.compare.metrics.film import true_lines
-from xfrustum.reference.film_shifts import Vectors, film_shifts
+from xfrustum.reference.film_shifts import Vectors, film_shifts, film_steps
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelCamera, HogelImage
 
@@ -29,7 +29,9 @@ class StepSize:
             return None
         if float(values.max()) == 0 and float(values.min()) == 0:
             return cls(rms=0.0, p99=0.0)
-        (p99,) = percentiles(values, (99,))
+        # Most pixels may not be displaced at all: then the percentile is zero, and nothing is selected.
+        zeros = len(values) - int(np.count_nonzero(values > 0))
+        p99 = 0.0 if zeros > 0.99 * (len(values) - 1) + 1 else percentiles(values, (99,))[0]
         return cls(rms=root_mean_square(values), p99=p99)
 
 
@@ -39,6 +41,37 @@ def shifts(image: HogelImage, camera: HogelCamera) -> Vectors:
     `camera` is that of the true frustum.
     """
     return film_shifts(image.position, true_lines(camera))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownShifts:
+    """Displacement of the first image of a chain, the truth, which is rounding.
+
+    Attributes
+    ----------
+    vectors
+        (H W,) displacement.
+    pixels
+        (N,) flat numbers of the pixels at which it is finite, ascending.
+    """
+
+    vectors: Vectors
+    pixels: Indices
+
+    @classmethod
+    def of(cls, truth: HogelImage) -> KnownShifts:
+        """Return the displacement of a true image."""
+        vectors = shifts(truth, truth.camera)
+        return cls(vectors=vectors, pixels=np.flatnonzero(np.isfinite(vectors)))
+
+
+def step_lengths(before: HogelImage, after: HogelImage, camera: HogelCamera, pixels: Indices) -> Floats:
+    """Return how far an image displaces what it shows beyond another image, at some pixels (N,).
+
+    Lengths are in pixels, and not finite where either image shows no surface off the plate. `camera` is that
+    of the true frustum.
+    """
+    return film_steps((before.position, after.position), true_lines(camera), pixels)[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,15 +90,26 @@ class Steps:
     lengths: tuple[Floats | None, ...]
 
     @classmethod
-    def of(cls, images: Sequence[Vectors]) -> Steps:
-        """Return the steps from image to image; an image that is the one before it adds nothing."""
-        found = [None if after is before else np.abs(after - before) for before, after in pairwise(images)]
+    def between(cls, images: Sequence[HogelImage], first: KnownShifts) -> Steps:
+        """Return the steps from image to image, given the displacement of the first.
+
+        An image that is the one before it adds nothing.
+        """
+        distinct = [images[0], *(after for before, after in pairwise(images) if after is not before)]
+        pencil = true_lines(images[0].camera)
+        found = film_steps([image.position for image in distinct], pencil, first.pixels, first.vectors)
+        pixels = first.pixels
         # Points very near the plate may be displaced beyond all numbers.
-        finite = [np.isfinite(one) for one in found if one is not None]
-        known: Mask = np.logical_and.reduce(finite) if finite else np.isfinite(images[0])
+        known = np.isfinite(found[0]) if found else np.ones(len(pixels), dtype=np.bool_)
+        for one in found[1:]:
+            known &= np.isfinite(one)
+        if not known.all():
+            places = np.flatnonzero(known)
+            pixels, found = pixels.take(places), [one.take(places) for one in found]
+        each = iter(found)
         return cls(
-            pixels=np.flatnonzero(known),
-            lengths=tuple(None if one is None else one[known] for one in found),
+            pixels=pixels,
+            lengths=tuple(None if after is before else next(each) for before, after in pairwise(images)),
         )
 
     def some(self, kept: Mask) -> Steps:
@@ -86,20 +130,16 @@ class Steps:
         Parameters
         ----------
         pixels
-            (M,) flat numbers of pixels that this link may displace.
+            (M,) flat numbers of pixels that this link may displace, ascending.
         step
             (M,) lengths; not finite where the image before or after the link shows no surface off the plate.
         """
         if not len(pixels) or not len(self.pixels):
             nothing = None if len(self.pixels) else np.zeros(0)
             return Steps(pixels=self.pixels, lengths=(*self.lengths, nothing))
-        place = np.searchsorted(self.pixels, pixels)
-        place[place == len(self.pixels)] = 0
-        mine = self.pixels[place] == pixels
-        place, step = place[mine], step[mine]
-        last = np.zeros(len(self.pixels))
-        last[place] = step
+        whole = np.zeros(max(self.pixels[-1], pixels[-1]) + 1)
+        whole[pixels] = step
+        last = whole.take(self.pixels)
         steps = Steps(pixels=self.pixels, lengths=(*self.lengths, last))
-        known = np.ones(len(last), dtype=np.bool_)
-        known[place] = np.isfinite(step)
+        known = np.isfinite(last)
         return steps if known.all() else steps.some(known)

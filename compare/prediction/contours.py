@@ -6,9 +6,11 @@ the contour there is averaged over the steps around it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,9 @@ that leans by one pixel in m repeats its stairs every m pixels: up to m = 4 a pe
 either side, and the normal is exact. On stairs that lean less the normal is too near to an axis, but by at
 most 1/5 of a radian, and on average along the line by nothing. A wider filter would round corners off, and
 mix contours that are as near to each other."""
+
+SIGMAS = 4.0
+"""Standard deviations after which SciPy's filter ends, as it does unless told otherwise."""
 
 MIN_OCCLUSION_FOOTPRINTS = 2
 """Distance, in footprints of a pixel, by which neighboring points must lie off each other's tangent planes
@@ -77,6 +82,13 @@ class Contours:
         return np.stack((columns.mean(axis=0), rows.mean(axis=0)), axis=-1)
 
 
+Pairs = Callable[[NDArray[Any]], tuple[NDArray[Any], NDArray[Any]]]
+"""Function that returns the first and the second of all neighbors along an axis of an image."""
+
+_NO_CONTOUR = -1
+"""Kind of a pair of neighbors that no contour runs between."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Steps:
     """Steps along one axis.
@@ -99,6 +111,25 @@ class _Steps:
     oriented: Floats
 
 
+CACHE_LINE_VALUES = 8
+"""Number of doubles in a line of the processor's cache."""
+
+
+def smoothed(image: Floats, mode: str = "reflect") -> Floats:
+    """Return an image (H, W) smoothed over `CONTOUR_SIGMA_PX`, continued at its border as SciPy's mode says.
+
+    Rows lie an odd number of cache lines apart. Where they lie a power of two apart, as those of most films
+    do, the values of a column displace each other from the cache, and filtering takes twice the time.
+    """
+    height, width = image.shape
+    lines = -(-width // CACHE_LINE_VALUES) | 1
+    given: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
+    found: Floats = np.empty((height, lines * CACHE_LINE_VALUES))[:, :width]
+    given[:] = image
+    gaussian_filter(given, CONTOUR_SIGMA_PX, output=found, mode=mode, truncate=SIGMAS)
+    return found
+
+
 def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     """Find the contours of a true image.
 
@@ -112,17 +143,12 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
         region on a surface is a seam.
     """
     shape = truth.triangle.shape
-    index = np.arange(truth.triangle.size).reshape(shape)
-    apart = np.zeros(shape, dtype=np.bool_) if slab is None else slab
-    steps = (
-        _steps(truth, apart, index[:, :-1].ravel(), index[:, 1:].ravel()),
-        _steps(truth, apart, index[:-1].ravel(), index[1:].ravel()),
-    )
+    steps = _steps(truth, slab, 1), _steps(truth, slab, 0)
     gradients = _gradients(steps, shape)
     height = np.where(truth.covered, truth.height, -np.inf).ravel()
     parts = []
     for axis, step in enumerate(steps):
-        normal = _normals(gradients, step, axis)
+        normal = _normals(gradients[axis], step, axis)
         ahead = height[step.before] >= height[step.after]
         turned = np.where(ahead, 1.0, -1.0) * step.oriented
         front, back = np.where(ahead, [step.before, step.after], [step.after, step.before])
@@ -133,57 +159,78 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     )
 
 
-def _steps(truth: HogelImage, slab: Mask, before: Indices, after: Indices) -> _Steps:
-    """Return the pairs of neighboring pixels that a contour runs between."""
-    objects, apart = truth.object.ravel(), slab.ravel()
-    kind = np.full(len(before), -1, dtype=np.int8)
-    kind[(apart[before] != apart[after]) & truth.covered.ravel()[before]] = Kind.SEAM
-    kind[_occludes(truth, before, after)] = Kind.OCCLUSION
-    kind[objects[before] != objects[after]] = Kind.OBJECTS
-    found = np.flatnonzero(kind >= 0)
-    before, after, kind = before[found], after[found], kind[found]
-    height = truth.height.ravel()
+def _steps(truth: HogelImage, slab: Mask | None, axis: int) -> _Steps:
+    """Return the pairs of neighbors along an axis of an image (H, W) that a contour runs between."""
+
+    def pairs(image: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        return (image[:, :-1], image[:, 1:]) if axis else (image[:-1], image[1:])
+
+    before, after = pairs(truth.object)
+    kind = np.where(before != after, np.int8(Kind.OBJECTS), np.int8(_NO_CONTOUR))
+    occludes = _occludes(truth, pairs)
+    kind[occludes & (kind == _NO_CONTOUR)] = Kind.OCCLUSION
+    if slab is not None:
+        here, there = pairs(slab)
+        kind[(here != there) & pairs(truth.covered)[0] & (kind == _NO_CONTOUR)] = Kind.SEAM
+    row, column = np.divmod(np.flatnonzero(kind != _NO_CONTOUR), kind.shape[1])
+    kind = kind[row, column]
+    places = row, column
+    beyond = (row, column + 1) if axis else (row + 1, column)
+    height, objects = truth.height, truth.object
     forward = np.select(
         [kind == Kind.OBJECTS, kind == Kind.OCCLUSION],
-        [objects[before] > objects[after], height[before] > height[after]],
-        default=apart[before],
+        [objects[places] > objects[beyond], height[places] > height[beyond]],
+        default=False if slab is None else slab[places],
     )
-    return _Steps(before=before, after=after, kind=kind, oriented=np.where(forward, 1.0, -1.0))
+    first, second = (down * truth.triangle.shape[1] + across for down, across in (places, beyond))
+    return _Steps(before=first, after=second, kind=kind, oriented=np.where(forward, 1.0, -1.0))
 
 
-def _occludes(truth: HogelImage, before: Indices, after: Indices) -> Mask:
-    """Return the pairs whose points lie in neither tangent plane of the other."""
-    found = np.zeros(len(before), dtype=np.bool_)
+def _occludes(truth: HogelImage, pairs: Pairs) -> Mask:
+    """Return the pairs of neighbors whose points lie in neither tangent plane of the other."""
+    height = np.ascontiguousarray(truth.height)
+    near, far = pairs(height)
+    found = np.zeros(near.shape, dtype=np.bool_)
     if truth.normal is None:
         return found
     k, t = np.asarray(truth.camera.shear), np.asarray(truth.camera.half_extent)
-    z = truth.height.ravel()
-    footprint = 2 * np.max(t / truth.camera.resolution) * np.maximum(np.abs(z[before]), np.abs(z[after]))
+    footprint = 2 * np.max(t / truth.camera.resolution) * np.maximum(*pairs(np.abs(height)))
     # Neighboring lines are a footprint apart: two points of equal height are no farther off any plane.
     longest = np.hypot(1, np.hypot(*(np.abs(k) + t)))
-    deep = np.abs(z[after] - z[before]) * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
-    pairs = np.flatnonzero(deep)
-    points, normals = truth.position.reshape(-1, 3), truth.normal.reshape(-1, 3)
-    chord = points[after[pairs]] - points[before[pairs]]
-    off = [np.abs(np.einsum("ij,ij->i", chord, normals[ends[pairs]])) for ends in (before, after)]
-    found[pairs] = np.minimum(*off) > MIN_OCCLUSION_FOOTPRINTS * footprint[pairs]
+    deep = np.abs(far - near) * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
+    some = np.divmod(np.flatnonzero(deep), deep.shape[1])
+    (start, end), normals = (pairs(one) for one in (truth.position, truth.normal))
+    chord = end[some] - start[some]
+    # Few points lie off the first plane: only these are asked how far they lie off the second.
+    for ends in normals:
+        off = np.abs(np.einsum("ij,ij->i", chord, ends[some])) > MIN_OCCLUSION_FOOTPRINTS * footprint[some]
+        some, chord = (some[0][off], some[1][off]), chord[off]
+    found[some] = True
     return found
 
 
-def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> Floats:
-    """Return the oriented steps around each pixel, (kinds, pixels, 2), smoothed over `CONTOUR_SIGMA_PX`."""
+def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Return the oriented steps around each step along either axis, (N, 2).
+
+    Steps of its kind are smoothed over `CONTOUR_SIGMA_PX`, and those around both of its pixels are added up.
+    """
     size = int(np.prod(shape))
-    gradients = np.zeros((len(Kind), size, 2))
+    across, down = (np.zeros((len(step.kind), 2)) for step in steps)
     for kind in Kind:
         for axis, step in enumerate(steps):
             weight = step.oriented * (step.kind == kind)
             if not weight.any():
                 continue
             # Each of a step's two pixels takes half of it.
-            halves = np.bincount(step.before, weight, size) + np.bincount(step.after, weight, size)
-            smooth = gaussian_filter(halves.reshape(shape), CONTOUR_SIGMA_PX, mode="constant")
-            gradients[kind, :, axis] = smooth.ravel()
-    return gradients
+            halves: Floats = np.bincount(step.before, weight, size).astype(np.float64, copy=False)
+            halves += np.bincount(step.after, weight, size)
+            smooth = smoothed(halves.reshape(shape), "constant")
+            for found, asked in zip((across, down), steps, strict=True):
+                mine = np.flatnonzero(asked.kind == kind)
+                ends = (np.divmod(end[mine], shape[1]) for end in (asked.before, asked.after))
+                first, second = (smooth[end] for end in ends)
+                found[mine, axis] = first + second
+    return across, down
 
 
 def _normals(gradients: Floats, step: _Steps, axis: int) -> Floats:
@@ -192,7 +239,7 @@ def _normals(gradients: Floats, step: _Steps, axis: int) -> Floats:
     On both sides of a surface thinner than `CONTOUR_SIGMA_PX` the steps cancel. Where the rest points against
     the step itself, the step's normal is the axis.
     """
-    normal = gradients[step.kind, step.before] + gradients[step.kind, step.after]
+    normal = gradients.copy()
     length = np.hypot(normal[:, 0], normal[:, 1])
     normal /= np.where(length > 0, length, 1.0)[:, None]
     against = normal[:, axis] * step.oriented <= 0

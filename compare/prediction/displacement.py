@@ -63,11 +63,18 @@ class TruePoints:
     def of(cls, truth: HogelImage) -> TruePoints:
         """Return the points of all pixels, (H, W)."""
         width, rows = truth.camera.resolution
-        return cls(
-            height=np.where(truth.off_plate, truth.height, np.nan).astype(np.float64),
-            from_middle=pixel_centers(truth.camera) - [(width - 1) / 2, (rows - 1) / 2],
-            camera=truth.camera,
-        )
+        height = np.full(truth.triangle.shape, np.nan)
+        np.copyto(height, truth.height, where=truth.off_plate)
+        from_middle = pixel_centers(truth.camera)
+        # Axis by axis: NumPy is several times slower along rows of two numbers.
+        for axis, side in enumerate((width, rows)):
+            from_middle[..., axis] -= (side - 1) / 2
+        return cls(height=height, from_middle=from_middle, camera=truth.camera)
+
+    @cached_property
+    def depth(self) -> Floats:
+        """Distances (...) from the plate, scene units; NaN as in `height`."""
+        return np.abs(self.height)
 
     @cached_property
     def radius(self) -> Floats:
@@ -76,10 +83,11 @@ class TruePoints:
 
     def at(self, pixels: NDArray[Any]) -> TruePoints:
         """Return the points at some pixels, given as a mask or as indices of the flattened image."""
-        chosen = pixels.ravel()
+        # Places are faster than a mask, of which NumPy takes rows of two numbers one by one.
+        chosen = np.flatnonzero(pixels) if pixels.dtype == np.bool_ else pixels.ravel()
         return TruePoints(
-            height=self.height.ravel()[chosen],
-            from_middle=self.from_middle.reshape(-1, 2)[chosen],
+            height=self.height.ravel().take(chosen),
+            from_middle=self.from_middle.reshape(-1, 2).take(chosen, axis=0),
             camera=self.camera,
         )
 
@@ -123,7 +131,7 @@ def displacements(points: TruePoints, frustum: Frustum, settings: DoubleFrustum)
     bent = _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
     per_fit = 0.0 if fitted is None else 1 / fitted
-    factor = bent * (1 - np.abs(points.height) * per_fit)
+    factor = bent if fitted is None else bent * (1 - points.depth * per_fit)
     # Axis by axis: NumPy is several times slower along rows of two numbers.
     field = np.empty(points.from_middle.shape)
     for axis in (0, 1):
@@ -145,18 +153,19 @@ def displacement_lengths(points: TruePoints, frustum: Frustum, settings: DoubleF
     # Every point moves along its radius, away from the middle of the film or toward it.
     moved = points.radius * _bent(points, frustum, settings)
     fitted = settings.fitted_height(frustum)
-    return moved if fitted is None else moved * np.abs(1 - np.abs(points.height) / fitted)
+    return moved if fitted is None else moved * np.abs(1 - points.depth / fitted)
 
 
 def _bent(points: TruePoints, frustum: Frustum, settings: DoubleFrustum) -> Floats:
     """Return n / w of some points, (...): 0 outside the first slab, NaN where no camera draws."""
     near = settings.near if settings.offset is Offset.PLATE else 0.0
-    bent = near / (np.abs(points.height) + near)
+    bent: Floats = points.depth + near
+    np.divide(near, bent, out=bent)
     if settings.slabs:
         bent[np.isfinite(points.height) & ~in_first_slab(points.height, frustum, settings)] = 0.0
     if settings.camera is not Camera.BOTH or settings.offset is Offset.NONE:
         bent[~is_drawn(points.height, settings)] = np.nan
-    return np.asarray(bent)
+    return bent
 
 
 def in_first_slab(height: NDArray[np.floating], frustum: Frustum, settings: DoubleFrustum) -> Mask:

@@ -7,6 +7,7 @@ from beyond the border. A pixel counts from its center on: of d pixels, those ar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,23 +27,23 @@ class Border:
         The true image.
     frustum
         The scene's frustum.
+    points
+        Surface points of the true image, where they are known already.
     """
 
-    def __init__(self, truth: HogelImage, frustum: Frustum) -> None:
-        points = TruePoints.of(truth)
+    def __init__(self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None) -> None:
+        points = points or TruePoints.of(truth)
         height, width = points.height.shape
         index = np.arange(height * width).reshape(height, width)
-        self._frustum = frustum
         # Left and right, top and bottom: pixels, the axis of displacement, and its outward sign.
-        self._sides = tuple(
-            (points.at(pixels), axis, sign)
-            for pixels, axis, sign in (
-                (index[:, 0], 0, -1),
-                (index[:, -1], 0, 1),
-                (index[0], 1, -1),
-                (index[-1], 1, 1),
-            )
-        )
+        sides = ((index[:, 0], 0, -1), (index[:, -1], 0, 1), (index[0], 1, -1), (index[-1], 1, 1))
+        self._frustum = frustum
+        # All sides are displaced at once: small arrays cost calls alone.
+        self._points = points.at(np.concatenate([pixels for pixels, _, _ in sides]))
+        ends = np.cumsum([0, *(len(pixels) for pixels, _, _ in sides)]).tolist()
+        self._sides = [
+            (slice(*both), axis, sign) for both, (_, axis, sign) in zip(pairwise(ends), sides, strict=True)
+        ]
         self._pixels = (height, width)
 
     def charged_fractions(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
@@ -55,7 +56,7 @@ class Border:
             show points from outside.
         """
         # Rows of (links, pixels of a side): how many pixels in from the border show what lies beyond it.
-        shown = [self._shown(side, chain) for side in range(4)]
+        shown = self._shown(chain)
         to_the_end = [np.minimum.accumulate(side[::-1], axis=0)[::-1] for side in shown]
         height, width = self._pixels
         across = np.minimum(to_the_end[0] + to_the_end[1], width).sum(axis=1) / (height * width)
@@ -68,7 +69,14 @@ class Border:
         """Return the share of all pixels that show points from outside the film."""
         return self.charged_fractions((settings,))[0]
 
-    def _shown(self, side: int, chain: Sequence[DoubleFrustum]) -> Floats:
-        points, axis, sign = self._sides[side]
-        moved = [displacements(points, self._frustum, settings)[:, axis] * sign for settings in chain]
-        return np.floor(np.maximum(np.nan_to_num(np.stack(moved), nan=0.0), 0.0) + 0.5)
+    def _shown(self, chain: Sequence[DoubleFrustum]) -> list[Floats]:
+        # Links that change no setting are displaced once.
+        moved = {one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)}
+        found = []
+        for side, axis, sign in self._sides:
+            inward = {one: field[side, axis] * sign for one, field in moved.items()}
+            pixels = {
+                one: np.floor(np.maximum(np.nan_to_num(by, nan=0.0), 0.0) + 0.5) for one, by in inward.items()
+            }
+            found.append(np.stack([pixels[one] for one in chain]))
+        return found

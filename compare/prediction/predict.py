@@ -107,10 +107,11 @@ class Predictor:
     def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
         self._frustum = frustum
         self._subpixel_bits = subpixel_bits
-        self._points = TruePoints.of(truth).shown()
+        points = TruePoints.of(truth)
+        self._points = points.shown()
         self._stacks = Stacks.of(truth, gaps)
-        self._silhouettes = Silhouettes(truth, frustum)
-        self._border = Border(truth, frustum)
+        self._silhouettes = Silhouettes(truth, frustum, points)
+        self._border = Border(truth, frustum, points)
         self._turned_away = int((turned_away(truth) & judged_pixels(truth)).sum())
         # Threads that ask for the same cameras wait for the one that was first.
         self._predicting, self._linking = Lock(), Lock()

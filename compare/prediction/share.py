@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import assert_never
 
 import numpy as np
@@ -38,6 +39,11 @@ _BIN_SHIFT_BITS = 23 - (BINS_PER_OCTAVE.bit_length() - 1)
 MAX_DOUBT_DEVIATIONS = 6.0
 """Standard deviations of the depth error beyond which the order is taken as certain: the normal
 distribution leaves a share of 1e-9 there."""
+
+DOUBT_MARGIN = 1e-9
+"""Relative margin by which the differences of depth of two surfaces must exceed all that are in doubt, so
+that those of all surfaces between them do. A difference has at most ten roundings of 2^-53, and a logarithm
+that is off by a few units in the last place."""
 
 MIN_STEP_PER_ERROR = 1e-3
 """Smallest step of a format that is used, as a part of the depth error. A smaller step changes nothing
@@ -130,15 +136,18 @@ def depth_wrong_share(
     control = replace(settings, depth=DepthFormat.D32F, mapping=DepthMapping.LINEAR)
     order = MAX_ORDER_FACTOR if unlucky else 1.0
     expected = 0.0
-    for camera, distance in stacks.distance.items():
+    for camera in stacks.distance:
         own = [slab for slab in slabs(frustum, settings) if slab.camera is camera]
-        gap = stacks.gap[camera]
+        # Where none can be lost, only surfaces with another one behind them can be shown wrongly.
+        some = any(_may_lose(slab, stacks.ends[camera], settings) for slab in own)
+        distance, gap = (stacks if some else stacks.paired).of_camera(camera)
         # Step 2: the chance of each pixel under the settings themselves.
         wrong = chances(own, distance, gap, settings, order)
         # Step 3: subtract the chance under linear depth, which few pixels need.
         at = np.flatnonzero(wrong)
-        anyway = chances(own, distance[at], gap[at], control, order)
-        expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
+        if len(at):
+            anyway = chances(own, distance[at], gap[at], control, order)
+            expected += float(np.maximum(wrong[at] - anyway, 0.0).sum())
     return expected / stacks.judged if stacks.judged else 0.0
 
 
@@ -169,24 +178,47 @@ def chances(
     return np.where(np.isfinite(least), least, 0.0)
 
 
+def _may_lose(slab: Slab, ends: tuple[float, float], settings: DoubleFrustum) -> bool:
+    """Return whether any surface between two distances may be lost in a slab.
+
+    Depth runs one way with distance, so that the surface nearest to the clear value is one at the ends.
+    """
+    first, last = max(ends[0], slab.low), min(ends[1], slab.high)
+    if not first <= last:
+        return False
+    known = _table(slab, settings.depth, settings.mapping)
+    apart = _from_clear(np.array([first, last]) + slab.step, slab, settings.mapping)
+    return bool(apart.min() <= np.fmax.reduce(known.doubtful) * (1 + DOUBT_MARGIN))
+
+
+def _from_clear(w: Floats, slab: Slab, mapping: DepthMapping) -> Floats:
+    """Return how far the depth of surfaces is from the buffer's clear value, in stored units, (N,).
+
+    The buffer of C is cleared to its far value, that of C* to its near value.
+    """
+    clear = slab.far if slab.camera is Camera.C else slab.near
+    return _difference(w, np.abs(clear - w), clear, slab, mapping)
+
+
 def _chance(slab: Slab, distance: Floats, gap: Floats, settings: DoubleFrustum, order: float) -> Floats:
     """Return the chance of each surface of one slab to be shown wrongly."""
     # Step 1: distances from the camera, and what the buffer knows of depth there.
     w = distance + slab.step
-    known = _Table.of(slab, settings)
-    # Step 2, lost: the buffer of C is cleared to its far value, that of C* to its near value. The surface is
-    # lost where its depth, with the error of one surface, comes within half a step of the clear value.
-    clear = slab.far if slab.camera is Camera.C else slab.near
-    apart = _difference(w, np.abs(clear - w), clear, slab, settings.mapping)
+    known = _table(slab, settings.depth, settings.mapping)
+    # Step 2, lost: the surface is lost where its depth, with the error of one surface, comes within half a
+    # step of the clear value.
+    apart = _from_clear(w, slab, settings.mapping)
     wrong = np.zeros_like(w)
     at, row = known.in_doubt(w, apart)
     wrong[at] = ndtr((known.step[row] / 2 - apart[at]) / (known.error[row] * np.sqrt(0.5)))
     # Step 3, order: C keeps the nearest surface, and the next one lies beyond it. C* keeps the farthest
     # surface, and the next one lies closer to the camera. Pairs in different slabs are not compared.
-    other = w + (gap if slab.camera is Camera.C else -gap)
-    paired = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
-    apart = _difference(w[paired], gap[paired], other[paired], slab, settings.mapping)
-    close, row = known.in_doubt(w[paired], apart)
+    paired = np.flatnonzero(np.isfinite(gap))
+    own, other = w[paired], w[paired] + (gap[paired] if slab.camera is Camera.C else -gap[paired])
+    seen = np.flatnonzero((other >= slab.low + slab.step) & (other <= slab.far))
+    paired = paired[seen]
+    apart = _difference(own[seen], gap[paired], other[seen], slab, settings.mapping)
+    close, row = known.in_doubt(own[seen], apart)
     at = paired[close]
     # Step 4: only a surface that is not lost can be misordered; the two chances are taken as independent.
     misordered = order * _misordered(apart[close], known.step[row], known.error[row])
@@ -243,17 +275,6 @@ class _Table:
     error: Floats
     doubtful: Floats
 
-    @classmethod
-    def of(cls, slab: Slab, settings: DoubleFrustum) -> _Table:
-        # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
-        first, last = _bins(np.array([slab.near, slab.far])).tolist()
-        edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
-        w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
-        stored, _ = stored_depth(w, slab.near, slab.far, settings.mapping)
-        error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, settings.mapping))
-        step = np.maximum(STEP[settings.depth] or float32_spacing(stored), MIN_STEP_PER_ERROR * error)
-        return cls(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
-
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
         """Return the places at which two depths may be ordered wrongly, and their rows of the table, (K,).
 
@@ -271,6 +292,19 @@ class _Table:
     def rows(self, w: Floats) -> Indices:
         """Return the row of the table for each w."""
         return np.clip(_bins(w) - self.first, 0, len(self.step) - 1)
+
+
+@lru_cache(maxsize=16)
+def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping) -> _Table:
+    """Return the table of a slab's buffer; the same slab is asked about for both errors, and by threads."""
+    # The middle of each bin stands for it, or the near or far plane where the middle lies beyond.
+    first, last = _bins(np.array([slab.near, slab.far])).tolist()
+    edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
+    w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
+    stored, _ = stored_depth(w, slab.near, slab.far, mapping)
+    error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, mapping))
+    step = np.maximum(STEP[depth] or float32_spacing(stored), MIN_STEP_PER_ERROR * error)
+    return _Table(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
 
 
 def _bins(w: Floats) -> Indices:

@@ -25,10 +25,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
-from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, Contours, Kind, contours
+from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, SIGMAS, Contours, Kind, contours, smoothed
 from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -39,10 +38,6 @@ SNAP_PER_HALF_SUBPIXEL = 0.39
 """Mean distance by which a point of an edge moves along the edge's normal when both ends of the edge snap to
 the nearest subpixel in each axis, as a part of half a subpixel. Both errors of each end are uniform; the mean
 over points and directions is 0.390, by two million random edges."""
-
-
-SIGMAS = 4.0
-"""Standard deviations after which SciPy's filter ends, as it does unless told otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,15 +92,18 @@ class Silhouettes:
         The true image of an aperture.
     frustum
         Frustum of the scene.
+    points
+        Surface points of the true image, where they are known already.
     """
 
-    def __init__(self, truth: HogelImage, frustum: Frustum) -> None:
+    def __init__(self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None) -> None:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
-        self._points = TruePoints.of(truth)
+        self._points = points or TruePoints.of(truth)
         self._in_aperture = _in_aperture(truth)
         self._contours: dict[tuple[float, ...], _Sided] = {}
         self._wrong: dict[DoubleFrustum, float] = {}
+        self._snapping: dict[tuple[float, ...], float] = {}
 
     def wrong_pixels(self, settings: DoubleFrustum) -> float:
         """Return the expected number of judged pixels with a wrong surface, errors of depth left out."""
@@ -154,11 +152,14 @@ class Silhouettes:
         of the contour that recedes does. The number is an upper estimate: where displacement has moved a
         contour farther than snapping does, half of the pixels that change were wrong before.
         """
-        steps = self._contours_for(settings).steps
-        length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
-        judged = self._judged.ravel()
-        counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
-        return float(np.sum(length * counted)) * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
+        first = settings.slabs[:1]
+        if first not in self._snapping:
+            steps = self._contours_for(settings).steps
+            length = steps.length * np.where(steps.kind == Kind.OBJECTS, 1.0, 0.5)
+            judged = self._judged.ravel()
+            counted = (judged[steps.front].astype(np.float64) + judged[steps.back]) / 2
+            self._snapping[first] = float(np.sum(length * counted))
+        return self._snapping[first] * SNAP_PER_HALF_SUBPIXEL * 2.0 ** -(subpixel_bits + 1)
 
     def _contours_for(self, settings: DoubleFrustum) -> _Sided:
         """Return the contours, found once for each height at which the first slab ends."""
@@ -194,7 +195,7 @@ def expected_wrong(swept: Floats, missing: Mask, judged: Mask) -> float:
         return float(swept.sum())
     wrong = np.zeros_like(swept)
     some = _reached_by(swept)
-    wrong[some] = np.minimum(gaussian_filter(swept[some], CONTOUR_SIGMA_PX, truncate=SIGMAS), 1)
+    wrong[some] = np.minimum(smoothed(swept[some]), 1)
     wrong[missing] = 1.0
     return float(wrong.sum(where=judged))
 

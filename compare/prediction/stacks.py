@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,30 @@ class Stacks:
     judged: int
     distance: Mapping[Camera, Floats]
     gap: Mapping[Camera, Floats]
+
+    def of_camera(self, camera: Camera) -> tuple[Floats, Floats]:
+        """Return the distances and the gaps of a camera's surfaces, (N,) each."""
+        return self.distance[camera], self.gap[camera]
+
+    @cached_property
+    def paired(self) -> Stacks:
+        """The same surfaces but for those that have no other one behind them."""
+        kept = {camera: np.isfinite(gap) for camera, gap in self.gap.items()}
+        if all(one.all() for one in kept.values()):
+            return self
+        return Stacks(
+            judged=self.judged,
+            distance={camera: one[kept[camera]] for camera, one in self.distance.items()},
+            gap={camera: one[kept[camera]] for camera, one in self.gap.items()},
+        )
+
+    @cached_property
+    def ends(self) -> Mapping[Camera, tuple[float, float]]:
+        """For each camera, distances of its nearest and of its farthest surface; NaN where it has none."""
+        return {
+            camera: (float(one.min()), float(one.max())) if one.size else (np.nan, np.nan)
+            for camera, one in self.distance.items()
+        }
 
     @classmethod
     def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:

@@ -83,39 +83,38 @@ def find_causes(
     wrong
         (H, W) pixels at which the two name different triangles.
     """
-    rows, columns = np.nonzero(wrong)
-    if not len(rows):
+    pixels = np.flatnonzero(wrong)
+    if not len(pixels):
         return Causes(**{name: np.zeros_like(wrong) for name in ("edge", "order", "lost", "unexplained")})
-    pixels = (columns, rows)
-    before, after = (_marks(triangles, cameras, image, pixels) for image in (expected, shown))
-    edge = before.near_edge | after.near_edge | _near_border(cameras, pixels)
+    columns, rows = _columns_and_rows(pixels, wrong.shape[1])
+    images = (expected, shown)
+    before, after = _marks(triangles, cameras, images, pixels)
+    edge = before.near_edge | after.near_edge | _near_border(cameras, (columns, rows))
     # A depth test chooses only among triangles that cover the pixel. Centers that only rounding brings inside
     # a triangle are near its edge, and have their cause already.
     chosen = np.flatnonzero(before.possible & after.possible & ~edge)
     order, lost = np.zeros_like(edge), np.zeros_like(edge)
     if len(chosen):
-        places = (columns[chosen], rows[chosen])
-        stored = (_stored(triangles, cameras, image, places) for image in (expected, shown))
-        both = list(zip(*stored, strict=True))
+        both = _stored(triangles, cameras, images, pixels[chosen])
         order[chosen] = _any(one.indistinguishable_from(other) for one, other in both)
         lost[chosen] = _any(one.lost() for one, _ in both)
         lost &= ~order
     # Seams take long to find, and are looked for where nothing else explains the pixel.
     rest = np.flatnonzero(~(edge | order | lost))
-    edge[rest] = _near_seam(triangles, cameras, (expected, shown), (columns[rest], rows[rest]))
+    edge[rest] = _near_seam(triangles, cameras, images, (columns[rest], rows[rest]))
     found = {"edge": edge, "order": order, "lost": lost, "unexplained": ~(edge | order | lost)}
-    return Causes(**{name: _scattered(wrong, values) for name, values in found.items()})
+    return Causes(**{name: _scattered(wrong, pixels, values) for name, values in found.items()})
 
 
 def misplaced_pixels(triangles: Floats, cameras: Sequence[RoundingCamera], shown: HogelImage) -> Mask:
     """Return the pixels (H, W) whose centers lie outside the triangles shown there, by more than rounding."""
     where: Mask = np.not_equal(shown.triangle, NOTHING)
-    rows, columns = np.nonzero(where)
-    possible = np.zeros(len(rows), dtype=np.bool_)
-    for part in _drawn_by(triangles, cameras, shown, (columns, rows)):
+    pixels = np.flatnonzero(where)
+    possible = np.zeros(len(pixels), dtype=np.bool_)
+    for part in _drawn_by(triangles, cameras, (shown,), pixels):
         placed = placement(part.shown, part.camera.pencil, part.camera.precision)
         possible[part.places] |= placed.possible
-    return _scattered(where, ~possible)
+    return _scattered(where, pixels, ~possible)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,17 +127,27 @@ class _Part:
 
 
 def _drawn_by(
-    triangles: Floats, cameras: Sequence[RoundingCamera], image: HogelImage, pixels: PixelIndex
+    triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
 ) -> Iterator[_Part]:
     """Yield for each camera the pixels whose triangle it may have drawn.
 
     A surface that lies in a cut between two slabs may have been drawn by the cameras on either side of it.
+
+    Parameters
+    ----------
+    images, pixels
+        Images of one size, and flat numbers (N,) of pixels. Places count those of the first image, then those
+        of the next one: what is found of a pixel depends on no other, and small arrays cost calls alone.
     """
-    columns, rows = pixels
-    number, height = image.triangle[rows, columns], image.height[rows, columns]
+    number = np.concatenate([image.triangle.reshape(-1).take(pixels) for image in images])
+    # `take` would copy all of the heights, which lie apart in memory.
+    heights = [image.height.reshape(-1)[pixels] for image in images]
+    columns, rows = _columns_and_rows(np.tile(pixels, len(images)), images[0].triangle.shape[1])
     exists = (number != NOTHING) & (number < len(triangles))
     for camera in cameras:
-        places = np.flatnonzero(exists & camera.may_draw(height))
+        # Each image's heights are compared as exactly as the image has them.
+        may_draw = np.concatenate([camera.may_draw(height) for height in heights])
+        places = np.flatnonzero(exists & may_draw)
         yield _Part(
             camera=camera,
             places=places,
@@ -163,27 +172,31 @@ class _Marks:
 
 
 def _marks(
-    triangles: Floats, cameras: Sequence[RoundingCamera], image: HogelImage, pixels: PixelIndex
-) -> _Marks:
-    columns, rows = pixels
-    near_edge = np.zeros(len(rows), dtype=np.bool_)
-    possible = image.triangle[rows, columns] == NOTHING
-    for part in _drawn_by(triangles, cameras, image, pixels):
+    triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
+) -> list[_Marks]:
+    """Return the marks of each image at pixels, given by their flat numbers (N,)."""
+    near_edge = np.zeros(len(images) * len(pixels), dtype=np.bool_)
+    possible = np.concatenate([image.triangle.reshape(-1).take(pixels) == NOTHING for image in images])
+    for part in _drawn_by(triangles, cameras, images, pixels):
         if not len(part.places):
             continue
         placed = placement(part.shown, part.camera.pencil, part.camera.precision)
         near_edge[part.places] |= placed.near_edge
         possible[part.places] |= placed.possible
-    return _Marks(near_edge=near_edge, possible=possible)
+    each = zip(np.split(near_edge, len(images)), np.split(possible, len(images)), strict=True)
+    return [_Marks(near_edge=one, possible=other) for one, other in each]
 
 
 def _stored(
-    triangles: Floats, cameras: Sequence[RoundingCamera], image: HogelImage, pixels: PixelIndex
-) -> list[Depths]:
-    """Return the depths (N,) that an image's triangles have at pixels in the buffer of each camera."""
+    triangles: Floats, cameras: Sequence[RoundingCamera], images: Sequence[HogelImage], pixels: Indices
+) -> list[list[Depths]]:
+    """Return for each camera the depths (N,) that each image's triangles have at pixels in its buffer."""
+    count = len(images) * len(pixels)
     return [
-        depths(part.shown, part.camera.pencil, part.camera.precision).at(part.places, len(pixels[0]))
-        for part in _drawn_by(triangles, cameras, image, pixels)
+        depths(part.shown, part.camera.pencil, part.camera.precision)
+        .at(part.places, count)
+        .split(len(images))
+        for part in _drawn_by(triangles, cameras, images, pixels)
     ]
 
 
@@ -229,8 +242,14 @@ def _any(masks: Iterator[Mask]) -> Mask:
     return np.asarray(np.logical_or.reduce(list(masks)))
 
 
-def _scattered(where: Mask, values: Mask) -> Mask:
-    """Return values (N,) of the pixels where a mask (H, W) is true, as a mask of all pixels."""
-    mask = np.zeros_like(where)
-    mask[where] = values
+def _columns_and_rows(pixels: Indices, width: int) -> PixelIndex:
+    """Return columns and rows (N,) of pixels, given by their flat numbers."""
+    rows = pixels // width
+    return pixels - rows * width, rows
+
+
+def _scattered(where: Mask, pixels: Indices, values: Mask) -> Mask:
+    """Return values (N,) of pixels, given by their flat numbers, as a mask of the shape of another."""
+    mask = np.zeros(where.shape, dtype=np.bool_)
+    mask.reshape(-1)[pixels] = values
     return mask

@@ -53,6 +53,11 @@ class Depths:
         depth[places], tolerance[places], clear[places] = self.depth, self.tolerance, self.clear
         return Depths(depth=depth, tolerance=tolerance, clear=clear)
 
+    def split(self, count: int) -> list[Depths]:
+        """Return some lists of the same length that these depths were joined from."""
+        parts = (np.split(values, count) for values in (self.depth, self.tolerance, self.clear))
+        return [Depths(depth=a, tolerance=b, clear=c) for a, b, c in zip(*parts, strict=True)]
+
     def indistinguishable_from(self, other: Depths) -> Mask:
         """Return where a buffer may order two triangles either way."""
         return np.asarray(np.abs(self.depth - other.depth) <= self.tolerance + other.tolerance)

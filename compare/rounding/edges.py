@@ -57,6 +57,9 @@ class PixelTriangles:
         return np.asarray(np.einsum("ij,ij->i", functions.take(self.which, axis=0), points))
 
 
+_NEXT, _AFTER_NEXT = (1, 2, 0), (2, 0, 1)
+"""Number of the corner or coordinate after each of three, and of the one after that."""
+
 CLIPPED_VERTEX_ROUNDINGS = 16
 """Bound of the error of a float32 clip coordinate, in roundings of 2^-24 of the sum of its absolute terms.
 
@@ -162,10 +165,13 @@ def placement(shown: PixelTriangles, pencil: Pencil, precision: Precision) -> Pl
     # The center lies inside where all three edge functions have one sign; each is known within a margin.
     sides, margins = np.empty((3, len(points))), np.empty((3, len(points)))
     plane, plane_bound = np.zeros((len(vertices), 3)), np.zeros(len(points))
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
-        line = cross_products(vertices[:, i], vertices[:, j])
-        moved = _perturbation(vertices[:, i], vertices[:, j], bound[:, i], bound[:, j])
-        shift = shown.linear_at(moved, farthest)
+    # All three edges (T, 3, 3) at once, from each corner to the next one.
+    following, next_bound = vertices.take(_NEXT, axis=1), bound.take(_NEXT, axis=1)
+    lines = cross_products(vertices.reshape(-1, 3), following.reshape(-1, 3)).reshape(-1, 3, 3)
+    moved = _perturbation(vertices, following, bound, next_bound)
+    for k in range(3):
+        line = lines[:, k]
+        shift = shown.linear_at(moved[:, k], farthest)
         sides[k] = shown.linear_at(line, points)
         margins[k] = shown.each(precision.snap_px * _per_pixel(line, pencil.resolution)) + shift
         plane += line
@@ -201,16 +207,11 @@ def _volume(vertices: Floats, bound: Floats) -> tuple[Floats, Floats]:
 
 
 def _magnitude(a: Floats, b: Floats) -> Floats:
-    """Return the sums of absolute products in a x b."""
+    """Return the sums of absolute products in a x b, of vectors (..., 3)."""
     a, b = np.abs(a), np.abs(b)
-    return np.stack(
-        (
-            a[:, 1] * b[:, 2] + a[:, 2] * b[:, 1],
-            a[:, 2] * b[:, 0] + a[:, 0] * b[:, 2],
-            a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0],
-        ),
-        axis=-1,
-    )
+    found: Floats = a.take(_NEXT, axis=-1) * b.take(_AFTER_NEXT, axis=-1)
+    found += a.take(_AFTER_NEXT, axis=-1) * b.take(_NEXT, axis=-1)
+    return found
 
 
 def _perturbation(a: Floats, b: Floats, a_bound: Floats, b_bound: Floats) -> Floats:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.views import view
-from xfrustum.compare.attribution.steps import Steps, StepSize, shifts
+from xfrustum.compare.attribution.steps import KnownShifts, Steps, StepSize, shifts, step_lengths
 from xfrustum.compare.metrics.displacement import Spread, displacement
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference, film_shifts
@@ -40,18 +40,36 @@ def test_shifts_are_displacements_bit_by_bit(
         np.testing.assert_array_equal(found.imag, expected[:, 1])
 
 
-def test_steps_are_those_of_pixels_at_which_every_image_shows_a_surface() -> None:
-    nowhere = complex(np.nan, np.nan)
-    truth, model = np.array([0, 0, nowhere, 1j]), np.array([3 + 4j, nowhere, 1, 1j])
-    steps = Steps.of([truth, model, model])
-    near_offset, pivot = steps.lengths
-    assert steps.pixels.tolist() == [0, 3] and pivot is None
-    assert near_offset is not None and near_offset.tolist() == [5, 0]
+@pytest.mark.parametrize("compiled", [True, False])
+def test_steps_are_those_of_pixels_at_which_every_image_shows_a_surface(
+    images: tuple[HogelImage, ...], compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not compiled:
+        monkeypatch.setattr(film_shifts, "compiled", lambda: False)
+    truth, model, drawn = images
+    first, second, third = (shifts(image, truth.camera) for image in images)
+    moved = np.abs(second - first), np.abs(third - second)
+    known = np.flatnonzero(np.isfinite(moved[0]) & np.isfinite(moved[1]))
+    steps = Steps.between((truth, model, model, drawn), KnownShifts.of(truth))
+    np.testing.assert_array_equal(steps.pixels, known)
+    assert 0 < len(known) < np.isfinite(first).sum()
+    near_offset, pivot, rasterization = steps.lengths
+    assert near_offset is not None and pivot is None and rasterization is not None
     assert steps.sizes()[1] == StepSize(rms=0.0, p99=0.0)
+    # NumPy's lengths may have one rounding more, where a processor cannot multiply and add in one.
+    for found, expected in ((near_offset, moved[0]), (rasterization, moved[1])):
+        np.testing.assert_array_max_ulp(found, expected[known], maxulp=1)
+    np.testing.assert_array_equal(step_lengths(model, drawn, truth.camera, known), rasterization)
+
+
+def test_nothing_is_displaced_where_no_image_differs(images: tuple[HogelImage, ...]) -> None:
+    truth = images[0]
+    steps = Steps.between((truth, truth), KnownShifts.of(truth))
+    assert steps.lengths == (None,) and steps.sizes() == (StepSize(rms=0.0, p99=0.0),)
 
 
 def test_one_more_link_displaces_the_pixels_that_it_changes_and_no_others() -> None:
-    steps = Steps.of([np.zeros(5, dtype=complex), np.array([1, 2, complex(np.nan, np.nan), 4, 5])])
+    steps = Steps(pixels=np.array([0, 1, 3, 4]), lengths=(np.array([1.0, 2.0, 4.0, 5.0]),))
     # Pixel 1 moves, pixel 2 was not there, and pixel 4 shows no surface any more.
     more = steps.with_last(np.array([1, 2, 4]), np.array([7.0, 1.0, np.nan]))
     first, last = more.lengths
@@ -61,7 +79,17 @@ def test_one_more_link_displaces_the_pixels_that_it_changes_and_no_others() -> N
     assert steps.with_last(np.zeros(0, dtype=np.int64), np.zeros(0)).lengths[-1] is None
 
 
-@pytest.mark.parametrize("values", [[], [0.0, 0.0], [1.0], [3.0, 1.0, 2.0], np.arange(9000.0) ** 2])
+@pytest.mark.parametrize(
+    "values",
+    [
+        [],
+        [0.0, 0.0],
+        [1.0],
+        [3.0, 1.0, 2.0],
+        np.arange(9000.0) ** 2,
+        *(np.arange(1001.0) * (np.arange(1001) < moved) for moved in (2, 10, 11, 12, 13)),
+    ],
+)
 def test_the_size_of_a_step_has_the_numbers_of_a_spread(values: list[float]) -> None:
     size, spread = StepSize.of(np.array(values)), Spread.of(np.array(values))
     assert (size is None) == (spread is None) == (not len(values))

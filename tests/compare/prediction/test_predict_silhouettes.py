@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from tests.support.long_tail import thinned
 from tests.support.views import SHARED_SCENES, at, view
@@ -18,7 +19,7 @@ from xfrustum.compare import compare_images
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.metrics.surface import surface_errors
 from xfrustum.compare.prediction.chain import traced_settings
-from xfrustum.compare.prediction.contours import Contours, Kind, contours
+from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, Contours, Kind, contours, smoothed
 from xfrustum.compare.prediction.displacement import displacement_field
 from xfrustum.compare.prediction.silhouettes import Silhouettes, expected_wrong
 from xfrustum.raster import Rasterizer
@@ -384,3 +385,11 @@ def test_a_pixel_that_is_missing_is_one_more_wrong_pixel(seed: int) -> None:
 def test_a_film_swept_over_twice_all_over_is_wrong_once() -> None:
     judged = np.ones((40, 60), dtype=np.bool_)
     assert expected_wrong(np.full((40, 60), 2.0), ~judged, judged) == pytest.approx(40 * 60)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (5, 7), (40, 61), (1, 1)])
+@pytest.mark.parametrize("mode", ["reflect", "constant"])
+def test_rows_that_lie_apart_are_smoothed_as_all_images_are(shape: tuple[int, int], mode: str) -> None:
+    image = np.random.default_rng(1).random(shape)
+    expected = gaussian_filter(image, CONTOUR_SIGMA_PX, mode=mode)
+    np.testing.assert_array_equal(smoothed(image, mode), expected)
