@@ -274,15 +274,18 @@ class Engine(Generic[Found]):
 
     def _turns(self, parts: Sequence[Part]) -> list[list[Part]]:
         """Return the parts of each turn: one, or several where all threads wait until a turn has ended."""
+        frames = [len(part.settings) + (part.first and self._wanted.causes) for part in parts]
+        count = -(-sum(frames) // max(1, MAX_UNDISTURBED_PIXELS // self._pixels))
+        # Turns are about equally long: after a short one threads would be idle.
+        most = -(-sum(frames) // max(1, count))
         turns: list[list[Part]] = []
-        most, drawn = MAX_UNDISTURBED_PIXELS // self._pixels, 0
-        for part in parts:
-            frames = len(part.settings) + (part.first and self._wanted.causes)
-            if not (turns and self._wanted.apart and drawn + frames <= most):
+        drawn = 0
+        for part, more in zip(parts, frames, strict=True):
+            if not (turns and self._wanted.apart and drawn + more <= most):
                 turns.append([])
                 drawn = 0
             turns[-1].append(part)
-            drawn += frames
+            drawn += more
         return turns
 
     def _tasks(
