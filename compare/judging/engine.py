@@ -331,10 +331,16 @@ class Engine(Generic[Found]):
     def _compared_together(
         self, hogel: _Hogel, turn: Future[list[Frames]], parts: Sequence[Part], pool: Executor
     ) -> dict[int, Batched[Comparison]]:
-        """Have the only frames of their cameras compared; return the comparison of each such part."""
+        """Have the only frames of their cameras compared; return the comparison of each such part.
+
+        Where threads wait for whole turns there are groups of several frames. Each frame of a group is given
+        an equal share of the group's time, and an error of one of them is that of all.
+        """
         lone = [number for number, part in enumerate(parts) if part.only]
         found: dict[int, Batched[Comparison]] = {}
-        for group in np.array_split(np.array(lone, dtype=np.int64), min(worker_count(), max(len(lone), 1))):
+        if not lone:
+            return found
+        for group in np.array_split(np.array(lone, dtype=np.int64), min(worker_count(), len(lone))):
             numbers = group.tolist()
             batches = [Batched(turn=turn, place=number) for number in numbers]
             task = pool.submit(self._compared_each, hogel, batches)

@@ -16,7 +16,8 @@ Result = TypeVar("Result")
 
 MAX_CONCURRENT_PIXELS = 1 << 23
 """Largest number of pixels of all images that are judged or wait for it, unless two images have more. An
-image takes about 200 bytes a pixel with its truth and its error maps, so that this is 1.6 GB."""
+image takes about 240 bytes a pixel with its truth, which lies on the device as well, and its error maps, so
+that this is 2 GB."""
 
 MIN_PIXELS_UNDER_WAY = 1 << 19
 """Smallest number of pixels of all images that are judged or wait for it, where each image is small: judging

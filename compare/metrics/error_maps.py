@@ -139,12 +139,14 @@ def pixel_errors_of_each(
     numbered
         Whether each image names triangles.
     """
+    if not images:
+        return []
     scene, clear = (reference.scene, reference.clear(truth, len(images))) if reference else (None, None)
     measured, undecided = [], []
     surfaces: Sequence[SurfaceErrors | None]
     for image in images:
         found = pixel_findings(truth, image, scene, clear)
-        # What is found is large, and is not kept until all images are looked at.
+        # What is found is large: it is reduced before the next image is looked at.
         measured.append(_Measured.of(found))
         if found.surface is not None and scene is not None:
             undecided.append(Undecided.of(found.surface, image, scene))

@@ -1,6 +1,8 @@
 """Findings of each pixel by formulas alone: all that is asked of an image before what hides its points.
 
-The formulas are written once, for NumPy and Dr.Jit; both do the same operations in the same order.
+The formulas are written once for NumPy and Dr.Jit; both do the same operations in the same order. Where a
+foreign image is judged by another question than the truth, `surface` and `film` say the same of NumPy's
+arrays: places are those of `places_off_center`, and points beyond the film those of `beyond_film`.
 """
 
 from __future__ import annotations
@@ -86,10 +88,12 @@ def pixel_findings(
     clear
         Triangles on which points are hidden by nothing, where they are known; see `Reference.clear`.
     """
+    # What is known of another film says nothing of places on this one.
+    known = clear if clear is not None and clear.pencil == true_lines(truth.camera) else None
 
     def formula(by: Arithmetic) -> Callable[[Any], Sequence[Any]]:
         pixel = _PixelFormula.of(by, truth, raster)
-        surface = None if scene is None else _SurfaceFormula.of(by, scene, pixel.film, clear)
+        surface = None if scene is None else _SurfaceFormula.of(by, scene, pixel.film, known)
         return lambda lane: _values(pixel.at(lane), surface)
 
     values = evaluated(formula, truth.triangle.size)

@@ -7,7 +7,7 @@ processors than the kernels themselves, and takes it from what runs beside them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from importlib import import_module
 from threading import Lock
@@ -18,9 +18,19 @@ from xfrustum.reference.devices.dr_jit import OLDEST_LLVM, limit_threads, loaded
 from xfrustum.reference.lines.lines import Pencil
 
 
-@cache
 def compiled() -> bool:
     """Return whether Dr.Jit can compile on this machine, and bound its threads if so."""
+    # Threads that ask first at once must not set the number of threads one after the other.
+    with _ASKING:
+        return _compiled()
+
+
+_ASKING = Lock()
+"""Lock of those who ask whether Dr.Jit can compile."""
+
+
+@cache
+def _compiled() -> bool:
     prepare_llvm()
     version = loaded_llvm()
     if version is None or version[0] < OLDEST_LLVM:
@@ -64,17 +74,18 @@ class _Bound:
         self._ready = self._bound = False
         self._before = 0
 
-    def enter(self) -> None:
-        """Bound the threads; before Dr.Jit is ready, as soon as it is."""
-        with self._lock:
-            self._wanted += 1
-            self._settle()
-
-    def leave(self) -> None:
-        """Give the threads back, unless somebody else still wants one."""
-        with self._lock:
-            self._wanted -= 1
-            self._settle()
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Bound the threads for as long as the block runs; before Dr.Jit is ready, as soon as it is."""
+        try:
+            with self._lock:
+                self._wanted += 1
+                self._settle()
+            yield
+        finally:
+            with self._lock:
+                self._wanted -= 1
+                self._settle()
 
     def be_ready(self) -> None:
         """Bound the threads if anybody wants that, now that Dr.Jit is there."""
@@ -85,10 +96,10 @@ class _Bound:
     @contextmanager
     def lifted(self) -> Iterator[None]:
         """Give the threads back for as long as the block runs, whoever wants one."""
-        with self._lock:
-            self._lifted += 1
-            self._settle()
         try:
+            with self._lock:
+                self._lifted += 1
+                self._settle()
             yield
         finally:
             with self._lock:
@@ -116,8 +127,7 @@ _BOUND = _Bound()
 """The bound of this process: Dr.Jit has one pool of threads."""
 
 
-@contextmanager
-def kernels_on_one_thread(pixels: int) -> Iterator[None]:
+def kernels_on_one_thread(pixels: int) -> AbstractContextManager[None]:
     """Have Dr.Jit's kernels run on one thread, of all of the process, unless images are large.
 
     Kernels that are running end first, so this must not be entered or left within `strict_arithmetic`.
@@ -127,14 +137,7 @@ def kernels_on_one_thread(pixels: int) -> Iterator[None]:
     pixels
         Pixels of an image, or points that are asked about: above `MAX_SHORT_PIXELS` nothing is changed.
     """
-    if pixels > MAX_SHORT_PIXELS:
-        yield
-        return
-    _BOUND.enter()
-    try:
-        yield
-    finally:
-        _BOUND.leave()
+    return nullcontext() if pixels > MAX_SHORT_PIXELS else _BOUND.kept()
 
 
 def kernels_on_all_threads() -> AbstractContextManager[None]:

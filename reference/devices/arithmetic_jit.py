@@ -42,13 +42,23 @@ _KINDS = {
 }
 
 
-def on_device(values: NDArray[Any]) -> Any:
-    """Return values as one flat array for lanes; 64-bit integers must fit into 32 bits.
+_INT32 = np.iinfo(np.int32)
 
-    The values are copied, so that kernels may read them in whole packets; see `packets`.
+
+def on_device(values: NDArray[Any]) -> Any:
+    """Return values as one flat array for lanes.
+
+    The values are copied, so that kernels may read them in whole packets; see `packets`. Floating point of
+    other precisions becomes double precision. Integers that need more than 32 bits become the smallest or the
+    largest of 32 bits: as numbers of triangles and objects, these stand for nothing either.
     """
-    kind = values.dtype if values.dtype in _KINDS else np.dtype(np.int32)
-    return _KINDS[kind](in_packets(values, kind))
+    if values.dtype in _KINDS:
+        return _KINDS[values.dtype](in_packets(values))
+    if values.dtype.kind == "f":
+        return Float64(in_packets(values, np.float64))
+    if values.dtype.itemsize >= _INT32.dtype.itemsize:
+        values = np.clip(values, _INT32.min, _INT32.max)
+    return Int32(in_packets(values, np.int32))
 
 
 def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:

@@ -12,9 +12,10 @@ A line that passes through T well inside its outline meets no N of the first kin
 kind behind all of T, and so not before a point that is no farther than T. Thus nothing hides such a point.
 
 What rounding does. Places on the film are computed in doubles. Let e bound the rounding of a place
-(`place_error`) and D the distance between two places (`limit`). The edge function of an edge from a to b at a
-place q is the edge's length times the distance of q from its line. It is known to within 6 e D for the
-roundings of places, and e D for its own: together less than half of l = 16 e D (`looseness`).
+(`place_error`) and D the distance between two places, both of corners and points within `limit`. The edge
+function of an edge from a to b at a place q is the edge's length times the distance of q from its line. It is
+known to within 6 e D for the roundings of places, and e D for its own: together less than half of l = 16 e D
+(`looseness`).
 
 - An edge of T that separates has all of N on its outer side, up to 1.5 l where l was computed. A point whose
   edge functions are `INSIDE` l is farther in than that.
@@ -59,11 +60,11 @@ the lines for a step of s: only what is met by more than half of the tolerance b
 
 COLUMNS = 12
 """Numbers for each triangle: three edge functions, as factors of column, row and 1, less what a point well
-inside must reach; after the first of them the largest s, and after the others nothing."""
+inside must reach, and after each of them the largest s."""
 
 
 def limit(pencil: Pencil) -> float:
-    """Return the largest column and row of a corner that is compared."""
+    """Return the largest column and row of a corner that is compared, and of a point that is asked about."""
     return float(LIMIT_PER_SIDE * max(pencil.resolution))
 
 
@@ -119,11 +120,13 @@ class ClearTriangles:
         its s, and the distance within which it is known.
         """
         look_up = by.table(self.table)
-        (farther,) = by.constants((TOLERANCE_SHARE / largest_length(self.pencil),))
+        farther, most = by.constants((TOLERANCE_SHARE / largest_length(self.pencil), limit(self.pencil)))
 
         def formula(triangle: Any, place: Sequence[Any], s: Any, tolerance: Any) -> Any:
             numbers = look_up(triangle)
             seen = s - tolerance * farther <= numbers[3]
+            # The bounds of rounding hold within the limit, beyond which there is nothing of clear triangles.
+            seen = seen & (abs(place[0]) <= most) & (abs(place[1]) <= most)
             for first in range(0, COLUMNS, 4):
                 a, b, c = numbers[first : first + 3]
                 seen = seen & (a * place[0] + b * place[1] + c >= 0)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
@@ -168,9 +167,7 @@ class Region:
         counted = part.faces if faces is None else faces
         box = part.vertices.min(axis=0)[None], part.vertices.max(axis=0)[None]
         return bool(self.holds(*box)[0]) and any(
-            # Corner by corner, because numpy reduces over so short an axis several times slower.
-            bool(self.holds(*(reduce(extreme, (a, b, c)) for extreme in (np.minimum, np.maximum))).any())
-            for a, b, c in (corners.transpose(1, 0, 2) for corners in _in_chunks(part.vertices, counted))
+            bool(self.holds(*_boxes(corners)).any()) for corners in _in_chunks(part.vertices, counted)
         )
 
 
@@ -197,6 +194,13 @@ def _cells(plate: Plate, apertures: Iterable[Aperture] | None) -> Rectangle:
         along = [place[axis] for place in places]
         ranges.append((min(along) - pitch / 2, max(along) + pitch / 2))
     return ranges[0], ranges[1]
+
+
+def _boxes(corners: Floats) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest corner (F, 3) of the boxes about triangles (F, 3, 3)."""
+    # Corner by corner, because numpy reduces over so short an axis several times slower.
+    a, b, c = corners.transpose(1, 0, 2)
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def _in_chunks(vertices: Floats, faces: Indices) -> Iterator[Floats]:

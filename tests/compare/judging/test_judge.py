@@ -18,6 +18,7 @@ from xfrustum.cli import termination
 from xfrustum.compare import Comparison, compare_images
 from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.judging import engine, in_order
+from xfrustum.compare.metrics.comparison import compare_each
 from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
 from xfrustum.reference import Reference, truth
@@ -27,7 +28,6 @@ from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes import Aperture, DepthFormat, DoubleFrustum, InputError, Scene
 from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.arrays import Floats
-from xfrustum.scenes.model.hogel_image import HogelImage
 
 FILM = (32, 24)
 INDICES = [(40, 30), (0, 0), (80, 60), (29, 12), (40, 30), (3, 55), (41, 30)]
@@ -200,7 +200,8 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
     if broken == "trace":
         monkeypatch.setattr(Reference, "_whole", fails)
     if broken == "compare":
-        monkeypatch.setattr(engine, "compare_images", fails)
+        for name in ("compare_images", "compare_each"):
+            monkeypatch.setattr(engine, name, fails)
     with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:
         list(judge.stream(apertures(), SETTINGS[:2], causes=True))
     assert not threads()
@@ -213,16 +214,16 @@ def test_ctrl_c_ends_a_stream(monkeypatch: pytest.MonkeyPatch) -> None:
 
     once = iter([signal.SIGINT])
 
-    def interrupted(*images: HogelImage, **how: object) -> Comparison:
+    def interrupted(*images: object, **how: object) -> list[Comparison]:
         for number in once:
             os.kill(os.getpid(), number)
-        return compare_images(*images, **how)  # type: ignore[arg-type]
+        return compare_each(*images, **how)  # type: ignore[arg-type]
 
     def judged_without_end() -> None:
         with Judge(scene) as judge:
             deque(judge.stream(endless(scene), SETTINGS[:1]), maxlen=0)
 
-    monkeypatch.setattr(engine, "compare_images", interrupted)
+    monkeypatch.setattr(engine, "compare_each", interrupted)
     # Whoever starts the tests may ignore the signal.
     former = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,7 +21,7 @@ from xfrustum.reference.lane_formulas import evaluated
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, places_off_center
 from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.sight import FEWEST_PICTURES, Sight
-from xfrustum.scenes import DoubleFrustum, Scene
+from xfrustum.scenes import DoubleFrustum, Frustum, Scene
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM for Dr.Jit")
@@ -81,7 +84,7 @@ def neighbors() -> st.SearchStrategy[Floats]:
     [neighbors(), triangles(coordinates=EIGHTHS), triangles(coordinates=ANYTHING)],
     ids=["neighbors", "eighths", "anything"],
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(data=st.data())
 def test_no_point_of_a_clear_triangle_is_hidden(
     scenes: st.SearchStrategy[Floats], data: st.DataObject
@@ -118,6 +121,38 @@ def test_a_triangle_is_clear_until_another_one_covers_a_part_of_it() -> None:
     assert not seen_with(corner), "in front of a corner"
     assert not seen_with(far * 0.5), "in front of all of it"
     assert not seen_with(far), "the same triangle twice"
+
+
+def test_a_point_is_not_seen_because_its_triangle_is_if_it_lies_behind_another_one() -> None:
+    # Points of the nearer of two sheets, known to within 0.2, and believed to be farther than the other one.
+    frustum = view("sheets", (32, 32)).frustum
+    corners = np.stack((FACING, FACING - [0.0, 0.0, 0.001]))
+    scene, middle = soup(corners, frustum), np.array([[1 / 3, 1 / 3, 1 / 3]])
+    pencil = crossed_frustum(frustum, at(0.0, 0.0))
+    clear = clear_of(scene, pencil)
+    for raised, hidden in ((-0.01, False), (-0.25, True)):
+        points = replace(points_on(corners, np.array([0]), middle, raised), tolerance=np.array([0.2]))
+        assert hidden_by_definition(scene, pencil, points) == [hidden]
+        assert surely_seen(clear, points).tolist() == [not hidden]
+
+
+def test_a_point_far_beside_the_film_is_not_inside_a_triangle_that_is_seen_edge_on() -> None:
+    # There its edge functions are nothing but roundings, and all of them are large.
+    edge_on = np.array(
+        [
+            [-0.5518501012821984, -1.0196321323604844, -3.704759053561295],
+            [-1.0496529717809864, -1.789505267717623, -3.989181922571713],
+            [-0.8964678107869335, -1.6077702051021063, -5.027017567772384],
+        ]
+    )
+    frustum = Frustum(resolution=(64, 64), reach=(12.0, 12.0), fov=(math.pi / 2, math.pi / 2))
+    points = SurfacePoints(
+        position=np.array([[-9.05e-9, -1.37e-8, -2.16e-18]]),
+        triangle=np.zeros(1, dtype=np.int32),
+        tolerance=np.full(1, 2.0**-20),
+    )
+    clear = clear_of(soup(edge_on[None], frustum), crossed_frustum(frustum, at(0.0, 0.0)))
+    assert clear is not None and not surely_seen(clear, points).any()
 
 
 @pytest.mark.parametrize("name", ["car", "asymmetric"])
