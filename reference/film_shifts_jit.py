@@ -11,7 +11,14 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from xfrustum.reference.devices.arithmetic_jit import JIT, Bool, Float64, UInt32, on_device
+from xfrustum.reference.devices.arithmetic_jit import (
+    JIT,
+    Bool,
+    Float64,
+    UInt32,
+    in_double_precision,
+    on_device,
+)
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats, Indices
@@ -40,8 +47,8 @@ class _Film:
 
     def shifts(self, position: NDArray[np.floating]) -> list[Any]:
         """Return columns and rows of `film_shifts` of the lanes' pixels, NaN where no surface is shown."""
-        flat = on_device(position)
-        x, y, z = (Float64(dr.gather(type(flat), flat, self.pixel * 3 + axis)) for axis in range(3))
+        flat = in_double_precision(position)
+        x, y, z = (dr.gather(Float64, flat, self.pixel * 3 + axis) for axis in range(3))
         depth = -(z - self.center[2])
         across, down = (
             ((value - self.center[axis]) / depth - self.shear[axis]) / self.half[axis]
@@ -70,7 +77,7 @@ def compiled_steps(
     first: NDArray[np.complex128] | None,
 ) -> list[Floats]:
     """Return the lengths (N,) of `film_steps`, by the same operations in the same order."""
-    # Lengths are copied, and all arrays of Dr.Jit are given back while nobody else records or evaluates.
+    # Lengths are copied, so that no array of Dr.Jit is kept.
     with strict_arithmetic():
         return [one.numpy().copy() for one in _steps(positions, pencil, pixels, first)]
 

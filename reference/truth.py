@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 KEPT_TRIANGLES = 1 << 20
 """Most triangles that a reference keeps for all apertures: sorted in some 150 bytes each, and on the device
-in some 200."""
+in up to some 310."""
 
 
 class Reference:
@@ -280,7 +280,8 @@ class Reference:
             return Certifier(self.scene.triangles, pencil, table=self._corner_table).decide
         some = drawn_triangles(self.scene.triangles, pencil, cull)
         triangles = self.scene.triangles[some]
-        certifier = Certifier(triangles, pencil, table=corner_table(triangles))
+        table = corner_table(triangles) if len(triangles) <= KEPT_TRIANGLES else None
+        certifier = Certifier(triangles, pencil, table=table)
         return lambda rows: certifier.decide(rows).renumbered(some)
 
     def gaps(self, aperture: Aperture) -> Floats:

@@ -20,8 +20,10 @@ GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
 
 LISTED_GROUP = 256
-"""Pixels of a work group where some pixels are listed, as in position.comp. A device runs 65,535 groups at
-least: 16 million pixels, more than images have."""
+"""Pixels of a work group where some pixels are listed, as in position.comp."""
+
+MAX_GROUPS = 65_535
+"""Largest number of work groups along an axis that every device runs (OpenGL 4.3)."""
 
 PIXELS_BINDING = 6
 """Binding of the list of pixels, as in position.comp."""
@@ -103,7 +105,7 @@ class Positions:
     def read_some(self, target: Identified, drawn: Sequence[DrawnBy], pixels: Indices) -> Singles:
         """Return the surface points (N, 3) of some pixels, given by row * W + column; see `read`."""
         found = np.empty((len(pixels), 3), dtype=np.float32)
-        size = self._points_at_once(target)
+        size = min(self._points_at_once(target), MAX_GROUPS * LISTED_GROUP)
         with self._bound(target, drawn) as points:
             for start in range(0, len(pixels), size):
                 some = pixels[start : start + size].astype(np.uint32)

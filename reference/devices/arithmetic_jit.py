@@ -29,6 +29,7 @@ __all__ = [
     "Float64",
     "Int32",
     "UInt32",
+    "in_double_precision",
     "on_device",
     "on_lanes",
 ]
@@ -45,6 +46,15 @@ _KINDS = {
 _INT32 = np.iinfo(np.int32)
 
 
+def in_double_precision(values: NDArray[np.floating]) -> Any:
+    """Return numbers as one flat array of doubles for lanes.
+
+    NumPy makes the doubles: on some of its threads Dr.Jit takes numbers of single precision for zero that are
+    smaller than those of full precision, and what a point shows must not depend on threads.
+    """
+    return Float64(in_packets(values, np.float64))
+
+
 def on_device(values: NDArray[Any]) -> Any:
     """Return values as one flat array for lanes.
 
@@ -55,7 +65,7 @@ def on_device(values: NDArray[Any]) -> Any:
     if values.dtype in _KINDS:
         return _KINDS[values.dtype](in_packets(values))
     if values.dtype.kind == "f":
-        return Float64(in_packets(values, np.float64))
+        return in_double_precision(values)
     if values.dtype.itemsize >= _INT32.dtype.itemsize:
         values = np.clip(values, _INT32.min, _INT32.max)
     return Int32(in_packets(values, np.int32))
@@ -78,7 +88,8 @@ def _table(rows: NDArray[Any]) -> Table:
 
 
 def _own(rows: NDArray[Any]) -> Table:
-    columns = [on_device(column) for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
+    put = in_double_precision if rows.dtype.kind == "f" else on_device
+    columns = [put(column) for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
     # Each lane loads its own row, whichever lanes there are.
     return lambda _: columns
 

@@ -39,7 +39,7 @@ class CornerTable:
     """Corners of triangles in two orders: by triangle, and by coordinate for each side of the plate.
 
     Kernels that look triangles up find the coordinates of a corner next to each other; those that go through
-    all triangles read coordinate after coordinate without gathering. Together they take some 200 bytes a
+    all triangles read coordinate after coordinate without gathering. Together they take 168 to 312 bytes a
     triangle.
 
     Parameters

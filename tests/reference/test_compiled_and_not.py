@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -27,6 +28,8 @@ from xfrustum.reference.certify import certify as certify_module
 from xfrustum.reference.certify import processors
 from xfrustum.reference.devices import dr_jit
 from xfrustum.reference.devices.arithmetic import NUMPY
+from xfrustum.reference.film_shifts import film_shifts
+from xfrustum.reference.lines.lines import crossed_frustum
 from xfrustum.reference.shading.environment import Surroundings
 from xfrustum.reference.shading.textures import Textures
 from xfrustum.scenes import Aperture, DoubleFrustum, Frustum, HogelImage, Scene, Screen
@@ -273,3 +276,19 @@ def test_the_threads_are_bounded_once_and_not_whenever_mitsuba_is_asked_for(
             dr_jit.limit_threads()
             assert drjit.thread_count() == 1
         assert drjit.thread_count() == 2
+
+
+def test_single_precision_below_its_full_precision_is_no_zero_on_any_thread() -> None:
+    # Some of Dr.Jit's threads take such numbers for zero. A point so near the plate is off it all the same.
+    if not processors.compiled():
+        pytest.skip("needs LLVM for Dr.Jit")
+    pencil = crossed_frustum(view("crossing").frustum, view("crossing").plate.middle)
+    width, height = 1024, 512
+    pencil = replace(pencil, resolution=(width, height))
+    position = np.full((height, width, 3), 1e-40, dtype=np.float32)
+    found = []
+    for count in (1, 2):
+        with threads(count):
+            found.append(film_shifts(position, pencil))
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.isfinite(found[0]).all()
