@@ -280,6 +280,21 @@ def _column(by: Arithmetic, values: NDArray[Any]) -> Callable[[Any], Any]:
     return lambda place: table(place)[0]
 
 
+def _scene_tables(by: Arithmetic, scene: Scene) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """Return the functions from triangles to their objects and to their largest coordinates."""
+    # Where there is no triangle, none is looked up, but there must be a place.
+    numbers, sizes = scene.object_of_triangle, scene.largest_coordinates
+    if not len(scene.faces):
+        numbers, sizes = np.zeros(1, dtype=np.int32), np.zeros(1)
+    return _column(by, numbers), _column(by, sizes)
+
+
+_SCENE_TABLES: WeakKeyDictionary[Scene, tuple[Arithmetic, Callable[[Any], Any], Callable[[Any], Any]]] = (
+    WeakKeyDictionary()
+)
+"""Tables of the scenes that are there, by the scene, for many images are judged of one."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _SurfaceFormula:
     """Triangles of a scene where lanes look them up, and the true film."""
@@ -295,17 +310,16 @@ class _SurfaceFormula:
     @classmethod
     def of(cls, by: Arithmetic, scene: Scene, film: _Film, clear: ClearTriangles | None) -> _SurfaceFormula:
         """Return the formula of a scene, and of the triangles that nothing hides where they are known."""
-        # Where there is no triangle, none is looked up, but there must be a place.
-        numbers, sizes = scene.object_of_triangle, scene.largest_coordinates
-        if not len(scene.faces):
-            numbers, sizes = np.zeros(1, dtype=np.int32), np.zeros(1)
+        known = _SCENE_TABLES.get(scene)
+        if known is None or known[0] is not by:
+            known = _SCENE_TABLES[scene] = (by, *_scene_tables(by, scene))
         count, largest = by.constants((float(len(scene.faces)), largest_tolerance(scene)))
         return cls(
             by=by,
             film=film,
             count=count,
-            object_of=_column(by, numbers),
-            size_of=_column(by, sizes),
+            object_of=known[1],
+            size_of=known[2],
             largest_tolerance=largest,
             clear=None if clear is None else clear.seen(by),
         )

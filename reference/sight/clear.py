@@ -28,12 +28,12 @@ known to within 6 e D for the roundings of places, and e D for its own: together
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from xfrustum.reference.devices.arithmetic import Arithmetic
+from xfrustum.reference.devices.arithmetic import Arithmetic, Table
 from xfrustum.reference.lines.cone import UNIT_ROUNDOFF
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.scenes.arrays import Floats
@@ -112,6 +112,7 @@ class ClearTriangles:
 
     pencil: Pencil
     table: Floats
+    _tables: dict[Arithmetic, Table] = field(default_factory=dict, init=False, repr=False)
 
     def seen(self, by: Arithmetic) -> Callable[[Any, Sequence[Any], Any, Any], Any]:
         """Return the formula that says which points are surely hidden by nothing.
@@ -119,7 +120,9 @@ class ClearTriangles:
         Its arguments are the number of the triangle on which each point lies, column and row of the point,
         its s, and the distance within which it is known.
         """
-        look_up = by.table(self.table)
+        if by not in self._tables:
+            self._tables[by] = by.table(self.table)
+        look_up = self._tables[by]
         farther, most = by.constants((TOLERANCE_SHARE / largest_length(self.pencil), limit(self.pencil)))
 
         def formula(triangle: Any, place: Sequence[Any], s: Any, tolerance: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,12 +20,21 @@ from xfrustum.reference import Reference, SurfacePoints
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lane_formulas import evaluated
 from xfrustum.reference.lines.lines import Pencil, crossed_frustum, places_off_center
+from xfrustum.reference.sight import sight
 from xfrustum.reference.sight.clear import ClearTriangles
 from xfrustum.reference.sight.sight import FEWEST_PICTURES, Sight
 from xfrustum.scenes import DoubleFrustum, Frustum, Scene
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM for Dr.Jit")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def however_many_triangles() -> Iterator[None]:
+    """Have clear triangles searched for on small films, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sight, "MAX_TRIANGLES_PER_PIXEL", math.inf)
+        yield
 
 
 def clear_of(scene: Scene, pencil: Pencil) -> ClearTriangles | None:
@@ -176,6 +186,17 @@ def test_clear_triangles_leave_few_points_to_search_for_and_change_nothing(name:
     assert not reference.hidden(truth.camera.aperture, points).any()
     if name == "car":
         assert len(spared) > 0.4 * without.doubtful.sum()
+
+
+def test_clear_triangles_are_not_searched_for_where_they_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = view("sheets", (16, 16))
+    reference = Reference(scene)
+    truth = reference.trace(scene.plate.middle)
+    per_pixel = len(scene.faces) / 16**2
+    monkeypatch.setattr(sight, "MAX_TRIANGLES_PER_PIXEL", 0.9 * per_pixel)
+    assert reference.clear(truth, FEWEST_PICTURES) is None
+    monkeypatch.setattr(sight, "MAX_TRIANGLES_PER_PIXEL", 1.1 * per_pixel)
+    assert reference.clear(truth, FEWEST_PICTURES) is not None
 
 
 def test_the_first_pictures_of_an_aperture_are_searched_without_clear_triangles() -> None:
