@@ -34,6 +34,9 @@ PAGE, DATA, ANIMATION = "index.html", "view.json", "views.gif"
 NAMES = {"true": "the true view", "replayed": "the replayed truth", "drawn": "the renderer's hogels"}
 """Names of the three pictures: in files, and in words."""
 
+UNKNOWN = "wrong surfaces unknown"
+"""Words for the share of wrong surfaces of a picture that does not say which surfaces it shows."""
+
 
 def file_names(eyes: int, *, drawn: bool) -> tuple[str, ...]:
     """Return the names of the files of a view of some eyes."""
@@ -131,19 +134,33 @@ def _address(content: bytes) -> str:
 def sentences(found: SceneView) -> list[str]:
     """Return what the eyes lose, in words, the worst eye first."""
     record = found.record
-    told = [_sentence("The display loses", [eye.display for eye in record.eyes], record.eyes)]
+    told = [_sentence("The display", [eye.display for eye in record.eyes], record.eyes)]
     drawn = [eye.renderer for eye in record.eyes if eye.renderer is not None]
     if drawn:
-        told.append(_sentence("The renderer loses", drawn, record.eyes))
+        told.append(_sentence("The renderer", drawn, record.eyes))
         told += _set_beside(record.eyes)
     if found.gap is not None:
         told.append(
             f"By the theorem of docs/method.md, its near offset opens a gap of {digits(2 * found.gap)} "
             f"{record.units} at the plate: everything is seen {digits(found.gap)} {record.units} farther "
-            "from the plate than it is, and nothing else is changed."
+            "from the plate than it is, and nothing else is changed but for edges and for what is thereby "
+            "newly hidden or uncovered."
         )
     told += [_stereo_sentence(pair, record.units) for pair in record.stereo[:1] if pair.renderer is not None]
-    return told
+    return told + _within_the_scene(found)
+
+
+def _within_the_scene(found: SceneView) -> list[str]:
+    """Return how many eyes lie no higher than the top of the scene, in one sentence, or none."""
+    top = float(found.scene.vertices[:, 2].max())
+    count = sum(eye.eye[2] <= top for eye in found.record.eyes)
+    if not count:
+        return []
+    return [
+        f"At {count} of {len(found.record.eyes)} eyes the numbers say little: these lie within the scene's "
+        f"depth, which reaches up to z = {digits(top)} {found.record.units}, and hogels show them what is "
+        "beside and behind them too."
+    ]
 
 
 def _sentence(begin: str, losses: Sequence[Loss], eyes: Sequence[EyeRecord]) -> str:
@@ -152,7 +169,7 @@ def _sentence(begin: str, losses: Sequence[Loss], eyes: Sequence[EyeRecord]) -> 
     loss = losses[worst]
     parts = []
     if loss.fraction is not None:
-        parts.append(f"{percent(loss.fraction)} of the pixels to wrong surfaces")
+        parts.append(f"loses {percent(loss.fraction)} of the pixels to wrong surfaces")
     moved = [one.displacement_arcmin.p99 for one in losses if one.displacement_arcmin is not None]
     if moved:
         parts.append(f"moves 99 % of the others by at most {digits(max(moved))} arc minutes")
@@ -160,7 +177,8 @@ def _sentence(begin: str, losses: Sequence[Loss], eyes: Sequence[EyeRecord]) -> 
     if looks:
         parts.append(f"looks different by FLIP {digits(max(looks))}")
     where = "" if len(eyes) == 1 else f" (the worst of {len(eyes)} eyes)"
-    return f"{begin} {', '.join(parts)}{where}." if parts else f"{begin} nothing that can be told."
+    unknown = f"; {UNKNOWN}: the hogels name none" if loss.fraction is None else ""
+    return f"{begin} {', '.join(parts) or 'loses nothing that can be told'}{where}{unknown}."
 
 
 def _set_beside(eyes: Sequence[EyeRecord]) -> list[str]:
@@ -205,7 +223,7 @@ def table(found: SceneView) -> str:
 
 
 def _row(loss: Loss) -> str:
-    wrong = "wrong surfaces unknown" if loss.fraction is None else f"wrong {percent(loss.fraction)}"
+    wrong = UNKNOWN if loss.fraction is None else f"wrong {percent(loss.fraction)}"
     moved = loss.displacement_arcmin
     shift = "" if moved is None else f", displaced {digits(moved.p50)}' p50, {digits(moved.p99)}' p99"
     flip = "" if loss.flip is None else f", FLIP {digits(loss.flip)}"

@@ -19,6 +19,7 @@ from xfrustum.scenes.appearance.sampling import Sampling
 from xfrustum.scenes.errors import InputError
 from xfrustum.scenes.files.foreign_images import Encoding
 from xfrustum.scenes.model.effects import Effect
+from xfrustum.scenes.model.hogel_image import NOTHING, HogelImage
 from xfrustum.scenes.model.look import look_hash
 from xfrustum.scenes.model.plate_content import FilmPart, PlateContent
 from xfrustum.scenes.model.scene import Scene
@@ -191,10 +192,16 @@ class Images:
                     f"{self._files.path(aperture)}: names a triangle that the scene does not have; "
                     "`xfrustum verify` says how its numbers were stored"
                 )
+            named = _names_surfaces(image)
             yield DrawnHogel(
                 index=aperture.index,
                 color=image.color,
-                triangle=image.triangle,
-                object=image.object,
+                triangle=image.triangle if named else None,
+                object=image.object if named else None,
                 position=image.position,
             )
+
+
+def _names_surfaces(image: HogelImage) -> bool:
+    """Return whether an image says which surfaces it shows, as `verify` tells it: colors alone do not."""
+    return image.color is None or bool(((image.triangle != NOTHING) | (image.object != NOTHING)).any())

@@ -168,7 +168,7 @@ def _worst(losses: Sequence[Loss]) -> str:
 
 def _loss_cells(loss: Loss) -> tuple[str, str]:
     moved = loss.displacement_arcmin
-    wrong = "-" if loss.fraction is None else percent(loss.fraction)
+    wrong = "unknown" if loss.fraction is None else percent(loss.fraction)
     return wrong, "-" if moved is None else digits(moved.p99)
 
 

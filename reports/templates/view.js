@@ -106,8 +106,10 @@ async function tell() {
     const triangle = 65536 * numbers[index] + 256 * numbers[index + 1] + numbers[index + 2] - 1;
     const step = 256 * heights[index] + heights[index + 1], ends = data.heights;
     const z = step === ends.steps ? null : ends.low + (ends.high - ends.low) * step / (ends.steps - 1);
-    const nothing = triangle < 0;
-    table.append(row([`${letters[name]}: ${data.names[name]}`, nothing ? "nothing" : objectOf(triangle),
+    const nothing = triangle < 0, renderer = data.eyes[eye].record.renderer;
+    // Colors alone do not say whether a surface is there.
+    const none = name === "drawn" && renderer && renderer.wrong === null ? "unknown" : "nothing";
+    table.append(row([`${letters[name]}: ${data.names[name]}`, nothing ? none : objectOf(triangle),
       nothing ? "–" : String(triangle), z === null ? "–" : z.toFixed(3)]));
   }
   // Pictures take time to load: meanwhile the pointer, or the eye, may have moved on.
@@ -135,7 +137,7 @@ function numbers() {
       const loss = record[name];
       if (!loss) continue;
       const moved = loss.displacement_arcmin || {}, depth = loss.depth_error || {};
-      const made = row([`${i + 1}: ${record.eye.map(short).join(", ")}`, name, loss.wrong === null ? "–" : String(loss.wrong),
+      const made = row([`${i + 1}: ${record.eye.map(short).join(", ")}`, name, loss.wrong === null ? "unknown" : String(loss.wrong),
         loss.fraction === null ? "–" : `${short(100 * loss.fraction)} %`, short(moved.p50), short(moved.p99), short(moved.max), short(depth.p99), short(loss.flip)]);
       if (i === state.eye) made.className = "chosen";
       rows.push(made);

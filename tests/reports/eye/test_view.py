@@ -20,6 +20,7 @@ from xfrustum.scenes.files.openexr.images import write_image
 from xfrustum.scenes.model.eye import Eye
 
 EYES = "--eye=-20,3,300;25,3,300"
+EYE = "--eye=0,0,300"
 RESOLUTION = "--resolution=24,18"
 NEAR = "--near=0.5"
 SCENE = """
@@ -139,6 +140,58 @@ def test_anybodys_images_are_judged_by_what_they_say(
             else:
                 assert one["renderer"]["wrong"] <= other["renderer"]["wrong"]
                 assert one["renderer"]["displacement_arcmin"] is None
+
+
+def test_colors_name_no_surfaces_and_wrong_ones_are_unknown(
+    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    stored, pictures, out = tmp_path / "plate.zarr", tmp_path / "pictures", tmp_path / "out"
+    assert main(["plate", str(scene_file), NEAR, "--out", str(stored), "--quiet"]) == 0
+    assert main(["convert", str(stored), str(pictures), "--to", "hogels", "--quiet"]) == 0
+    capfd.readouterr()
+    source = f"--images={pictures / 'hogel_{i}x{j}.exr'}"
+    found = told(capfd, str(scene_file), EYE, RESOLUTION, source, "--out", str(out))
+    same = told(capfd, str(scene_file), EYE, RESOLUTION, "--plate", str(stored))
+    assert found["eyes"] == same["eyes"]
+    for eye in found["eyes"]:
+        assert eye["renderer"]["wrong"] is None
+        assert eye["renderer"]["fraction"] is None
+        assert eye["renderer"]["flip"] < 0.1
+    page = (out / "index.html").read_text()
+    assert "The renderer looks different by FLIP" in page
+    assert "wrong surfaces unknown" in page
+    assert main(["view", str(scene_file), EYE, RESOLUTION, source, "--quiet"]) == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert sum("renderer  wrong surfaces unknown, FLIP" in line for line in lines) == 1
+
+
+def test_pictures_read_as_colors_name_no_surfaces(
+    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_hogels(open_scene(str(scene_file)), tmp_path)
+    for encoding in ("rgb", "srgb"):
+        source = (f"--images={tmp_path / '{i}x{j}.png'}", f"--encoding={encoding}")
+        for eye in told(capfd, str(scene_file), EYES, RESOLUTION, *source)["eyes"]:
+            assert eye["renderer"]["fraction"] is None
+
+
+def test_images_that_name_surfaces_are_charged_with_wrong_ones(
+    scene_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    blank = Image.new("RGB", (32, 24))
+    for column, row in np.ndindex(8, 6):
+        blank.save(tmp_path / f"{column}x{row}.png")
+    source = (f"--images={tmp_path / '{i}x{j}.png'}", "--encoding=object-id")
+    for eye in told(capfd, str(scene_file), EYES, RESOLUTION, *source)["eyes"]:
+        assert eye["renderer"]["fraction"] > 0.1
+
+
+def test_an_eye_within_the_scene_is_told_that_numbers_say_little(
+    scene_file: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for height, said in ((10, True), (300, False)):
+        assert main(["view", str(scene_file), f"--eye=0,0,{height}", RESOLUTION, "--quiet"]) == 0
+        assert ("within the scene's depth" in capfd.readouterr().out) == said
 
 
 def write_hogels(scene: Scene, folder: Path) -> None:
