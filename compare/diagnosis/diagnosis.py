@@ -44,12 +44,15 @@ class Diagnosis:
         Faults of the best guess where it explains too little to be a finding.
     means
         Words for the data and the method that led to the guess.
+    refuted
+        Whether the guess explains the hogels that were tested, and makes all judged hogels together worse.
     """
 
     model: DrawnModel
     faults: tuple[Fault, ...]
     does_not_explain: tuple[Fault, ...]
     means: str
+    refuted: bool = False
 
     @property
     def guesses(self) -> tuple[Fault, ...]:
@@ -82,7 +85,7 @@ def diagnose(
         found = _of_wrong(test)
     else:
         # Nothing needs an explanation: a guess that fits a little better fits noise.
-        means = f"{len(test.tested)} hogels, in which nothing is wrong"
+        means = f"{_counted(len(test.tested), 'hogel')}, in which nothing is wrong"
         found = Diagnosis(model=nominal, faults=(), does_not_explain=(), means=means)
     # Numbers of surfaces say nothing of light: where images have colors too, light is tested by itself.
     lights = _lights(reference, found.model, images) if not _by_color(images) else None
@@ -143,16 +146,16 @@ def _fitted(
     pictures = [image for image in images if image.color is not None or _names_objects(image)]
     if claims is not None and len(claims) >= MIN_FITTED_CLAIMS:
         fit = fit_geometry(claims, reference.scene, nominal)
-        means = f"{len(claims):,} claims of {len(claiming)} hogels"
+        means = f"{len(claims):,} claims of {_counted(len(claiming), 'hogel')}"
         means += f", {len(fit.spoiled)} left out as unlike the others" if fit.spoiled else ""
         return fit, means if fit.holds else f"{means}, which no convention explains"
     if pictures:
         by_objects = all(picture.color is None for picture in pictures)
         fit = replace(register(reference, pictures, nominal), by_color=True, by_objects=by_objects)
-        return fit, f"registration of {len(pictures)} pictures"
+        return fit, f"registration of {_counted(len(pictures), 'picture')}"
     none = nominal.parameters
     fit = GeometryFit(model=nominal, low=none, high=none, free=(), noise_px=0.0)
-    return fit, "nothing: no hogel shows enough to tell"
+    return fit, "nothing, as no hogel shows enough to tell"
 
 
 def _best(test: ExplanationTest, fit: GeometryFit) -> tuple[DrawnModel, GeometryFit]:
@@ -334,6 +337,10 @@ def declared(nominal: DrawnModel, found: DrawnModel, accepted: Sequence[str]) ->
     if "near" in accepted:
         fields |= {"pivot": found.pivot, "fit": found.fit}
     return replace(nominal, **fields)
+
+
+def _counted(count: int, name: str) -> str:
+    return f"{count} {name}{'' if count == 1 else 's'}"
 
 
 def _claims(image: HogelImage) -> bool:

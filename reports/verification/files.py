@@ -69,6 +69,7 @@ def render_page(found: Verification) -> str:
         "summary": record,
         "sentence": sentence(found),
         "explained": explained(found),
+        "unexplained": unexplained(found),
         "guesses": found.diagnosis.guesses,
         "as_found": _worded(record.as_found),
         "corrected": _worded(record.corrected),
@@ -146,11 +147,11 @@ def table(found: Verification) -> str:
     if found.diagnosis.faults:
         lines += [f"  explained: {told}" for told in explained(found)]
     elif found.explained is False:
-        lines.append("  no known fault explains what is wrong")
+        lines.append(f"  {unexplained(found)}")
         lines += [f"    {fault.words}" for fault in found.diagnosis.guesses]
     else:
         judged = any(hogel.as_found for hogel in found.hogels)
-        lines.append("  nothing found" if judged else "  nothing: no hogel could be judged")
+        lines.append("  nothing found" if judged else "  no hogel could be judged")
     for name, figures in (
         ("as found", totals([hogel.as_found for hogel in found.hogels])),
         ("corrected", totals([hogel.corrected for hogel in found.hogels])),
@@ -162,6 +163,13 @@ def table(found: Verification) -> str:
     if len(problems) > MAX_LISTED:
         lines.append(f"and {len(problems) - MAX_LISTED} more like these")
     return "\n".join(lines)
+
+
+def unexplained(found: Verification) -> str:
+    """Return in words that no fault is named for what is wrong."""
+    if found.diagnosis.refuted:
+        return "no single fault that was tried explains all hogels; one of the alternatives may"
+    return "no known fault explains what is wrong"
 
 
 def explained(found: Verification) -> list[str]:

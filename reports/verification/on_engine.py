@@ -39,7 +39,7 @@ from xfrustum.reports.verification.block_job import (
 from xfrustum.reports.verification.laid_out import LaidOut
 from xfrustum.reports.verification.sources import absolute_pattern, folder_named_from
 from xfrustum.reports.verification.stored_question import POLL_S, QUESTION_CLAIM
-from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
+from xfrustum.reports.verification.verdict import Hogel, Limits, Verification, with_correction_tested
 from xfrustum.reports.verification.verification import asked_apertures, nominal_model
 from xfrustum.reports.verification.worst_hogels import MAX_SHOWN_HOGELS, WorstHogels
 from xfrustum.scenes.disk.durable import Aside, scratch_folder
@@ -107,7 +107,7 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
         answer = _answer(engine, job, scene, told, channels=out is not None, progress=progress)
     if answer is None:
         return None
-    return Verification(
+    found = Verification(
         scene=scene,
         source=name,
         limits=limits,
@@ -115,6 +115,7 @@ def verify_on(  # noqa: PLR0913 - one keyword for each thing that `verify` is to
         hogels=answer.hogels,
         worst=answer.worst,
     )
+    return found if renderer.accept else with_correction_tested(found)
 
 
 def for_workers(renderer: ForeignRenderer, *, elsewhere: bool) -> ForeignRenderer:

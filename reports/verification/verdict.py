@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from xfrustum.compare.diagnosis.diagnosis import Diagnosis
+from xfrustum.compare.diagnosis.diagnosis import Diagnosis, doubtful
+from xfrustum.compare.diagnosis.explained import MIN_EXPLAINED_FRACTION
 from xfrustum.compare.diagnosis.faults import Fault
 from xfrustum.compare.judging.image_displacement import MeasuredBy
 from xfrustum.compare.judging.judged import Compared, Figures, HogelNumbers, Judging
@@ -341,3 +342,33 @@ class Verification(Shown, Summarized[VerificationRecord]):
             corrected=totals([hogel.corrected for hogel in self.hogels]),
             hogels=tuple(hogel.record for hogel in self.hogels),
         )
+
+
+def with_correction_tested(found: Verification) -> Verification:
+    """Return a verification without the faults whose correction makes more pixels wrong than it makes right.
+
+    A diagnosis is made of some hogels, of which few may be wrong: another fault may show these the same and
+    all others otherwise. Faults that the corrected figures of all judged hogels refute become guesses, which
+    state the share of the wrong pixels of all judged hogels that they explain.
+    """
+    pairs = [(one.as_found, one.corrected) for one in found.hogels if one.as_found and one.corrected]
+    if not found.diagnosis.faults or any(before.by != after.by for before, after in pairs):
+        return found
+    before, after = (sum(map(_wrong, numbers)) for numbers in (list(zip(*pairs, strict=True)) or ((), ())))
+    left = sum(one.causes["unexplained"] if one.causes else _wrong(one) for _, one in pairs)
+    share = max(0.0, 1.0 - left / before) if before else 0.0
+    if after <= before or share >= MIN_EXPLAINED_FRACTION:
+        return found
+    told = f"corrected for it, {after:,} pixels of all judged hogels are wrong instead of {before:,}"
+    refuted = tuple(
+        replace(doubtful(doubted), words=f"{doubtful(doubted).words}; {told}")
+        for doubted in (replace(fault, explains=share) for fault in found.diagnosis.faults)
+    )
+    guesses = (*refuted, *found.diagnosis.does_not_explain)
+    diagnosis = replace(found.diagnosis, faults=(), does_not_explain=guesses, refuted=True)
+    return replace(found, diagnosis=diagnosis)
+
+
+def _wrong(numbers: HogelNumbers) -> int:
+    """Return the number of wrong pixels of a hogel, those of a wrong color included."""
+    return numbers.wrong + (0 if numbers.radiance is None else numbers.radiance.wrong)

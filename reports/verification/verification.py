@@ -26,7 +26,7 @@ from xfrustum.reports.common.progress import progress_bar
 from xfrustum.reports.verification.commands import Command
 from xfrustum.reports.verification.laid_out import LaidOut, is_place, laid_out, with_layout_named
 from xfrustum.reports.verification.sources import Files, Function, Problem, Renderer, Source
-from xfrustum.reports.verification.verdict import Hogel, Limits, Verification
+from xfrustum.reports.verification.verdict import Hogel, Limits, Verification, with_correction_tested
 from xfrustum.reports.verification.worst_hogels import Pictured, WorstHogels
 from xfrustum.scenes import open_scene
 from xfrustum.scenes.arguments import choice, real, wholes
@@ -234,7 +234,9 @@ class Run:
         def verified(one: Source) -> Verification:
             return replace(self, source=one, kept={}).verified(nominal, accept, progress=progress)
 
-        return with_layout_named(verified(self.source), self.source, verified)
+        found = with_layout_named(verified(self.source), self.source, verified)
+        # Accepted conventions are right as found already: correction has nothing to say of them.
+        return found if accept else with_correction_tested(found)
 
     def verified(self, nominal: DrawnModel, accept: tuple[str, ...], *, progress: bool) -> Verification:
         """Diagnose a sample, judge every hogel, and return the verification."""
