@@ -51,6 +51,8 @@ class FileSet:
         Shape of the plate that they form.
     missing
         Number of files that the layout has for such a plate and that are not there.
+    beyond
+        Number of files that are there and that the layout does not have for such a plate.
     strangers
         Number of pictures in the folder whose names are none of this layout.
     reasons
@@ -62,6 +64,7 @@ class FileSet:
     files: dict[Index, Path]
     shape: PlateShape
     missing: int
+    beyond: int
     strangers: int
     reasons: tuple[str, ...]
 
@@ -198,6 +201,7 @@ def _examined(
         files=named,
         shape=shape,
         missing=missing,
+        beyond=len(named.keys() - expected),
         strangers=strangers,
         reasons=tuple(reasons),
     )
