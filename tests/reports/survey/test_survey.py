@@ -147,7 +147,7 @@ def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
     assert parts_of(out) == parts_of(whole)
     assert {p for p, time in before.items() if p.stat().st_mtime_ns != time} == {gone}
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
-    with pytest.raises(InputError, match="begun with another settings"):
+    with pytest.raises(InputError, match=rf"begun with other settings \(near was {NEAR}, now 0.5\);"):
         survey(scene, DoubleFrustum(near=0.5), out, Chosen(sample=None), engine=Engine(workers=1))
 
 
