@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xfrustum.reports.cluster.claims import Claims
+from xfrustum.reports.common.differences import differences_words
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
 
@@ -100,11 +101,8 @@ class Parts:
             found = None
         if found == wanted:
             return
-        differing = sorted(
-            key for key in wanted if not isinstance(found, dict) or found.get(key) != wanted[key]
-        )
         raise InputError(
-            f"--out {self.out}: was begun with another {', '.join(differing) or 'description'}; "
+            f"--out {self.out}: was begun with {differences_words(found, wanted)}; "
             f"give what it was begun with, or another place, or delete {self.folder} to begin anew"
         )
 

@@ -196,6 +196,12 @@ def _read(source: Path, read_as: str | None, options: ConversionOptions, array: 
             f"{source}: {found.missing} files of the layout {found.layout.name} are not there, "
             f"for a plate of {found.shape.words}"
         )
+    if found.beyond:
+        advice = "leave out --hogels, or give all of them" if options.hogels else "move the others away"
+        raise InputError(
+            f"{source}: {found.beyond} of {len(found.files)} files of the layout {found.layout.name} "
+            f"lie beyond a plate of {found.shape.words}; {advice}"
+        )
     return _Read(plate=LaidOutFiles(files=found).rows(), layout=found.layout.name, reasons=found.reasons)
 
 

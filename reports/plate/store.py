@@ -28,6 +28,7 @@ from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import LocalStore, MemoryStore
 
 from xfrustum.reports.cluster.claims import Claims
+from xfrustum.reports.common.differences import differences_words
 from xfrustum.reports.plate.chunks import is_whole
 from xfrustum.reports.plate.layout import PLATE_DIMENSIONS, Block, BlockPart, Layout, PlateArray, side_of
 from xfrustum.reports.plate.measures import (
@@ -377,9 +378,9 @@ def _made_with(out: Path, place: Path, wanted: Description, *, free: bool) -> De
     if free or (wanted[LAYOUT] == {"block": [1, 1]} and LAYOUT not in found):
         wanted = _laid_out_as(wanted, found)
     if found != wanted:
-        where = ", ".join(_differences(found, wanted))
         raise InputError(
-            f"--out {out}: was drawn with another {where}; give what it was drawn with, or another place"
+            f"--out {out}: was drawn with {differences_words(found, wanted)}; "
+            "give what it was drawn with, or another place"
         )
     return wanted
 
@@ -441,16 +442,6 @@ def _read_document(path: Path) -> Any:
             return json.loads(file.read(METADATA_BYTES + 1)[:METADATA_BYTES])
     except (OSError, ValueError, RecursionError):
         return None
-
-
-def _differences(found: Any, wanted: Any, where: str = "") -> Iterator[str]:
-    """Yield the names of what differs, at most one level deep."""
-    if not (isinstance(found, dict) and isinstance(wanted, dict)) or "." in where:
-        yield where or "description"
-        return
-    for key in dict.fromkeys((*wanted, *found)):
-        if found.get(key) != wanted.get(key):
-            yield from _differences(found.get(key), wanted.get(key), f"{where}.{key}" if where else key)
 
 
 def _clear_way(group: Path, path: Path) -> None:

@@ -159,6 +159,8 @@ def table(found: Verification) -> str:
         if figures is not None:
             lines.append(f"{name}: {figures_words(figures)}")
     problems = [hogel for hogel in found.hogels if hogel.problem]
+    if len(problems) > 1 and len({hogel.problem for hogel in problems}) == 1:
+        return "\n".join([*lines, f"{len(problems)} hogels: {problems[0].problem}"])
     lines += [f"hogel {h.aperture.column},{h.aperture.row}: {h.problem}" for h in problems[:MAX_LISTED]]
     if len(problems) > MAX_LISTED:
         lines.append(f"and {len(problems) - MAX_LISTED} more like these")

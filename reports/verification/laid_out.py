@@ -95,9 +95,11 @@ class LaidOut:
     def image(self, aperture: Aperture) -> HogelImage:
         """Return the image of an aperture, upright as its layout says."""
         if not self._fits:
-            asked = shape_of(self.reference.scene).words
+            asked, count = shape_of(self.reference.scene).words, len(self.files.files)
+            held = f"{count} file{'' if count == 1 else 's'}"
+            lacking = f" ({self.files.missing} are not there)" if self.files.missing else ""
             raise Problem(
-                f"in the layout {self.files.layout.name} the files are {self.files.shape.words}, "
+                f"read as {self.files.layout.name}, the {held} would be {self.files.shape.words}{lacking}, "
                 f"and the scene says {asked}"
             )
         camera = self.reference.camera(aperture)

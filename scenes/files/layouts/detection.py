@@ -51,6 +51,8 @@ class FileSet:
         Shape of the plate that they form.
     missing
         Number of files that the layout has for such a plate and that are not there.
+    beyond
+        Number of files that are there and that the layout does not have for such a plate.
     strangers
         Number of pictures in the folder whose names are none of this layout.
     reasons
@@ -62,6 +64,7 @@ class FileSet:
     files: dict[Index, Path]
     shape: PlateShape
     missing: int
+    beyond: int
     strangers: int
     reasons: tuple[str, ...]
 
@@ -108,7 +111,11 @@ def looks_like(
             problems.append(f"{layout.name}: {error}")
     if not found:
         some = f", such as {paths[0].name}" if paths else ""
-        why = f"its files ({len(paths)} pictures{some}) have names of no layout"
+        held = f"its files ({len(paths)} pictures{some})"
+        likely = _by_names(paths)
+        why = f"{held} have names of no layout"
+        if stated and likely is not None:
+            why = f"{held} are not named as those of {layouts[0].name}; they look like {likely}"
         if problems:
             # For a single picture the last layout, a mosaic, is the likeliest.
             why = problems[-1 if len(paths) == 1 else 0]
@@ -120,6 +127,14 @@ def looks_like(
         return told is not None and one.shape != told, one.strangers > 0, one.missing > 0, order
 
     return tuple(sorted(found, key=doubts))
+
+
+def _by_names(paths: Sequence[Path]) -> str | None:
+    """Return the likeliest layout whose names all files have; None where there is none that needs numbers."""
+    for layout in LAYOUTS:
+        if all(layout.index_of(path.name) for path in paths):
+            return layout.name
+    return None
 
 
 def _check_different(indices: Sequence[tuple[Index, Path]], named: dict[Index, Path]) -> None:
@@ -198,6 +213,7 @@ def _examined(
         files=named,
         shape=shape,
         missing=missing,
+        beyond=len(named.keys() - expected),
         strangers=strangers,
         reasons=tuple(reasons),
     )

@@ -94,7 +94,7 @@ def _check_picture(path: Path) -> None:
 
 
 def check_mesh_source(path: Path) -> None:
-    """Refuse a mesh file that is no regular file, or that declares much more than it has.
+    """Refuse a mesh file that is no regular file, is empty, or declares much more than it has.
 
     Raises
     ------
@@ -102,6 +102,8 @@ def check_mesh_source(path: Path) -> None:
         The file is refused, or cannot be unpacked.
     """
     check_mesh_file(path)
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the mesh file is empty; export the mesh again")
     name = path.name.lower()
     try:
         if name.endswith((".zip", ".3mf", ".zae", ".3dxml")):

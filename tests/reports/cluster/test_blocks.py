@@ -184,7 +184,7 @@ def test_a_folder_is_continued_with_the_same_work_alone(tmp_path: Path) -> None:
     parts = Parts(out=tmp_path, name="toy")
     parts.open({"scene": "a", "near": 1})
     parts.open({"scene": "a", "near": 1})
-    with pytest.raises(InputError, match="begun with another near"):
+    with pytest.raises(InputError, match=r"begun with another near \(near was 1, now 2\);"):
         parts.open({"scene": "a", "near": 2})
     (tmp_path / "empty").mkdir()
     Parts(out=tmp_path, name="empty").open({})

@@ -136,6 +136,21 @@ def test_a_folder_whose_plate_is_stated_lacks_whole_rows(tmp_path: Path) -> None
     assert not (tmp_path / "views").exists()
 
 
+@pytest.mark.parametrize("target", ["hogels", "quilt"])
+def test_no_hogel_that_is_there_is_left_out(
+    target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, _ = group(tmp_path, "uint8", (6, 1))
+    convert(source, tmp_path / "files", write_as="hogels")
+    arguments = ["convert", str(tmp_path / "files"), str(tmp_path / "out"), "--to", target]
+    assert main([*arguments, "--hogels", "2,3"]) == 2
+    error = capsys.readouterr().err
+    assert "6 of 12 files of the layout hogels lie beyond a plate of 2 x 3 hogels" in error
+    assert "leave out --hogels" in error
+    assert not (tmp_path / "out").exists()
+    assert main([*arguments, "--hogels", "4,3"]) == 0
+
+
 def test_a_folder_says_which_layout_it_looks_like(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, _ = group(tmp_path, "uint8")
     convert(source, tmp_path / "files", write_as="hocking")

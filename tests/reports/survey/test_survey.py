@@ -52,6 +52,14 @@ def surveyed(scene_path: Path, out: Path, capsys: pytest.CaptureFixture[str], *m
     return {"status": status, **json.loads(printed.out or "{}"), "errors": printed.err}
 
 
+def test_the_last_line_is_the_page(scene_path: Path, whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--near", str(NEAR), "--all", "--workers", "1", "--quiet", "--out", str(whole)]
+    assert main(["survey", str(scene_path), *words]) == 0
+    page = Path(capsys.readouterr().out.splitlines()[-1])
+    assert page == whole / "index.html"
+    assert page.is_file()
+
+
 @pytest.fixture(scope="module")
 def whole(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("whole") / "survey"
@@ -147,7 +155,7 @@ def test_a_survey_goes_on_where_it_was_and_ends_with_the_same_bytes(
     assert parts_of(out) == parts_of(whole)
     assert {p for p, time in before.items() if p.stat().st_mtime_ns != time} == {gone}
     assert (out / "index.html").read_bytes() == (whole / "index.html").read_bytes()
-    with pytest.raises(InputError, match="begun with another settings"):
+    with pytest.raises(InputError, match=rf"begun with other settings \(near was {NEAR}, now 0.5\);"):
         survey(scene, DoubleFrustum(near=0.5), out, Chosen(sample=None), engine=Engine(workers=1))
 
 

@@ -14,6 +14,7 @@ from PIL import Image
 from tests.support.foreign_renderers import Faulty, small
 from tests.support.views import view
 from xfrustum.reference import Reference
+from xfrustum.reports.verification.files import table
 from xfrustum.reports.verification.verdict import Verification
 from xfrustum.reports.verification.verification import verify
 from xfrustum.scenes import InputError, Plate, Scene, Screen
@@ -330,3 +331,11 @@ def test_a_missing_view_is_missing_in_every_hogel(full: tuple[Scene, Plates], tm
 def test_files_that_do_not_fit_a_stated_layout(full: tuple[Scene, Plates], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read in the layout views"):
         asked(full[0], written(full[1], "hocking", tmp_path), "views")
+
+
+def test_files_of_another_size_than_the_scene_are_told_once(tmp_path: Path) -> None:
+    plate = Plates(pixels=np.zeros((3, 3, 8, 8, 3), np.uint8), levels=255)
+    found = asked(scene_of((16, 16), (5, 5)), written(plate, "hogels", tmp_path))
+    [line] = [line for line in table(found).splitlines() if "the scene says" in line]
+    told = "the 9 files would be 5 x 5 hogels of 8 x 8 pixels (16 are not there), and the scene says 5 x 5"
+    assert line.startswith(f"25 hogels: read as hogels, {told} hogels of 16 x 16")

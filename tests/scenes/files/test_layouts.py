@@ -268,6 +268,15 @@ def test_a_folder_of_other_pictures_looks_like_nothing(tmp_path: Path) -> None:
         looks_like(tmp_path)
 
 
+@pytest.mark.parametrize("stated", ["hocking", "quilt"])
+def test_files_of_another_layout_than_the_stated_say_which_they_look_like(
+    stated: str, tmp_path: Path
+) -> None:
+    write_files(plate(shape_for("burnett")), target("burnett"), tmp_path)
+    with pytest.raises(InputError, match=f"not named as those of {stated}; they look like burnett"):
+        looks_like(tmp_path, None, layouts_named(stated))
+
+
 def test_aperture_views_may_name_their_direction_too(tmp_path: Path) -> None:
     before = plate(shape_for("burnett"))
     write_files(before, target("burnett"), tmp_path)

@@ -83,7 +83,8 @@ def test_a_broken_texture_never_fails_a_mesh(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "told"),
     [
-        ("empty.obj", "", "no triangles"),
+        ("empty.obj", "", "the mesh file is empty"),
+        ("empty.stl", "", "the mesh file is empty"),
         ("no-faces.obj", CORNERS, "no triangles"),
         (
             "nan.obj",

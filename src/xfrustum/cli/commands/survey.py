@@ -130,7 +130,7 @@ def survey(
     """
     opened = options.open_scene(scene)
 
-    from xfrustum.reports.survey.page import INSPECTION
+    from xfrustum.reports.survey.page import INSPECTION, PAGE
     from xfrustum.reports.survey.survey import survey as surveyed
 
     check_tev(tev)
@@ -150,7 +150,9 @@ def survey(
         progress=not quiet,
     )
     options.warn_of(opened)
-    options.tell(as_json, found.summary, lambda: f"{found.table()}\n{out}")
+    # A part of a job array leaves no page.
+    place = out / PAGE if found.extent.complete else out
+    options.tell(as_json, found.summary, lambda: f"{found.table()}\n{place}")
     if found.extent.complete:
         send_to_tev(tev, out / INSPECTION, opened.name)
     limited = until is not None or images is not None or options.is_given("tolerance_px")
