@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from xfrustum.reports.cluster.claims import Claims
-from xfrustum.reports.common.differences import differences_words
+from xfrustum.reports.cluster.differences import differences_words
 from xfrustum.scenes.disk.durable import write_file
 from xfrustum.scenes.errors import InputError
 

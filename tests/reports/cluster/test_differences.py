@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from xfrustum.reports.common.differences import differences_words
+from xfrustum.reports.cluster.differences import differences_words
 
 
 def test_short_values_are_told_and_hashes_are_not() -> None:
