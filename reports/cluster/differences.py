@@ -30,7 +30,7 @@ def differences_words(found: object, wanted: object) -> str:
         values = list(islice(_changed_values(found.get(key), wanted.get(key), key), MAX_NAMED_VALUES))
         told = "; ".join(f"{name} was {was}, now {now}" for name, was, now in values)
         # "Content" has no plural.
-        article = "other" if key.endswith("s") or key == "content" else "another"
+        article = "other" if key.split()[0].endswith("s") or key == "content" else "another"
         parts.append(f"{article} {key}" + (f" ({told})" if told else ""))
     *first, last = parts or ["another description"]
     return f"{', '.join(first)} and {last}" if first else last

@@ -17,3 +17,8 @@ def test_content_and_what_is_new_are_told() -> None:
     told = 'other content (judged was false, now true; channels was ["color"], now ["color", "height"])'
     assert differences_words(found, wanted) == told
     assert differences_words(None, wanted) == "another description"
+
+
+def test_a_part_of_several_words_is_one_thing_if_its_first_word_is() -> None:
+    told = differences_words({"state of the images": "a" * 64}, {"state of the images": "b" * 64})
+    assert told == "another state of the images"
