@@ -103,7 +103,7 @@ def test_a_damaged_block_is_drawn_again(damage: str, plate: Path, clean: Path) -
 
 def test_a_plate_goes_on_in_its_own_blocks_unless_others_are_asked_for(plate: Path, clean: Path) -> None:
     (plate / SHARD).unlink()
-    with pytest.raises(InputError, match=r"another .*layout\.block"):
+    with pytest.raises(InputError, match=r"another layout \(block was 3, now 2"):
         write_plate(small(), SETTINGS, plate, content=ALL, block=(2, 2))
     assert write_plate(small(), SETTINGS, plate, content=ALL).drawn == 6
     assert tree(plate) == tree(clean)
@@ -218,7 +218,7 @@ def test_a_plate_of_truths_is_certified(tmp_path: Path) -> None:
             stored = np.asarray(array(group, channel)[here.row, here.column])
             np.testing.assert_array_equal(stored, np.asarray(getattr(truth, channel), dtype=stored.dtype))
     assert camera_of(out, 0, 4).settings is None
-    with pytest.raises(InputError, match=r"another .*settings"):
+    with pytest.raises(InputError, match="other settings"):
         write_plate(scene, SETTINGS, out, apertures, replace(content, channels=(Channel.COLOR,)))
     with pytest.raises(InputError, match="certainty is the truth's alone"):
         write_plate(scene, SETTINGS, tmp_path / "y.zarr", apertures, content)
