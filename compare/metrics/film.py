@@ -44,12 +44,11 @@ def true_lines(camera: HogelCamera) -> Pencil:
     )
 
 
-def pixel_centers(camera: HogelCamera, rows: slice = slice(None)) -> Floats:
-    """Return column and row of every pixel, (H, W, 2), or of some rows."""
+def pixel_centers(camera: HogelCamera) -> Floats:
+    """Return column and row of every pixel, (H, W, 2)."""
     width, height = camera.resolution
-    down = np.arange(height, dtype=np.float64)[rows]
-    centers = np.empty((len(down), width, 2))
-    centers[..., 0], centers[..., 1] = np.arange(width), down[:, None]
+    centers = np.empty((height, width, 2))
+    centers[..., 0], centers[..., 1] = np.arange(width), np.arange(height)[:, None]
     return centers
 
 
