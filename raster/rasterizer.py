@@ -29,6 +29,7 @@ from xfrustum.scenes.model.rendering import Rendering
 from xfrustum.scenes.model.scene import Scene
 from xfrustum.scenes.plate.double_frustum import DepthFormat, DoubleFrustum
 from xfrustum.scenes.plate.plate import Aperture
+from xfrustum.scenes.room import with_room
 
 POSITION_BYTES = 24
 """Bytes of a vertex in double precision: `Positions` uploads three coordinates of 8 bytes each."""
@@ -189,7 +190,7 @@ class Rasterizer(ContextOwner):
         image = HogelImage(
             camera=self._camera(aperture, settings),
             triangle=triangle,
-            object=self._object_of_number[triangle],
+            object=self._objects(triangle),
             position=position,
             normal=normals_of(self.scene, triangle) if normals else None,
             color=seen,
@@ -234,7 +235,7 @@ class Rasterizer(ContextOwner):
         return HogelImage(
             camera=self._camera(aperture, settings),
             triangle=triangle,
-            object=self._object_of_number[triangle],
+            object=self._objects(triangle),
             position=position,
         )
 
@@ -293,6 +294,12 @@ class Rasterizer(ContextOwner):
             effects = self.effects_for(settings)
             self._drawing.draw(target, passes, settings.mapping, effects, color=color)
 
+    def _objects(self, triangle: Numbers) -> Numbers:
+        """Return the numbers of triangles' objects (H, W)."""
+        # `NOTHING`, which is -1, finds the last entry, `NOTHING`.
+        found = with_room(triangle.shape, np.int32)
+        return np.take(self._object_of_number, triangle, out=found, mode="wrap")
+
     def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
         """Return the surface points."""
         if self._positions is None or not passes:
@@ -338,7 +345,9 @@ def _same_cameras(some: Sequence[DrawnBy], others: Sequence[DrawnBy]) -> bool:
 
 def _triangle_of(identity: NDArray[np.uint32]) -> Numbers:
     """Return triangle numbers (H, W), -1 where nothing was drawn."""
-    return np.subtract(identity[..., 0].view(np.int32), 1, order="C")
+    triangle = with_room(identity.shape[:2], np.int32)
+    np.subtract(identity[..., 0].view(np.int32), 1, out=triangle)
+    return triangle
 
 
 def _whole(identity: NDArray[np.uint32]) -> NDArray[np.uint64]:

@@ -14,6 +14,7 @@ from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil, places_off_center
 from xfrustum.scenes.arrays import Floats, Indices
 from xfrustum.scenes.model.scene import read_only
+from xfrustum.scenes.room import with_room
 
 Vectors = NDArray[np.complex128]
 """Vectors on a film, columns plus i times rows: NumPy is several times slower along rows of two numbers."""
@@ -37,7 +38,7 @@ def film_shifts(position: NDArray[np.floating], pencil: Pencil) -> Vectors:
     if compiled():
         # Imported only here, because Dr.Jit's arrays need the LLVM that `compiled` has chosen.
         shifts = import_module("xfrustum.reference.film_shifts_jit").compiled_shifts
-        found = np.empty(pencil.resolution[0] * pencil.resolution[1], dtype=np.complex128)
+        found = with_room((pencil.resolution[0] * pencil.resolution[1],), np.complex128)
         found.real, found.imag = shifts(position, pencil)
         return found
     return _numpy_shifts(position.reshape(-1, 3), pencil, _centers(pencil.resolution))

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic_jit import (
     JIT,
-    Bool,
     Float64,
     UInt32,
-    in_double_precision,
+    doubles_of,
+    length,
     on_device,
 )
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
@@ -40,15 +40,14 @@ class _Film:
     def of(cls, pencil: Pencil, pixel: Any) -> _Film:
         center, shear, half = map(JIT.constants, (pencil.center, pencil.shear, pencil.half_extent))
         sides = JIT.constants(pencil.resolution)
-        # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
-        row = dr.floor((Float64(pixel) + 0.5) / sides[0])
+        # A product with 1/W is off by less than the half that is added, and faster than a quotient.
+        row = dr.floor((Float64(pixel) + 0.5) * JIT.constants([1 / pencil.resolution[0]])[0])
         column = Float64(pixel) - row * sides[0]
         return cls(center=center, shear=shear, half=half, sides=sides, pixel=pixel, column=column, row=row)
 
     def shifts(self, position: NDArray[np.floating]) -> list[Any]:
         """Return columns and rows of `film_shifts` of the lanes' pixels, NaN where no surface is shown."""
-        flat = in_double_precision(position)
-        x, y, z = (dr.gather(Float64, flat, self.pixel * 3 + axis) for axis in range(3))
+        x, y, z = doubles_of(position.reshape(-1, 3))(self.pixel)
         depth = -(z - self.center[2])
         across, down = (
             ((value - self.center[axis]) / depth - self.shear[axis]) / self.half[axis]
@@ -96,7 +95,7 @@ def _steps(
         begun = [dr.gather(Float64, known, film.pixel * 2 + part) for part in (0, 1)]
         shifts = [begun, *(film.shifts(position) for position in positions[1:])]
     found = [
-        _length(*(new - old for old, new in zip(before, after, strict=True)))
+        length(*(new - old for old, new in zip(before, after, strict=True)))
         for before, after in pairwise(shifts)
     ]
     dr.eval(*found)
@@ -106,16 +105,3 @@ def _steps(
 def _place(along: Any, side: Any) -> Any:
     """Return the place in pixels of what lies so far along a side of the film, which is two long."""
     return along * side / 2 - 0.5
-
-
-def _length(x: Any, y: Any) -> Any:
-    """Return the lengths of vectors, NaN where a coordinate is not finite: NumPy's `abs` of complex numbers.
-
-    NumPy, too, scales by the larger coordinate, and adds one to the square of the quotient in one rounding
-    where the processor has an instruction for that.
-    """
-    x, y = dr.abs(x), dr.abs(y)
-    finite: Bool = dr.isfinite(x) & dr.isfinite(y)
-    larger, smaller = dr.maximum(x, y), dr.minimum(x, y)
-    share = dr.select(larger > 0, smaller / larger, 0.0)
-    return dr.select(finite, dr.sqrt(dr.fma(share, share, 1.0)) * larger, np.nan)

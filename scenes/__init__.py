@@ -12,6 +12,7 @@ plate/       The plate, its apertures, their crossed frustum, and the settings o
 arguments    Arguments of the public dataclasses, taken as numbers and names, or not at all
 arrays       Arrays by what they hold: the one place that names their types
 errors       The one exception that means "the user can fix this"
+room         Arrays with room behind their end, which kernels read without a copy
 
 Words: see the glossary in CONVENTIONS.md.
 """

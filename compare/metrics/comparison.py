@@ -225,11 +225,12 @@ def compare_images(
     """
     _check(truth, raster, reference)
     colors = compare_radiance(truth, raster, perceptual=perceptual) if radiance else None
+    numbered = _numbered(raster)
     if judged is None:
-        errors = pixel_errors(truth, raster, reference, numbered=_numbered(raster))
+        errors = pixel_errors(truth, raster, reference, numbered=numbered)
     else:
         errors = pixel_errors_beside(truth, raster, reference, judged)
-    return _comparison(errors, colors)
+    return _comparison(errors, colors, numbered=numbered)
 
 
 def compare_each(
@@ -246,9 +247,13 @@ def compare_each(
     """
     for image in images:
         _check(truth, image, reference)
-    errors = pixel_errors_of_each(truth, images, reference, [_numbered(image) for image in images])
+    numbered = [_numbered(image) for image in images]
+    errors = pixel_errors_of_each(truth, images, reference, numbered)
     colors = [compare_radiance(truth, image, perceptual=perceptual) if radiance else None for image in images]
-    return [_comparison(one, color) for one, color in zip(errors, colors, strict=True)]
+    return [
+        _comparison(one, color, numbered=named)
+        for one, color, named in zip(errors, colors, numbered, strict=True)
+    ]
 
 
 def _numbered(raster: HogelImage) -> bool:
@@ -256,7 +261,7 @@ def _numbered(raster: HogelImage) -> bool:
     return bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
 
 
-def _comparison(errors: PixelErrors, colors: RadianceError | None) -> Comparison:
+def _comparison(errors: PixelErrors, colors: RadianceError | None, *, numbered: bool) -> Comparison:
     truth, raster = errors.truth, errors.raster
     return Comparison(
         pixels=errors.judged.size,
@@ -264,7 +269,7 @@ def _comparison(errors: PixelErrors, colors: RadianceError | None) -> Comparison
         covered=int(np.count_nonzero(truth.covered)),
         at_plate=errors.at_plate,
         surface=SurfaceShare.of_errors(errors, culled_pixels(truth, raster)),
-        triangle=Share.of(errors.triangle, errors.judged) if _numbered(raster) else None,
+        triangle=Share.of(errors.triangle, errors.judged) if numbered else None,
         displacement_px=errors.spread,
         height=errors.height,
         radiance=colors.numbers if colors else None,

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from xfrustum.compare.metrics.displacement import Spread, displacement, lengths
+from xfrustum.compare.metrics.displacement import Spread, displacement
 from xfrustum.compare.metrics.pixel_findings import PixelFindings, pixel_findings
 from xfrustum.compare.metrics.surface import SurfaceErrors, Undecided, decided, surface_errors
 from xfrustum.reference import Reference
@@ -180,19 +180,10 @@ class _Measured:
     def of(cls, found: PixelFindings) -> _Measured:
         """Return the numbers of what is found of each pixel."""
         return cls(
-            spread=Spread.of(_moved(found)),
+            spread=Spread.of(found.moved.take(np.flatnonzero(found.off_plate))),
             height=HeightError.of(found.rise.take(np.flatnonzero(found.same))),
             at_plate=int(np.count_nonzero(found.in_plate)),
         )
-
-
-def _moved(found: PixelFindings) -> Floats:
-    """Return the lengths (M,) of the displacements of points off the plate, in the order of their pixels."""
-    pixels = np.flatnonzero(found.off_plate)
-    shift = np.empty((len(pixels), 2))
-    for axis, places in enumerate((found.columns, found.rows)):
-        shift[:, axis] = places.take(pixels)
-    return lengths(shift)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

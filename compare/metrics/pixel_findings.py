@@ -56,9 +56,9 @@ class PixelFindings:
         (N,) pixels that show a point in the plate.
     same
         (N,) judged pixels of one triangle in both images, whose height is known.
-    columns, rows
-        (N,) place of the point on the true film minus that of the pixel, in pixels; rows count down. Only
-        where a point is off the plate do they mean anything.
+    moved
+        (N,) distance of the point's place on the true film from that of the pixel, in pixels. Only where a
+        point is off the plate does it mean anything.
     rise
         (N,) height of the image minus that of the truth, scene units.
     surface
@@ -68,8 +68,7 @@ class PixelFindings:
     off_plate: Mask
     in_plate: Mask
     same: Mask
-    columns: Floats
-    rows: Floats
+    moved: Floats
     rise: Floats
     surface: SurfaceFindings | None
 
@@ -94,7 +93,7 @@ def pixel_findings(
     def formula(by: Arithmetic) -> Callable[[Any], Sequence[Any]]:
         pixel = _PixelFormula.of(by, truth, raster)
         surface = None if scene is None else _SurfaceFormula.of(by, scene, pixel.film, known)
-        return lambda lane: _values(pixel.at(lane), surface)
+        return lambda lane: _values(by, pixel.at(lane), surface)
 
     values = evaluated(formula, truth.triangle.size)
     return PixelFindings(
@@ -105,11 +104,11 @@ def pixel_findings(
     )
 
 
-_OF_PIXELS = ("off_plate", "in_plate", "same", "columns", "rows", "rise")
+_OF_PIXELS = ("off_plate", "in_plate", "same", "moved", "rise")
 _OF_SURFACES = ("wrong", "outside", "doubtful")
 
 
-def _values(pixel: _Pixel, surface: _SurfaceFormula | None) -> list[Any]:
+def _values(by: Arithmetic, pixel: _Pixel, surface: _SurfaceFormula | None) -> list[Any]:
     """Return the values of some lanes: those named in `_OF_PIXELS`, and then in `_OF_SURFACES`."""
     true, shown = pixel.true, pixel.shown
     same = (true.triangle == shown.triangle) & pixel.judged & true.covered & shown.has_height
@@ -118,8 +117,7 @@ def _values(pixel: _Pixel, surface: _SurfaceFormula | None) -> list[Any]:
         shown.off_plate,
         shown.in_plate,
         same,
-        place[0] - drawn_at[0],
-        place[1] - drawn_at[1],
+        by.length(place[0] - drawn_at[0], place[1] - drawn_at[1]),
         shown.point[2] - true.point[2],
     ]
     return found if surface is None else [*found, *surface.errors(pixel)]
@@ -163,6 +161,8 @@ class _Film:
     shear: Sequence[Any]
     half_extent: Sequence[Any]
     sides: Sequence[Any]
+    per_column: Any
+    pixels_per_length: Sequence[Any]
 
     @classmethod
     def of(cls, by: Arithmetic, pencil: Pencil) -> _Film:
@@ -172,6 +172,10 @@ class _Film:
             shear=by.constants(pencil.shear),
             half_extent=by.constants(pencil.half_extent),
             sides=by.constants([float(side) for side in pencil.resolution]),
+            per_column=by.constants([1 / pencil.resolution[0]])[0],
+            pixels_per_length=by.constants(
+                [side / (2 * half) for side, half in zip(pencil.resolution, pencil.half_extent, strict=True)]
+            ),
         )
 
     def place(self, point: Sequence[Any]) -> tuple[Any, Any]:
@@ -186,10 +190,10 @@ class _Film:
 
     def drawn_at(self, by: Arithmetic, lane: Any) -> tuple[Any, Any]:
         """Return column and row of the pixels themselves."""
-        # A quotient in doubles: it is off by less than the half that is added, and faster than of integers.
-        number, width = by.real(lane), self.sides[0]
-        row = by.floor((number + 0.5) / width)
-        return number - row * width, row
+        # A product with 1/W is off by less than the half that is added, and faster than a quotient.
+        number = by.real(lane)
+        row = by.floor((number + 0.5) * self.per_column)
+        return number - row * self.sides[0], row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -372,8 +376,9 @@ class _SurfaceFormula:
         """Return where the point belongs outside the film, however it was rounded; see `beyond_film`."""
         depth = abs(pixel.shown.point[2] - self.film.center[2])
         beyond = None
-        for place, side, half in zip(pixel.place, self.film.sides, self.film.half_extent, strict=True):
-            known_to = tolerance * (side / (2 * half)) / depth
+        film = self.film
+        for place, side, share in zip(pixel.place, film.sides, film.pixels_per_length, strict=True):
+            known_to = tolerance * share / depth
             off = (place < -0.5 - known_to) | (place > side - 0.5 + known_to)
             beyond = off if beyond is None else beyond | off
         return beyond

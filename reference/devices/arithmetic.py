@@ -32,6 +32,8 @@ class Arithmetic:
         `numpy.where`.
     maximum, minimum, isfinite, sqrt, floor, arctan2, hypot
         What NumPy calls so.
+    length
+        Function of two coordinates of vectors: their lengths, as `abs` of complex numbers rounds them.
     power
         Function of base, exponent, mask and digits: the power where the mask is true, else zero. Where all
         exponents are whole numbers, `digits` is the number of binary digits of the largest; else it is None.
@@ -42,7 +44,8 @@ class Arithmetic:
     table
         Function that puts the rows of an array (N,) or (N, C) where they can be looked up.
     own
-        Function that puts the rows of an array (N,) or (N, C) where each of N lanes finds its own row.
+        Function that puts the rows of an array (N,) or (N, C) where each of N lanes finds its own row;
+        numbers of single precision become doubles.
     constants
         Function that puts numbers where a kernel reads them, so that others do not compile another kernel.
     """
@@ -55,6 +58,7 @@ class Arithmetic:
     floor: Callable[[Any], Any]
     arctan2: Callable[[Any, Any], Any]
     hypot: Callable[[Any, Any], Any]
+    length: Callable[[Any, Any], Any]
     power: Callable[[Any, Any, Any, int | None], Any]
     real: Callable[[Any], Any]
     whole: Callable[[Any], Any]
@@ -83,6 +87,12 @@ def _power(base: Floats, exponent: Floats | float, where: Mask, digits: int | No
     return np.power(base, exponent, out=np.zeros(len(base)), where=where)
 
 
+def _length(x: Floats, y: Floats) -> Floats:
+    vectors = np.empty(x.shape, dtype=np.complex128)
+    vectors.real, vectors.imag = x, y
+    return np.abs(vectors)
+
+
 def _real(values: NDArray[Any]) -> Floats:
     return values.astype(np.float64, copy=False)
 
@@ -98,6 +108,10 @@ def _table(rows: NDArray[Any]) -> Table:
     return lambda index: [column[index] for column in columns]
 
 
+def _own(rows: NDArray[Any]) -> Table:
+    return _table(rows.astype(np.float64, copy=False) if rows.dtype.kind == "f" else rows)
+
+
 NUMPY = Arithmetic(
     select=np.where,
     maximum=np.maximum,
@@ -107,10 +121,11 @@ NUMPY = Arithmetic(
     floor=np.floor,
     arctan2=np.arctan2,
     hypot=np.hypot,
+    length=_length,
     power=_power,
     real=_real,
     whole=_whole,
     table=_table,
-    own=_table,
+    own=_own,
     constants=list,
 )

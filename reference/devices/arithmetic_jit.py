@@ -29,7 +29,8 @@ __all__ = [
     "Float64",
     "Int32",
     "UInt32",
-    "in_double_precision",
+    "doubles_of",
+    "length",
     "on_device",
     "on_lanes",
 ]
@@ -46,26 +47,17 @@ _KINDS = {
 _INT32 = np.iinfo(np.int32)
 
 
-def in_double_precision(values: NDArray[np.floating]) -> Any:
-    """Return numbers as one flat array of doubles for lanes.
-
-    NumPy makes the doubles: on some of its threads Dr.Jit takes numbers of single precision for zero that are
-    smaller than those of full precision, and what a point shows must not depend on threads.
-    """
-    return Float64(in_packets(values, np.float64))
-
-
 def on_device(values: NDArray[Any]) -> Any:
     """Return values as one flat array for lanes.
 
-    The values are copied, so that kernels may read them in whole packets; see `packets`. Floating point of
+    Kernels may read them in whole packets; see `packets`. Floating point of
     other precisions becomes double precision. Integers that need more than 32 bits become the smallest or the
     largest of 32 bits: as numbers of triangles and objects, these stand for nothing either.
     """
     if values.dtype in _KINDS:
         return _KINDS[values.dtype](in_packets(values))
     if values.dtype.kind == "f":
-        return in_double_precision(values)
+        return Float64(in_packets(values, np.float64))
     if values.dtype.itemsize >= _INT32.dtype.itemsize:
         values = np.clip(values, _INT32.min, _INT32.max)
     return Int32(in_packets(values, np.int32))
@@ -77,7 +69,7 @@ def on_lanes(rows: NDArray[Any], index: Any) -> list[Any]:
 
 
 def _table(rows: NDArray[Any]) -> Table:
-    flat, count = on_device(rows), rows.size // max(len(rows), 1)
+    flat, count = on_device(rows), _columns(rows)
     if count % 4 == 0 and isinstance(flat, Float64):
         # Four numbers at a time, one beside the other, are read at once.
         fours = count // 4
@@ -87,11 +79,58 @@ def _table(rows: NDArray[Any]) -> Table:
     return lambda index: [dr.gather(type(flat), flat, index * count + k) for k in range(count)]
 
 
+def _columns(rows: NDArray[Any]) -> int:
+    return math.prod(rows.shape[1:])
+
+
 def _own(rows: NDArray[Any]) -> Table:
-    put = in_double_precision if rows.dtype.kind == "f" else on_device
-    columns = [put(column) for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
+    columns = rows.reshape(len(rows), _columns(rows)).T
     # Each lane loads its own row, whichever lanes there are.
-    return lambda _: columns
+    if rows.dtype == np.float32:
+        bits = [UInt32(in_packets(column).view(np.uint32)) for column in columns]
+        return lambda _: [_doubled(column) for column in bits]
+    own = [on_device(column) for column in columns]
+    return lambda _: own
+
+
+def doubles_of(rows: NDArray[np.floating]) -> Table:
+    """Return the table of rows (N, C) of either precision, whose columns are doubles."""
+    if rows.dtype != np.float32:
+        return _table(rows)
+    bits, count = UInt32(in_packets(rows).view(np.uint32)), _columns(rows)
+    return lambda index: [_doubled(dr.gather(UInt32, bits, index * count + k)) for k in range(count)]
+
+
+def _doubled(bits: Any) -> Any:
+    """Return numbers of single precision, given by their bits, as doubles.
+
+    On some of its threads Dr.Jit takes numbers of single precision for zero that are smaller than those of
+    full precision, and what a point shows must not depend on threads: these are made of their digits.
+    """
+    small: Any = Float64(bits & DIGITS) * SMALLEST_SINGLE
+    small = dr.select(bits >> 31 == 0, small, -small)
+    return dr.select((bits & EXPONENT) == 0, small, Float64(dr.reinterpret_array(Float32, bits)))
+
+
+DIGITS, EXPONENT = 0x007FFFFF, 0x7F800000
+"""Bits of a number of single precision that are its digits, and its exponent."""
+
+SMALLEST_SINGLE = 2.0**-149
+"""Smallest positive number of single precision, whose multiples all those below full precision are."""
+
+
+def length(x: Any, y: Any) -> Any:
+    """Return the lengths of vectors: NumPy's `abs` of complex numbers.
+
+    NumPy, too, scales by the larger coordinate, and adds one to the square of the quotient in one rounding
+    where the processor has an instruction for that.
+    """
+    x, y = dr.abs(x), dr.abs(y)
+    larger, smaller = dr.maximum(x, y), dr.minimum(x, y)
+    share = dr.select(larger > 0, smaller / larger, 0.0)
+    found = dr.sqrt(dr.fma(share, share, 1.0)) * larger
+    beyond = dr.select(dr.isinf(x) | dr.isinf(y), np.inf, np.nan)
+    return dr.select(dr.isfinite(x) & dr.isfinite(y), found, beyond)
 
 
 MIN_LOG2 = -1000.0
@@ -128,6 +167,7 @@ JIT = Arithmetic(
     floor=dr.floor,
     arctan2=dr.atan2,
     hypot=dr.hypot,
+    length=length,
     power=_power,
     real=Float64,
     whole=Int32,

@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ from numpy.typing import NDArray
 
 from xfrustum import reference
 from xfrustum.reference.certify.processors import compiled
-from xfrustum.reference.devices.packets import ALIGNMENT_BYTES, MAX_PACKET_LANES, in_packets
+from xfrustum.reference.devices.arithmetic import NUMPY
+from xfrustum.reference.devices.packets import in_packets
+from xfrustum.scenes.room import ALIGNMENT_BYTES, MAX_PACKET_LANES, has_room, with_room
 
 EMBREE_BYTES = 16
 """Bytes that Embree reads where the last corner of a mesh begins."""
@@ -51,6 +54,55 @@ def test_a_copy_has_its_values_its_alignment_and_memory_behind_its_last_packet(
 def test_a_copy_has_the_type_that_is_asked_for() -> None:
     copy = in_packets(np.array([[1, -2], [3, 4]]), np.int32)
     assert copy.dtype == np.int32 and copy.tolist() == [1, -2, 3, 4]
+
+
+@given(st.integers(0, 300), st.sampled_from([np.float64, np.float32, np.int32, np.bool_]))
+def test_an_array_with_room_is_not_copied(rows: int, kind: type) -> None:
+    values = with_room((rows, 3), kind)
+    values[:] = 1
+    assert has_room(values) and has_room(values.reshape(-1))
+    assert in_packets(values).ctypes.data == values.ctypes.data
+    assert np.array_equal(in_packets(values), values.ravel())
+
+
+def test_memory_of_others_is_no_room() -> None:
+    whole = with_room((4 * MAX_PACKET_LANES,), np.float64)
+    assert has_room(whole[: 2 * MAX_PACKET_LANES])
+    for wrong in (whole[1:], whole[::2], np.zeros(4 * MAX_PACKET_LANES), whole.copy(), np.array(1.0)):
+        assert not has_room(wrong)
+    backward = np.zeros(8 * MAX_PACKET_LANES)[::-1]
+    assert not has_room(backward[: 2 * MAX_PACKET_LANES][::-1])
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM")
+@pytest.mark.parametrize("count", [7, 300_000])
+def test_numbers_of_single_precision_are_doubles_on_all_threads(count: int) -> None:
+    jit = import_module("xfrustum.reference.devices.arithmetic_jit")
+    digits = np.random.default_rng(1).integers(0, 2**32, count, dtype=np.uint32)
+    digits[:6] = 0, 1 << 31, 1, (1 << 31) + 1, 0x007FFFFF, 0x00800000
+    rows = digits.view(np.float32)[:, None]
+    with np.errstate(invalid="ignore"):
+        expected = rows[:, 0].astype(np.float64)
+    lanes = jit.UInt32(in_packets(np.arange(count, dtype=np.uint32)))
+    for table in (jit.doubles_of(rows), jit.JIT.own(rows)):
+        found = table(lanes)[0].numpy()
+        np.testing.assert_array_equal(found, expected)
+        assert np.array_equal(np.signbit(found), np.signbit(expected))
+
+
+@pytest.mark.skipif(not compiled(), reason="needs LLVM")
+def test_lengths_are_those_of_complex_numbers() -> None:
+    jit = import_module("xfrustum.reference.devices.arithmetic_jit")
+    random = np.random.default_rng(2)
+    x, y = random.normal(size=(2, 20_000)) * 10.0 ** random.uniform(-300, 300, size=(2, 20_000))
+    special = np.array([0.0, -0.0, 5e-324, 1e308, np.inf, -np.inf, np.nan, 1.0])
+    x, y = (
+        np.concatenate((values, more.ravel()))
+        for values, more in zip((x, y), np.meshgrid(special, special), strict=True)
+    )
+    found = jit.length(jit.Float64(in_packets(x)), jit.Float64(in_packets(y))).numpy()
+    with np.errstate(over="ignore", invalid="ignore"):
+        np.testing.assert_array_equal(found, NUMPY.length(x, y))
 
 
 KERNEL_ARRAYS = ("Float64", "Float32", "UInt32", "Int32", "Bool", "Point3f", "Vector3f")
