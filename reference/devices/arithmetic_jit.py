@@ -87,7 +87,7 @@ def _own(rows: NDArray[Any]) -> Table:
     columns = rows.reshape(len(rows), _columns(rows)).T
     # Each lane loads its own row, whichever lanes there are.
     if rows.dtype == np.float32:
-        bits = [UInt32(in_packets(column).view(np.uint32)) for column in columns]
+        bits = [UInt32(in_packets(column.view(np.uint32))) for column in columns]
         return lambda _: [_doubled(column) for column in bits]
     own = [on_device(column) for column in columns]
     return lambda _: own
@@ -97,7 +97,7 @@ def doubles_of(rows: NDArray[np.floating]) -> Table:
     """Return the table of rows (N, C) of either precision, whose columns are doubles."""
     if rows.dtype != np.float32:
         return _table(rows)
-    bits, count = UInt32(in_packets(rows).view(np.uint32)), _columns(rows)
+    bits, count = UInt32(in_packets(rows.view(np.uint32))), _columns(rows)
     return lambda index: [_doubled(dr.gather(UInt32, bits, index * count + k)) for k in range(count)]
 
 
