@@ -228,7 +228,8 @@ class Rasterizer(ContextOwner):
                         color=None,
                         rendering=None,
                     )
-                triangle, position = _triangle_of(identity), np.array(drawn.image.position)
+                triangle, position = _triangle_of(identity), with_room(drawn.image.position.shape, np.float32)
+                position[:] = drawn.image.position
                 # Where other pictures show something there are cameras, hence triangles to find points on.
                 assert self._positions is not None
                 position.reshape(-1, 3)[pixels] = self._positions.read_some(target, _drawn_by(passes), pixels)

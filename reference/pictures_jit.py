@@ -13,7 +13,7 @@ from xfrustum.reference.certify.certify import FirstSurfaces
 from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Float64, Int32, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.lines_jit import interleaved, pixel_directions
+from xfrustum.reference.lines.lines_jit import interleaved, pixel_directions, read_interleaved
 from xfrustum.reference.shading.light import Seen
 from xfrustum.reference.shading.shading import Shader
 from xfrustum.scenes.arrays import Floats, Numbers, Singles
@@ -96,7 +96,7 @@ class JitPictures:
             return (
                 number.numpy().reshape(shape),
                 objects.numpy().reshape(shape),
-                points.numpy().reshape(*shape, 3),
+                read_interleaved(points, (*shape, 3)),
             )
 
     def shown(self, pencil: Pencil, rows: range, decided: FirstSurfaces, *, colored: bool = True) -> Shown:
@@ -129,9 +129,10 @@ class JitPictures:
                 # Gray has one channel.
                 arrays["color"] = interleaved(light if len(light) == 3 else light * 3, size)
             dr.eval(*arrays.values())
-            read = {name: array.numpy().reshape(*shape, -1) for name, array in arrays.items()}
+            objects = read_interleaved(arrays.pop("object"), shape)
+            read = {name: read_interleaved(array, (*shape, 3)) for name, array in arrays.items()}
         return Shown(
-            object=read["object"][..., 0],
+            object=objects,
             position=read["position"],
             normal=read["normal"],
             color=read.get("color"),

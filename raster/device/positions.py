@@ -15,6 +15,7 @@ from OpenGL import GL
 from xfrustum.raster.device.programs import Defines, defined, shader
 from xfrustum.scenes.arrays import Floats, Indices, Singles
 from xfrustum.scenes.model.scene import Scene
+from xfrustum.scenes.room import with_room
 
 GROUP = 16
 """Pixels per side of a work group, as in position.comp."""
@@ -92,7 +93,7 @@ class Positions:
         """
         width, height = target.size
         rows = max(1, min(height, self._points_at_once(target) // width))
-        found = np.empty((height, width, 3), dtype=np.float32)
+        found = with_room((height, width, 3), np.float32)
         with self._bound(target, drawn) as points:
             for start in range(0, height, rows):
                 band = found[start : start + rows]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
+from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic_jit import (
     Array3f,
@@ -16,6 +18,7 @@ from xfrustum.reference.devices.arithmetic_jit import (
     on_device,
 )
 from xfrustum.reference.lines.lines import Pencil
+from xfrustum.scenes.room import values_with_room
 
 
 def pixel_directions(pencil: Pencil, rows: range) -> list[Any]:
@@ -32,14 +35,23 @@ _VECTORS = {Float32: Array3f, Float64: Array3f64}
 """Type of three coordinates, by the type of one."""
 
 
+def read_interleaved(array: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return an array of `interleaved` as NumPy's of some shape, with room behind its end."""
+    values: NDArray[Any] = array.numpy()[: math.prod(shape)]
+    return values.reshape(shape)
+
+
 def interleaved(coordinates: Sequence[Any], size: int) -> Any:
     """Return coordinates of all lanes side by side for each lane, as NumPy's arrays of vectors have them.
+
+    Room is behind their end; see `read_interleaved`.
 
     There are three coordinates, or one. They are scattered together: of several scatters into one array
     Dr.Jit makes a kernel each, and every one of these computes again all that the coordinates have in common.
     """
     kind = type(coordinates[0])
-    found = dr.empty(kind, size * len(coordinates))
+    # What reads the arrays later reads them in place.
+    found = dr.empty(kind, values_with_room(size) * len(coordinates))
     together = coordinates[0] if len(coordinates) == 1 else _VECTORS[kind](*coordinates)
     dr.scatter(found, together, dr.arange(UInt32, size))
     return found

@@ -10,7 +10,7 @@ from xfrustum.reference.devices.arithmetic import cross, difference, dot
 from xfrustum.reference.devices.arithmetic_jit import JIT, Float32, Int32, on_device
 from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.lines import Pencil
-from xfrustum.reference.lines.lines_jit import interleaved, pixel_directions
+from xfrustum.reference.lines.lines_jit import interleaved, pixel_directions, read_interleaved
 from xfrustum.reference.tracers.embree import EmbreeTracer
 from xfrustum.reference.tracers.entry import entries
 from xfrustum.reference.tracers.mitsuba_tracer import MitsubaTracer
@@ -36,7 +36,7 @@ def traced_by_embree(tracer: EmbreeTracer, scene: Scene, pencil: Pencil, rows: r
         origins, directions = (interleaved(vectors, size) for vectors in rays)
         dr.eval(origins, directions)
     # Embree traces outside of the lock that other kernels wait for.
-    hits = tracer.first_along(*(vectors.numpy().reshape(-1, 3) for vectors in (origins, directions)))
+    hits = tracer.first_along(*(read_interleaved(vectors, (size, 3)) for vectors in (origins, directions)))
     with strict_arithmetic():
         direction = pixel_directions(pencil, rows)
         return _within_reach(scene, pencil, on_device(hits), direction).reshape(len(rows), -1)
