@@ -306,13 +306,22 @@ class Reference:
 
         `pictures` is the number of pictures that are about to be judged by it.
         """
+        pencil = crossed_frustum(self.scene.frustum, truth.camera.aperture)
+        return self.sight.clear(pencil, partial(self._shown, truth), pictures)
 
-        def shown() -> Mask:
-            seen = np.zeros(len(self.scene.faces), dtype=np.bool_)
-            seen[truth.triangle[truth.triangle != NOTHING]] = True
-            return seen
+    def make_ready(self, truth: HogelImage, pictures: int) -> None:
+        """Make ready what judging some pictures by a true image needs, before they are there.
 
-        return self.sight.clear(crossed_frustum(self.scene.frustum, truth.camera.aperture), shown, pictures)
+        `pictures` is their number. What judges the first of them finds the same where this was not called.
+        """
+        pencil = crossed_frustum(self.scene.frustum, truth.camera.aperture)
+        self.sight.make_ready(pencil, partial(self._shown, truth), pictures)
+
+    def _shown(self, truth: HogelImage) -> Mask:
+        """Return the triangles (F,) that a true image shows."""
+        seen = np.zeros(len(self.scene.faces), dtype=np.bool_)
+        seen[truth.triangle[truth.triangle != NOTHING]] = True
+        return seen
 
     def hidden(self, aperture: Aperture, points: SurfacePoints) -> Mask:
         """Return which points are hidden from the true frustum of an aperture; see `Sight.hidden`."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging
-from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frames
+from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frames, warm_up
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
@@ -65,7 +65,8 @@ class Wanted:
         Whether errors are predicted and wrong pixels charged to causes.
     apart
         Whether truths and frames are made while nothing else runs, so that their times are those that each
-        takes by itself. Everything takes longer then.
+        takes by itself. Everything takes longer then. What is compiled or allocated for a first frame, is so
+        before it is timed.
     """
 
     color: bool = False
@@ -296,6 +297,8 @@ class Engine(Generic[Found]):
         drawn: deque[Future[Any]],
     ) -> Iterator[_Task]:
         """Have the frames of a hogel drawn, turn by turn, and yield the task of each."""
+        if self._wanted.apart and hogel.number == 0:
+            self._make_ready(hogel, [one for parts in turns for part in parts for one in part.settings])
         charging = self._charging(hogel) if self._wanted.causes else None
         predictor: Future[Predictor] | None = None
         beside: Future[JudgedImage] | None = None
@@ -327,6 +330,18 @@ class Engine(Generic[Found]):
                         compared=compared,
                         charged=charged,
                     )
+
+    def _make_ready(self, hogel: _Hogel, settings: Sequence[DoubleFrustum]) -> None:
+        """Draw once before frames are timed, and meanwhile make the reference ready to judge them.
+
+        Threads that judge the first frames would otherwise wait for the one that makes it ready.
+        """
+        truth, stage = hogel.truth.result(), (self.machine, self.watch)
+        warm = partial(warm_up, stage, hogel.aperture, settings, color=self._wanted.color)
+        warmed = self._drawing.submit(warm)
+        with self.machine.stage(self.watch, "prepare"):
+            self._reference.make_ready(truth, len(settings))
+        warmed.result()
 
     def _compared_together(
         self, hogel: _Hogel, turn: Future[list[Frames]], parts: Sequence[Part], pool: Executor

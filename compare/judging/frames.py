@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -57,6 +57,33 @@ class Batched(Generic[Made]):
     def result(self) -> Made:
         """Return it as soon as it is drawn."""
         return self.turn.result()[self.place]
+
+
+def warm_up(
+    stage: tuple[Machine, Stopwatch],
+    aperture: Aperture,
+    settings: Iterable[DoubleFrustum],
+    rasterizer: Rasterizer,
+    *,
+    color: bool,
+) -> None:
+    """Draw once what compiles a program or allocates a target, which belongs to the time of no frame.
+
+    Parameters
+    ----------
+    stage
+        Machine whose time is shared, and stopwatch that is given the time.
+    aperture, settings
+        Aperture, and the settings of the frames that are to be drawn.
+    rasterizer
+        Rasterizer that is to draw them.
+    color
+        Whether they are drawn in color.
+    """
+    machine, watch = stage
+    with machine.stage(watch, "warm up"):
+        for one in {(setting.depth, setting.mapping): setting for setting in settings}.values():
+            rasterizer.draw(aperture, one, normals=False, color=color)
 
 
 def drawn_frames(

@@ -155,6 +155,16 @@ class Sight:
             return None
         return self._pictures(pencil).more(pictures, lambda: self._search.clear(self._boxes(pencil), shown()))
 
+    def make_ready(self, pencil: Pencil, shown: Callable[[], Mask], pictures: int) -> None:
+        """Make ready what is asked about some pictures of a pencil; parameters are those of `clear`.
+
+        Nothing is found that so few pictures would not make `clear` and `hidden` find.
+        """
+        if len(self._triangles):
+            self._boxes(pencil)
+        if pictures >= FEWEST_PICTURES:
+            self.clear(pencil, shown, pictures)
+
     def hidden(self, pencil: Pencil, points: SurfacePoints) -> Mask:
         """Return which points lie behind another surface on their own line.
 

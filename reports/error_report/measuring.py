@@ -103,11 +103,6 @@ class SettingMeasurer:
         """CPU seconds by stage; see `Machine`."""
         return dict(self._engine.machine.cpu.seconds)
 
-    def warm_up(self, aperture: Aperture, settings: Sequence[DoubleFrustum]) -> None:
-        """Draw once what compiles a program or allocates a target, which belongs to the time of no row."""
-        for setting in {(s.depth, s.mapping): s for s in settings}.values():
-            self._render(aperture, setting)
-
     def measure(
         self, apertures: Sequence[Aperture], settings: Sequence[DoubleFrustum]
     ) -> Iterator[tuple[Aperture, TracedAperture | MeasuredSetting]]:

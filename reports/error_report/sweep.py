@@ -216,8 +216,6 @@ def _run(
 ) -> _Measured:
     """Trace every aperture, and draw and judge every setting at each of them."""
     measured = _Measured(rows=[], pictures=[], truths=[], alone=[])
-    with watch.stage("warm up"):
-        measurer.warm_up(apertures[0], settings)
     steps = len(apertures) * (1 + len(settings))
     with progress_bar(steps, "report", "image", shown=progress) as bar:
         found: dict[tuple[Aperture, DoubleFrustum], MeasuredSetting] = {}

@@ -18,6 +18,7 @@ from xfrustum.cli import termination
 from xfrustum.compare import Comparison, compare_images
 from xfrustum.compare.attribution.budget import make_budget
 from xfrustum.compare.judging import engine, in_order
+from xfrustum.compare.judging.engine import Wanted
 from xfrustum.compare.metrics.comparison import compare_each
 from xfrustum.compare.prediction.chain import make_chain
 from xfrustum.raster import Rasterizer
@@ -204,6 +205,52 @@ def test_an_exception_of_any_thread_comes_to_the_caller_and_ends_all(
             monkeypatch.setattr(engine, name, fails)
     with pytest.raises(ArithmeticError, match=broken), Judge(scene) as judge:
         list(judge.stream(apertures(), SETTINGS[:2], causes=True))
+    assert not threads()
+
+
+def test_before_frames_are_timed_a_truth_is_traced_drawing_warmed_up_and_the_reference_made_ready(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = view("asymmetric", (16, 16))
+    done: list[str] = []
+
+    def note(kind: type, method: str) -> None:
+        function = getattr(kind, method)
+
+        def noted(*given: object, **how: object) -> object:
+            made = function(*given, **how)
+            done.append(method)
+            return made
+
+        monkeypatch.setattr(kind, method, noted)
+
+    note(Reference, "_whole")
+    note(Reference, "make_ready")
+    note(Rasterizer, "draw")
+    with Judge(scene) as judge:
+        measuring = judge.engine(Wanted(apart=True), lambda frame: frame.settings)
+        found = [frame.found for frame in measuring.frames(apertures_of(scene, INDICES[:2]), SETTINGS[:3])]
+    assert {*found} == {*SETTINGS[:3]}
+    assert len(found) == 6
+    assert done[0] == "_whole"
+    # The three settings have two depth buffers.
+    assert sorted(done[1:4]) == ["draw", "draw", "make_ready"]
+    assert sorted(done[4:]) == ["_whole", *["draw"] * 6]
+
+
+@pytest.mark.parametrize(("kind", "method"), [(Rasterizer, "draw"), (Reference, "make_ready")])
+def test_what_cannot_be_made_ready_is_an_exception_for_the_caller_and_ends_all(
+    kind: type, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = view("asymmetric", (16, 16))
+
+    def fails(*_: object, **__: object) -> object:
+        raise ArithmeticError(method)
+
+    monkeypatch.setattr(kind, method, fails)
+    with pytest.raises(ArithmeticError, match=method), Judge(scene) as judge:
+        measuring = judge.engine(Wanted(apart=True, causes=True), lambda frame: frame.settings)
+        deque(measuring.frames(endless(scene), SETTINGS[:2]), maxlen=0)
     assert not threads()
 
 

@@ -43,6 +43,35 @@ def clear_of(scene: Scene, pencil: Pencil) -> ClearTriangles | None:
     return Sight(scene).clear(pencil, lambda: everything, FEWEST_PICTURES)
 
 
+def test_clear_triangles_that_are_made_ready_are_those_found_later_and_are_not_found_again() -> None:
+    scene = view("asymmetric", (48, 36))
+    pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+    asked = 0
+
+    def shown() -> Mask:
+        nonlocal asked
+        asked += 1
+        return np.ones(len(scene.faces), dtype=np.bool_)
+
+    ready = Sight(scene)
+    ready.make_ready(pencil, shown, FEWEST_PICTURES)
+    found, later = ready.clear(pencil, shown, 1), clear_of(scene, pencil)
+    assert asked == 1
+    assert found is not None
+    assert later is not None
+    assert np.array_equal(found.table, later.table)
+
+
+def test_for_too_few_pictures_no_clear_triangles_are_made_ready() -> None:
+    scene = view("asymmetric", (48, 36))
+    pencil = crossed_frustum(scene.frustum, scene.plate.middle)
+    everything = np.ones(len(scene.faces), dtype=np.bool_)
+    some = Sight(scene)
+    some.make_ready(pencil, lambda: everything, FEWEST_PICTURES - 1)
+    assert some.clear(pencil, lambda: everything, FEWEST_PICTURES - 1) is None
+    assert some.clear(pencil, lambda: everything, 1) is not None
+
+
 def surely_seen(clear: ClearTriangles | None, points: SurfacePoints) -> Mask:
     """Return which points the formula says to be hidden by nothing."""
     if clear is None:
