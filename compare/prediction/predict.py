@@ -109,6 +109,11 @@ class Predictor:
         self._subpixel_bits = subpixel_bits
         points = TruePoints.of(truth)
         self._points = points.shown()
+        height = self._points.height
+        self._farthest = {
+            Camera.C: -float(height.min(initial=0)),
+            Camera.C_STAR: float(height.max(initial=0)),
+        }
         self._stacks = Stacks.of(truth, gaps)
         self._silhouettes = Silhouettes(truth, frustum, points)
         self._border = Border(truth, frustum, points)
@@ -197,11 +202,7 @@ class Predictor:
 
     def separations(self, settings: DoubleFrustum) -> Separations:
         """Return the smallest separation that is ordered at the farthest visible surface of each side."""
-        height = self._points.height
-        farthest = {
-            Camera.C: -float(height.min(initial=0)),
-            Camera.C_STAR: float(height.max(initial=0)),
-        }
+        farthest = self._farthest
         found: dict[Camera, float] = {}
         for slab in slabs(self._frustum, settings):
             if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:

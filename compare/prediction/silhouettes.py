@@ -241,10 +241,14 @@ def _swept(steps: Contours, spans: _Spans) -> Floats:
     step = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
     # Step 3: the pixel under the middle of each piece.
-    along = low[step] + (number + 0.5) * ((high - low) / np.maximum(count, 1))[step]
-    at = np.rint(steps.places[step] + along[:, None] * steps.normal[step]).astype(np.int64)
-    on_film = np.all((at >= 0) & (at < (width, height)), axis=1)
+    pieces = np.maximum(count, 1)
+    along = low.take(step) + (number + 0.5) * ((high - low) / pieces).take(step)
+    column, row = (
+        np.rint(place.take(step) + along * normal.take(step)).astype(np.int64)
+        for place, normal in zip(steps.places.T, steps.normal.T, strict=True)
+    )
+    on_film = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
     # Step 4: add up the areas of the pieces, contour length times piece length, in each pixel.
-    area = (steps.length * (high - low) / np.maximum(count, 1))[step[on_film]]
-    swept: Floats = np.bincount(at[on_film] @ (1, width), area, width * height).astype(np.float64)
-    return swept.reshape(height, width)
+    area = (steps.length * (high - low) / pieces).take(step.take(on_film))
+    swept: Floats = np.bincount((column + row * width).take(on_film), area, width * height)
+    return swept.astype(np.float64, copy=False).reshape(height, width)
