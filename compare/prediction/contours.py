@@ -145,11 +145,12 @@ def contours(truth: HogelImage, slab: Mask | None = None) -> Contours:
     shape = truth.triangle.shape
     steps = _steps(truth, slab, 1), _steps(truth, slab, 0)
     gradients = _gradients(steps, shape)
-    height = np.where(truth.covered, truth.height, -np.inf).ravel()
+    height, covered = truth.height.reshape(-1), truth.covered.reshape(-1)
     parts = []
     for axis, step in enumerate(steps):
         normal = _normals(gradients[axis], step, axis)
-        ahead = height[step.before] >= height[step.after]
+        before, after = (np.where(covered[end], height[end], -np.inf) for end in (step.before, step.after))
+        ahead = before >= after
         turned = np.where(ahead, 1.0, -1.0) * step.oriented
         front, back = np.where(ahead, [step.before, step.after], [step.after, step.before])
         parts.append((front, back, normal * turned[:, None], np.abs(normal[:, axis]), step.kind))
@@ -222,8 +223,8 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
             if not weight.any():
                 continue
             # Each of a step's two pixels takes half of it.
-            halves: Floats = np.bincount(step.before, weight, size).astype(np.float64, copy=False)
-            halves += np.bincount(step.after, weight, size)
+            both = np.concatenate((step.before, step.after))
+            halves: Floats = np.bincount(both, np.tile(weight, 2), size)
             smooth = smoothed(halves.reshape(shape), "constant")
             for found, asked in zip((across, down), steps, strict=True):
                 mine = np.flatnonzero(asked.kind == kind)

@@ -34,9 +34,9 @@ class Border:
     def __init__(self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None) -> None:
         points = points or TruePoints.of(truth)
         height, width = points.height.shape
-        index = np.arange(height * width).reshape(height, width)
+        columns, rows = np.arange(width), np.arange(height) * width
         # Left and right, top and bottom: pixels, the axis of displacement, and its outward sign.
-        sides = ((index[:, 0], 0, -1), (index[:, -1], 0, 1), (index[0], 1, -1), (index[-1], 1, 1))
+        sides = ((rows, 0, -1), (rows + width - 1, 0, 1), (columns, 1, -1), (columns + rows[-1], 1, 1))
         self._frustum = frustum
         # All sides are displaced at once: small arrays cost calls alone.
         self._points = points.at(np.concatenate([pixels for pixels, _, _ in sides]))

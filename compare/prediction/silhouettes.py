@@ -28,7 +28,7 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, SIGMAS, Contours, Kind, contours, smoothed
-from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
+from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn, pierced
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Fit, Offset
@@ -100,7 +100,7 @@ class Silhouettes:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
         self._points = points or TruePoints.of(truth)
-        self._in_aperture = _in_aperture(truth)
+        self._in_aperture = pierced(truth)
         self._contours: dict[tuple[float, ...], _Sided] = {}
         self._wrong: dict[DoubleFrustum, float] = {}
         self._snapping: dict[tuple[float, ...], float] = {}
@@ -210,19 +210,6 @@ def _reached_by(swept: Floats) -> tuple[slice, slice]:
         found.append(slice(*ends))
     rows, columns = found
     return rows, columns
-
-
-def _in_aperture(truth: HogelImage) -> Mask:
-    """Return the pixels that show a surface through the aperture itself, (H, W).
-
-    Every true line meets such a surface in the aperture, where it hides everything behind it. The plate is
-    the near plane of both cameras, and each camera sees at most one point of the surface there: neither
-    shows it. A surface that lies in the plate as a whole is shown.
-    """
-    found = truth.covered & (truth.height == 0)
-    if truth.normal is not None:
-        found &= (truth.normal[..., 0] != 0) | (truth.normal[..., 1] != 0)
-    return np.asarray(found)
 
 
 def _swept(steps: Contours, spans: _Spans) -> Floats:
