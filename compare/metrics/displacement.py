@@ -31,8 +31,8 @@ class Spread:
         largest = float(values.max())
         if largest == 0 and float(values.min()) == 0:
             return cls(rms=0.0, p50=0.0, p95=0.0, p99=0.0, max=0.0)
-        p50, p95, p99 = percentiles(values.ravel(), (50, 95, 99))
-        return cls(rms=root_mean_square(values), p50=p50, p95=p95, p99=p99, max=largest)
+        p50, p95, p99 = percentiles(values.ravel(), (50, 95, 99), largest)
+        return cls(rms=root_mean_square(values, largest), p50=p50, p95=p95, p99=p99, max=largest)
 
 
 SAMPLE_SIZE = 1 << 11
@@ -47,13 +47,14 @@ MAX_UPPER_SHARE = 0.125
 """Largest share of the values that is kept whole above a rank: ranks that follow are sought in it alone."""
 
 
-def percentiles(values: Floats, percents: Sequence[float]) -> list[float]:
+def percentiles(values: Floats, percents: Sequence[float], largest: float | None = None) -> list[float]:
     """Return percentiles of values (N,), of which there is one: those of `np.percentile`, by selection alone.
 
-    The ranks of each are selected among the few values that a sample leaves. `percents` ascend.
+    The ranks of each are selected among the few values that a sample leaves. `percents` ascend; `largest` is
+    the largest value, where it is known already.
     """
     count = len(values)
-    if not np.isfinite(values.max()):
+    if not np.isfinite(values.max() if largest is None else largest):
         return [float(found) for found in np.percentile(values, percents)]
     sample = np.sort(values[:: count // SAMPLE_SIZE]) if count > SAMPLE_SIZE else None
     found = []
@@ -102,11 +103,19 @@ def _around(values: Floats, ranks: tuple[int, int], sample: Floats, count: int) 
     return (chosen, above) if -len(chosen) <= ranks[0] + above <= ranks[1] + above < 0 else (values, 0)
 
 
-def root_mean_square(values: Floats) -> float:
-    """Return the root mean square of values of any shape, of which there is one and none is negative."""
+def root_mean_square(values: Floats, largest: float | None = None) -> float:
+    """Return the root mean square of values of any shape, of which there is one and none is negative.
+
+    `largest` is the largest value, where it is known already.
+    """
+    if largest is None:
+        largest = float(values.max())
+    if not largest > 0:
+        return 0.0
     # Values are scaled first: near the plate the squares of displacements may overflow.
-    largest = float(values.max())
-    return largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0 else 0.0
+    squares = values / largest
+    np.square(squares, out=squares)
+    return largest * float(np.sqrt(np.mean(squares)))
 
 
 def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:
