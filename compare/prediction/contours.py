@@ -238,7 +238,7 @@ def _gradients(steps: tuple[_Steps, _Steps], shape: tuple[int, ...]) -> tuple[Fl
                 continue
             # Each of a step's two pixels takes half of it.
             both = np.concatenate((step.before, step.after))
-            halves: Floats = np.bincount(both, np.tile(weight, 2), size)
+            halves = np.bincount(both, np.tile(weight, 2), size).astype(np.float64, copy=False)
             smooth = smoothed(halves.reshape(shape), "constant")
             for found, asked in zip((across, down), steps, strict=True):
                 mine = np.flatnonzero(asked.kind == kind)

@@ -105,9 +105,10 @@ class TruePoints:
 def pierced(truth: HogelImage) -> Mask:
     """Return (H, W) pixels that end in the aperture itself, on a surface which passes through the plate.
 
-    Every true line meets such a surface in the aperture, where it hides everything behind it. All of the picture that such a surface fills is one point of it, and drawn are others, closer than n. A
-    surface that lies in the plate is another matter: both cameras draw it where it is, and show the wrong
-    surface only through apertures that are closer to its border than n t.
+    Every true line meets such a surface in the aperture, where it hides everything behind it. All of the
+    picture that it fills is one point of it, and drawn are others, closer than n. A surface that lies in the
+    plate is another matter: both cameras draw it where it is, and show the wrong surface only through
+    apertures that are closer to its border than n t.
     """
     found: Mask = truth.covered & (truth.height == 0)
     if truth.normal is not None and found.any():

@@ -28,7 +28,13 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, SIGMAS, Contours, Kind, contours, smoothed
-from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn, pierced
+from xfrustum.compare.prediction.displacement import (
+    TruePoints,
+    displacements,
+    in_first_slab,
+    is_drawn,
+    pierced,
+)
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Fit, Offset
@@ -237,5 +243,5 @@ def _swept(steps: Contours, spans: _Spans) -> Floats:
     on_film = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
     # Step 4: add up the areas of the pieces, contour length times piece length, in each pixel.
     area = (steps.length * (high - low) / pieces).take(step.take(on_film))
-    swept: Floats = np.bincount((column + row * width).take(on_film), area, width * height)
+    swept = np.bincount((column + row * width).take(on_film), area, width * height)
     return swept.astype(np.float64, copy=False).reshape(height, width)
