@@ -141,6 +141,8 @@ def depth_wrong_share(
         # Where none can be lost, only surfaces with another one behind them can be shown wrongly.
         some = any(_may_lose(slab, stacks.ends[camera], settings) for slab in own)
         distance, gap = (stacks if some else stacks.paired).of_camera(camera)
+        if not len(distance):
+            continue
         # Step 2: the chance of each pixel under the settings themselves.
         wrong = chances(own, distance, gap, settings, order)
         # Step 3: subtract the chance under linear depth, which few pixels need.
