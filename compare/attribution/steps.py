@@ -27,12 +27,13 @@ class StepSize:
         """Return the size of some lengths (N,); None where there is none. `Spread` has the same numbers."""
         if values.size == 0:
             return None
-        if float(values.max()) == 0 and float(values.min()) == 0:
+        largest = float(values.max())
+        if largest == 0 and float(values.min()) == 0:
             return cls(rms=0.0, p99=0.0)
         # Most pixels may not be displaced at all: then the percentile is zero, and nothing is selected.
         zeros = len(values) - int(np.count_nonzero(values > 0))
-        p99 = 0.0 if zeros > 0.99 * (len(values) - 1) + 1 else percentiles(values, (99,))[0]
-        return cls(rms=root_mean_square(values), p99=p99)
+        p99 = 0.0 if zeros > 0.99 * (len(values) - 1) + 1 else percentiles(values, (99,), largest)[0]
+        return cls(rms=root_mean_square(values, largest), p99=p99)
 
 
 def shifts(image: HogelImage, camera: HogelCamera) -> Vectors:

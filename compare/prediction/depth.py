@@ -74,7 +74,7 @@ def smallest_separation(
     stored, slope = stored_depth(w, near_plane, far_plane, mapping)
     step = STEP[depth] or float32_spacing(stored)
     chance = NormalDist().inv_cdf(1 - MAX_MISORDERED_FRACTION)
-    rounding = chance * np.sqrt(2 * depth_variance(w, stored, near_plane, far_plane, mapping))
+    rounding = chance * np.sqrt(2 * depth_variance(w, (stored, slope), near_plane, far_plane, mapping))
     return np.asarray(np.hypot(step, rounding) / slope)
 
 
@@ -94,10 +94,13 @@ def stored_depth(w: Floats, n: float, f: float, mapping: DepthMapping) -> tuple[
             assert_never(mapping)
 
 
-def depth_variance(w: Floats, stored: Floats, n: float, f: float, mapping: DepthMapping) -> Floats:
-    """Return the variance of one surface's depth from the roundings of float32."""
-    _, slope = stored_depth(w, n, f, mapping)
-    position = (slope * float32_spacing(w)) ** 2
+def depth_variance(
+    w: Floats, depth: tuple[Floats, Floats], n: float, f: float, mapping: DepthMapping
+) -> Floats:
+    """Return the variance of one surface's depth from the roundings of float32, given its `stored_depth`."""
+    stored, slope = depth
+    spacing = float32_spacing(w)
+    position = (slope * spacing) ** 2
     # Clip depth is a sum of two terms, and rounds relative to the larger: one, or reversed n / w.
     largest: Floats | float
     match mapping:
@@ -110,7 +113,7 @@ def depth_variance(w: Floats, stored: Floats, n: float, f: float, mapping: Depth
             largest = f * n / ((f - n) * w)
         case _:
             assert_never(mapping)
-    clip = CLIP_DEPTH_ROUNDINGS * (largest * float32_spacing(w) / w) ** 2
+    clip = CLIP_DEPTH_ROUNDINGS * (largest * spacing / w) ** 2
     if mapping is DepthMapping.GL:
         # Depth from -1 to 1 is rounded, halved, and rounded once more when it is moved by a half.
         divided = float32_spacing(2 * stored - 1) ** 2

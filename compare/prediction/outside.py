@@ -34,16 +34,17 @@ class Border:
     def __init__(self, truth: HogelImage, frustum: Frustum, points: TruePoints | None = None) -> None:
         points = points or TruePoints.of(truth)
         height, width = points.height.shape
-        index = np.arange(height * width).reshape(height, width)
+        columns, rows = np.arange(width), np.arange(height) * width
         # Left and right, top and bottom: pixels, the axis of displacement, and its outward sign.
-        sides = ((index[:, 0], 0, -1), (index[:, -1], 0, 1), (index[0], 1, -1), (index[-1], 1, 1))
+        sides = ((rows, 0, -1), (rows + width - 1, 0, 1), (columns, 1, -1), (columns + rows[-1], 1, 1))
         self._frustum = frustum
         # All sides are displaced at once: small arrays cost calls alone.
         self._points = points.at(np.concatenate([pixels for pixels, _, _ in sides]))
         ends = np.cumsum([0, *(len(pixels) for pixels, _, _ in sides)]).tolist()
-        self._sides = [
-            (slice(*both), axis, sign) for both, (_, axis, sign) in zip(pairwise(ends), sides, strict=True)
-        ]
+        self._sides = [slice(*both) for both in pairwise(ends)]
+        axes, signs = np.repeat([(axis, sign) for _, axis, sign in sides], np.diff(ends), axis=0).T
+        # Place of each point's displacement along its axis among those of all points and both axes.
+        self._inward, self._signs = 2 * np.arange(len(axes)) + axes, signs.astype(np.float64)
         self._pixels = (height, width)
 
     def charged_fractions(self, chain: Sequence[DoubleFrustum]) -> tuple[float, ...]:
@@ -55,12 +56,13 @@ class Border:
             Settings, as they are changed link by link: pixels are charged to the link from which on they
             show points from outside.
         """
-        # Rows of (links, pixels of a side): how many pixels in from the border show what lies beyond it.
-        shown = self._shown(chain)
-        to_the_end = [np.minimum.accumulate(side[::-1], axis=0)[::-1] for side in shown]
+        # Links that change no setting are displaced once.
+        shown = {one: self._shown(one) for one in dict.fromkeys(chain)}
+        to_the_end = np.minimum.accumulate(np.stack([shown[one] for one in reversed(chain)]), axis=0)[::-1]
+        left, right, top, bottom = (to_the_end[:, side] for side in self._sides)
         height, width = self._pixels
-        across = np.minimum(to_the_end[0] + to_the_end[1], width).sum(axis=1) / (height * width)
-        down = np.minimum(to_the_end[2] + to_the_end[3], height).sum(axis=1) / (height * width)
+        across = np.minimum(left + right, width).sum(axis=1) / (height * width)
+        down = np.minimum(top + bottom, height).sum(axis=1) / (height * width)
         # Both at once only in corners: taken as independent.
         together = 1 - (1 - across) * (1 - down)
         return tuple(np.diff(together, prepend=0.0).tolist())
@@ -69,14 +71,8 @@ class Border:
         """Return the share of all pixels that show points from outside the film."""
         return self.charged_fractions((settings,))[0]
 
-    def _shown(self, chain: Sequence[DoubleFrustum]) -> list[Floats]:
-        # Links that change no setting are displaced once.
-        moved = {one: displacements(self._points, self._frustum, one) for one in dict.fromkeys(chain)}
-        found = []
-        for side, axis, sign in self._sides:
-            inward = {one: field[side, axis] * sign for one, field in moved.items()}
-            pixels = {
-                one: np.floor(np.maximum(np.nan_to_num(by, nan=0.0), 0.0) + 0.5) for one, by in inward.items()
-            }
-            found.append(np.stack([pixels[one] for one in chain]))
-        return found
+    def _shown(self, settings: DoubleFrustum) -> Floats:
+        """Return how many pixels in from the border show what lies beyond it, at each point of all sides."""
+        moved = displacements(self._points, self._frustum, settings)
+        # What is not known, as no camera draws it, shows nothing.
+        return np.asarray(np.floor(np.fmax(moved.ravel().take(self._inward) * self._signs, 0.0) + 0.5))

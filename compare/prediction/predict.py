@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from threading import Lock
 
@@ -105,19 +106,28 @@ class Predictor:
     """
 
     def __init__(self, truth: HogelImage, gaps: Floats, frustum: Frustum, subpixel_bits: int) -> None:
-        self._frustum = frustum
+        self._truth, self._frustum = truth, frustum
         self._subpixel_bits = subpixel_bits
         points = TruePoints.of(truth)
         self._points = points.shown()
+        height = self._points.height
+        self._farthest = {
+            Camera.C: -float(height.min(initial=0)),
+            Camera.C_STAR: float(height.max(initial=0)),
+        }
         self._stacks = Stacks.of(truth, gaps)
         self._silhouettes = Silhouettes(truth, frustum, points)
         self._border = Border(truth, frustum, points)
-        self._turned_away = int((turned_away(truth) & judged_pixels(truth)).sum())
         # Threads that ask for the same cameras wait for the one that was first.
         self._predicting, self._linking = Lock(), Lock()
         self._without_depth: dict[DoubleFrustum, Prediction] = {}
         self._depth_shares: dict[DoubleFrustum, float] = {}
         self._links_without_depth: dict[DoubleFrustum, tuple[LinkPrediction, ...]] = {}
+
+    @cached_property
+    def _turned_away(self) -> int:
+        """Number of judged pixels whose true surface culling leaves out."""
+        return int((turned_away(self._truth) & judged_pixels(self._truth)).sum())
 
     def predict(self, settings: DoubleFrustum) -> Prediction:
         """Return the errors to be expected with some settings."""
@@ -197,11 +207,7 @@ class Predictor:
 
     def separations(self, settings: DoubleFrustum) -> Separations:
         """Return the smallest separation that is ordered at the farthest visible surface of each side."""
-        height = self._points.height
-        farthest = {
-            Camera.C: -float(height.min(initial=0)),
-            Camera.C_STAR: float(height.max(initial=0)),
-        }
+        farthest = self._farthest
         found: dict[Camera, float] = {}
         for slab in slabs(self._frustum, settings):
             if slab.low <= farthest[slab.camera] <= slab.high and farthest[slab.camera] > 0:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import assert_never
 
 import numpy as np
@@ -141,6 +141,8 @@ def depth_wrong_share(
         # Where none can be lost, only surfaces with another one behind them can be shown wrongly.
         some = any(_may_lose(slab, stacks.ends[camera], settings) for slab in own)
         distance, gap = (stacks if some else stacks.paired).of_camera(camera)
+        if not len(distance):
+            continue
         # Step 2: the chance of each pixel under the settings themselves.
         wrong = chances(own, distance, gap, settings, order)
         # Step 3: subtract the chance under linear depth, which few pixels need.
@@ -188,7 +190,7 @@ def _may_lose(slab: Slab, ends: tuple[float, float], settings: DoubleFrustum) ->
         return False
     known = _table(slab, settings.depth, settings.mapping)
     apart = _from_clear(np.array([first, last]) + slab.step, slab, settings.mapping)
-    return bool(apart.min() <= np.fmax.reduce(known.doubtful) * (1 + DOUBT_MARGIN))
+    return bool(apart.min() <= known.most_doubtful * (1 + DOUBT_MARGIN))
 
 
 def _from_clear(w: Floats, slab: Slab, mapping: DepthMapping) -> Floats:
@@ -275,6 +277,11 @@ class _Table:
     error: Floats
     doubtful: Floats
 
+    @cached_property
+    def most_doubtful(self) -> float:
+        """The largest of all differences in doubt."""
+        return float(np.fmax.reduce(self.doubtful))
+
     def in_doubt(self, w: Floats, apart: Floats) -> tuple[Indices, Indices]:
         """Return the places at which two depths may be ordered wrongly, and their rows of the table, (K,).
 
@@ -284,7 +291,7 @@ class _Table:
             (N,) distances from the camera, and differences of depth there in stored units.
         """
         # Most differences are larger than all that are in doubt anywhere.
-        near = np.flatnonzero(apart < np.fmax.reduce(self.doubtful))
+        near = np.flatnonzero(apart < self.most_doubtful)
         row = self.rows(w[near])
         doubted = apart[near] < self.doubtful[row]
         return near[doubted], row[doubted]
@@ -301,9 +308,9 @@ def _table(slab: Slab, depth: DepthFormat, mapping: DepthMapping) -> _Table:
     first, last = _bins(np.array([slab.near, slab.far])).tolist()
     edges = (np.arange(first, last + 2, dtype=np.uint32) << _BIN_SHIFT_BITS).view(np.float32)
     w = np.clip((edges[:-1].astype(np.float64) + edges[1:]) / 2, slab.near, slab.far)
-    stored, _ = stored_depth(w, slab.near, slab.far, mapping)
+    stored = stored_depth(w, slab.near, slab.far, mapping)
     error = np.sqrt(2 * depth_variance(w, stored, slab.near, slab.far, mapping))
-    step = np.maximum(STEP[depth] or float32_spacing(stored), MIN_STEP_PER_ERROR * error)
+    step = np.maximum(STEP[depth] or float32_spacing(stored[0]), MIN_STEP_PER_ERROR * error)
     return _Table(first=first, step=step, error=error, doubtful=step + MAX_DOUBT_DEVIATIONS * error)
 
 

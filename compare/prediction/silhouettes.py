@@ -28,7 +28,13 @@ import numpy as np
 
 from xfrustum.compare.metrics.error_maps import judged_pixels
 from xfrustum.compare.prediction.contours import CONTOUR_SIGMA_PX, SIGMAS, Contours, Kind, contours, smoothed
-from xfrustum.compare.prediction.displacement import TruePoints, displacements, in_first_slab, is_drawn
+from xfrustum.compare.prediction.displacement import (
+    TruePoints,
+    displacements,
+    in_first_slab,
+    is_drawn,
+    pierced,
+)
 from xfrustum.scenes.arrays import Floats, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import Camera, DoubleFrustum, Fit, Offset
@@ -100,7 +106,7 @@ class Silhouettes:
         self._truth, self._frustum = truth, frustum
         self._judged = judged_pixels(truth)
         self._points = points or TruePoints.of(truth)
-        self._in_aperture = _in_aperture(truth)
+        self._in_aperture = pierced(truth)
         self._contours: dict[tuple[float, ...], _Sided] = {}
         self._wrong: dict[DoubleFrustum, float] = {}
         self._snapping: dict[tuple[float, ...], float] = {}
@@ -212,19 +218,6 @@ def _reached_by(swept: Floats) -> tuple[slice, slice]:
     return rows, columns
 
 
-def _in_aperture(truth: HogelImage) -> Mask:
-    """Return the pixels that show a surface through the aperture itself, (H, W).
-
-    Every true line meets such a surface in the aperture, where it hides everything behind it. The plate is
-    the near plane of both cameras, and each camera sees at most one point of the surface there: neither
-    shows it. A surface that lies in the plate as a whole is shown.
-    """
-    found = truth.covered & (truth.height == 0)
-    if truth.normal is not None:
-        found &= (truth.normal[..., 0] != 0) | (truth.normal[..., 1] != 0)
-    return np.asarray(found)
-
-
 def _swept(steps: Contours, spans: _Spans) -> Floats:
     """Return the share of each pixel that spans sweep over, (H, W); areas swept twice are counted twice.
 
@@ -241,10 +234,14 @@ def _swept(steps: Contours, spans: _Spans) -> Floats:
     step = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
     # Step 3: the pixel under the middle of each piece.
-    along = low[step] + (number + 0.5) * ((high - low) / np.maximum(count, 1))[step]
-    at = np.rint(steps.places[step] + along[:, None] * steps.normal[step]).astype(np.int64)
-    on_film = np.all((at >= 0) & (at < (width, height)), axis=1)
+    pieces = np.maximum(count, 1)
+    along = low.take(step) + (number + 0.5) * ((high - low) / pieces).take(step)
+    column, row = (
+        np.rint(place.take(step) + along * normal.take(step)).astype(np.int64)
+        for place, normal in zip(steps.places.T, steps.normal.T, strict=True)
+    )
+    on_film = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
     # Step 4: add up the areas of the pieces, contour length times piece length, in each pixel.
-    area = (steps.length * (high - low) / np.maximum(count, 1))[step[on_film]]
-    swept: Floats = np.bincount(at[on_film] @ (1, width), area, width * height).astype(np.float64)
-    return swept.reshape(height, width)
+    area = (steps.length * (high - low) / pieces).take(step.take(on_film))
+    swept = np.bincount((column + row * width).take(on_film), area, width * height)
+    return swept.astype(np.float64, copy=False).reshape(height, width)

@@ -60,8 +60,8 @@ class Stacks:
     @classmethod
     def of(cls, truth: HogelImage, gaps: Floats) -> Stacks:
         """Return the stacks of a true image and its gaps, (H, W)."""
-        judged = judged_pixels(truth)
-        height = truth.height.astype(np.float64)
+        judged = judged_pixels(truth).ravel()
+        height, gaps = truth.height.astype(np.float64).ravel(), gaps.ravel()
         shown = {Camera.C: judged & (height <= 0), Camera.C_STAR: judged & (height > 0)}
         return cls(
             judged=int(judged.sum()),
