@@ -23,6 +23,9 @@ from xfrustum.scenes.plate.double_frustum import DepthMapping
 NUMBERS_ALONE = {"NUMBERED": "1"}
 """Names that hogel.vert and hogel.frag ask for where a picture has no color."""
 
+ALL_VERTICES = -1
+"""Number of vertices with which moderngl draws all of a mesh."""
+
 ProgramKey = tuple[str, tuple[tuple[str, str], ...]]
 """Fragment shader of a program, and the names that are defined in it."""
 
@@ -68,6 +71,7 @@ class Drawing:
         effects: frozenset[Effect],
         *,
         color: bool,
+        one_triangle: bool = False,
     ) -> None:
         """Draw an image: every camera's picture, then every camera's reflections over it.
 
@@ -83,12 +87,15 @@ class Drawing:
             Effects that are simulated: the shaders contain these alone.
         color
             Whether to shade; triangle numbers are always drawn.
+        one_triangle
+            Whether cameras' pictures are drawn of one triangle, for which the device compiles what all need.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)
+        vertices = 3 if one_triangle else ALL_VERTICES
         for number, camera in enumerate(passes):
             target.clear_depth(camera.test.clear)
-            self._picture(target, number, camera, mapping, effects if color else None)
+            self._picture(target, number, camera, mapping, effects if color else None, vertices)
         if color and Effect.REFLECTION in effects and passes:
             target.begin_reflection()
             for number, camera in enumerate(passes):
@@ -101,6 +108,7 @@ class Drawing:
         camera: Pass,
         mapping: DepthMapping,
         effects: frozenset[Effect] | None,
+        vertices: int,
     ) -> None:
         how = MAPPINGS[mapping]
         shading = None if effects is None else self._shading(effects)
@@ -116,7 +124,7 @@ class Drawing:
         self._look(target, number, camera, shaders)
         if shading is not None:
             shading.bind(shaders)
-        mesh.render()
+        mesh.render(vertices=vertices)
 
     def _reflect(self, target: Target, number: int, camera: Pass, effects: frozenset[Effect]) -> None:
         shading = self._shading(effects)

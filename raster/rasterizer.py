@@ -198,6 +198,26 @@ class Rasterizer(ContextOwner):
         )
         return Drawn(image=image, times=times, identity=identity, cameras=_drawn_by(passes))
 
+    def warm_up(self, aperture: Aperture, settings: DoubleFrustum, *, color: bool = True) -> None:
+        """Compile the programs of `draw` without normals, and allocate its target.
+
+        This is to have a first picture take no longer than others. One triangle is drawn, and the points of
+        one row are found; where colors are averaged, a whole picture is drawn.
+        """
+        if self.scene.sampling != SINGLE_SAMPLE:
+            self.draw(aperture, settings, normals=False, color=color)
+            return
+        settings.check_against(self.scene.frustum)
+        with self._context:
+            target = self._target(self.scene.frustum.resolution, settings.depth)
+            passes = drawing_order(self.scene, aperture, settings, self.effects_for(settings))
+            self._draw(target, passes, settings, color=color, one_triangle=True)
+            target.read_identity()
+            if self._positions is not None and passes:
+                self._positions.read(target, _drawn_by(passes), one_row=True)
+            if color:
+                target.read_color()
+
     def draw_beside(self, aperture: Aperture, settings: DoubleFrustum, drawn: Drawn) -> HogelImage:
         """Return the image that `render` returns without normals and color, in less time.
 
@@ -288,12 +308,21 @@ class Rasterizer(ContextOwner):
                 mean.add(tile, part.read_color())
         return mean.over(len(places))
 
-    def _draw(self, target: Target, passes: Sequence[Pass], settings: DoubleFrustum, *, color: bool) -> None:
+    def _draw(
+        self,
+        target: Target,
+        passes: Sequence[Pass],
+        settings: DoubleFrustum,
+        *,
+        color: bool,
+        one_triangle: bool = False,
+    ) -> None:
         if self._drawing is None:
             target.begin()
         else:
             effects = self.effects_for(settings)
-            self._drawing.draw(target, passes, settings.mapping, effects, color=color)
+            how = {"color": color, "one_triangle": one_triangle}
+            self._drawing.draw(target, passes, settings.mapping, effects, **how)
 
     def _objects(self, triangle: Numbers) -> Numbers:
         """Return the numbers of triangles' objects (H, W)."""

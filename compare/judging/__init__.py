@@ -6,6 +6,7 @@ engine           The one engine that draws and judges many hogels: drawing, trac
 foreign_cameras  The cameras of a foreign renderer, with bounds of rounding for a precision that nobody
                  has stated
 frames           Frames that are drawn to be judged, in turns of the thread that draws
+groups           Frames that are alone with their cameras, compared in groups
 image_displacement  How far what an image shows has moved: by its surface points, or by its outlines
 in_order         Tasks that run side by side, a bounded number at a time, and whose results come in
                  order

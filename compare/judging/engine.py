@@ -17,11 +17,10 @@ from threading import Lock
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
-import numpy as np
-
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
 from xfrustum.compare.judging.charging import Charging
 from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frames, warm_up
+from xfrustum.compare.judging.groups import ComparedGroups
 from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
 from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
@@ -45,7 +44,7 @@ NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
 MAX_BATCH_PIXELS = 1 << 20
 """Largest number of pixels of the frames of the same cameras that are drawn one after the other."""
 
-MAX_UNDISTURBED_PIXELS = 1 << 21
+MAX_UNDISTURBED_PIXELS = 1 << 22
 """Largest number of pixels of the frames that are drawn in one undisturbed turn; all threads wait for it."""
 
 
@@ -309,11 +308,12 @@ class Engine(Generic[Found]):
             while drawn and drawn[0].done():
                 drawn.popleft()
             drawn.extend((turn, exact) if exact else (turn,))
-            alone = self._compared_together(hogel, turn, parts, pool)
+            lone = [number for number, part in enumerate(parts) if part.only]
+            alone = ComparedGroups(partial(self._compared_each, hogel), pool, turn, lone)
             for number, part in enumerate(parts):
                 batch = Batched(turn=turn, place=number)
                 if part.first:
-                    beside, compared, charged = None, alone.get(number), None
+                    beside, compared, charged = None, alone.of(number), None
                 if part.first and charging and exact:
                     predictor = predictor or pool.submit(charging.predictor, part.settings[0])
                     start = pool.submit(_start, charging, Batched(turn=exact, place=number), batch, compared)
@@ -343,27 +343,8 @@ class Engine(Generic[Found]):
             self._reference.make_ready(truth, len(settings))
         warmed.result()
 
-    def _compared_together(
-        self, hogel: _Hogel, turn: Future[list[Frames]], parts: Sequence[Part], pool: Executor
-    ) -> dict[int, Batched[Comparison]]:
-        """Have the only frames of their cameras compared; return the comparison of each such part.
-
-        Where threads wait for whole turns there are groups of several frames. Each frame of a group is given
-        an equal share of the group's time, and an error of one of them is that of all.
-        """
-        lone = [number for number, part in enumerate(parts) if part.only]
-        found: dict[int, Batched[Comparison]] = {}
-        if not lone:
-            return found
-        for group in np.array_split(np.array(lone, dtype=np.int64), min(worker_count(), len(lone))):
-            numbers = group.tolist()
-            batches = [Batched(turn=turn, place=number) for number in numbers]
-            task = pool.submit(self._compared_each, hogel, batches)
-            found |= {number: Batched(turn=task, place=place) for place, number in enumerate(numbers)}
-        return found
-
     def _compared_each(self, hogel: _Hogel, batches: Sequence[Batched[Frames]]) -> list[Comparison]:
-        """Compare the only frames of their cameras with the truth."""
+        """Compare the only frames of their cameras with the truth, each in an equal share of the time."""
         truth, frames = hogel.truth.result(), [batch.result()[0] for batch in batches]
         lap = Stopwatch()
         with self.machine.stage(lap, "compare"):

@@ -67,7 +67,7 @@ def warm_up(
     *,
     color: bool,
 ) -> None:
-    """Draw once what compiles a program or allocates a target, which belongs to the time of no frame.
+    """Have what a frame needs compiled and allocated, which belongs to the time of no frame.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def warm_up(
     machine, watch = stage
     with machine.stage(watch, "warm up"):
         for one in {(setting.depth, setting.mapping): setting for setting in settings}.values():
-            rasterizer.draw(aperture, one, normals=False, color=color)
+            rasterizer.warm_up(aperture, one, color=color)
 
 
 def drawn_frames(

@@ -81,7 +81,7 @@ class Positions:
         made["nothing"] = float("nan")
         return made
 
-    def read(self, target: Identified, drawn: Sequence[DrawnBy]) -> Singles:
+    def read(self, target: Identified, drawn: Sequence[DrawnBy], *, one_row: bool = False) -> Singles:
         """Return surface points in scene units, (H, W, 3), NaN where nothing was drawn.
 
         Parameters
@@ -90,8 +90,12 @@ class Positions:
             Picture with the triangle and camera numbers that were drawn.
         drawn
             The cameras, in the order of their numbers.
+        one_row
+            Whether the top row alone is read, (1, W, 3).
         """
         width, height = target.size
+        if one_row:
+            height = 1
         rows = max(1, min(height, self._points_at_once(target) // width))
         found = with_room((height, width, 3), np.float32)
         with self._bound(target, drawn) as points:

@@ -227,6 +227,7 @@ def test_before_frames_are_timed_a_truth_is_traced_drawing_warmed_up_and_the_ref
     note(Reference, "_whole")
     note(Reference, "make_ready")
     note(Rasterizer, "draw")
+    note(Rasterizer, "warm_up")
     with Judge(scene) as judge:
         measuring = judge.engine(Wanted(apart=True), lambda frame: frame.settings)
         found = [frame.found for frame in measuring.frames(apertures_of(scene, INDICES[:2]), SETTINGS[:3])]
@@ -234,11 +235,11 @@ def test_before_frames_are_timed_a_truth_is_traced_drawing_warmed_up_and_the_ref
     assert len(found) == 6
     assert done[0] == "_whole"
     # The three settings have two depth buffers.
-    assert sorted(done[1:4]) == ["draw", "draw", "make_ready"]
+    assert sorted(done[1:4]) == ["make_ready", "warm_up", "warm_up"]
     assert sorted(done[4:]) == ["_whole", *["draw"] * 6]
 
 
-@pytest.mark.parametrize(("kind", "method"), [(Rasterizer, "draw"), (Reference, "make_ready")])
+@pytest.mark.parametrize(("kind", "method"), [(Rasterizer, "warm_up"), (Reference, "make_ready")])
 def test_what_cannot_be_made_ready_is_an_exception_for_the_caller_and_ends_all(
     kind: type, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

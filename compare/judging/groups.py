@@ -1,0 +1,60 @@
+"""Frames that are alone with their cameras, compared in groups."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+
+from xfrustum.compare.judging.frames import Batched, Frames
+from xfrustum.compare.metrics.comparison import Comparison
+
+GROUP_FRAMES = 4
+"""Number of frames that are compared together, so that what hides their points is asked once."""
+
+Compare = Callable[[Sequence[Batched[Frames]]], list[Comparison]]
+"""Function that compares the only frames of several cameras with the truth."""
+
+
+class ComparedGroups:
+    """The comparisons of one turn's frames that are alone with their cameras.
+
+    A group is begun when the frames of the one before it are asked for. Kernels run one at a time: threads
+    that all compared would wait for each other, where one can compare while others go on with frames that are
+    compared.
+
+    Parameters
+    ----------
+    compare, pool
+        Function that compares frames, and the threads in which it does.
+    turn
+        Frames of the turn.
+    numbers
+        Numbers of the turn's parts that have one frame each, ascending.
+    """
+
+    def __init__(
+        self, compare: Compare, pool: Executor, turn: Future[list[Frames]], numbers: Sequence[int]
+    ) -> None:
+        self._compare, self._pool, self._turn = compare, pool, turn
+        self._waiting = [numbers[at : at + GROUP_FRAMES] for at in range(0, len(numbers), GROUP_FRAMES)]
+        self._begun: dict[int, Batched[Comparison]] = {}
+        self._last: set[int] = set()
+        self._begin()
+
+    def of(self, number: int) -> Batched[Comparison] | None:
+        """Return the comparison of a part; None where it has several frames. Parts are asked for in order."""
+        if number in self._last:
+            self._begin()
+        return self._begun.get(number)
+
+    def _begin(self) -> None:
+        """Begin with the next group, if there is one."""
+        self._last = set()
+        if not self._waiting:
+            return
+        numbers = self._waiting.pop(0)
+        task = self._pool.submit(
+            self._compare, [Batched(turn=self._turn, place=number) for number in numbers]
+        )
+        self._begun |= {number: Batched(turn=task, place=place) for place, number in enumerate(numbers)}
+        self._last = set(numbers)

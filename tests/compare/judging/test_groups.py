@@ -1,0 +1,59 @@
+"""Groups of frames are compared in order, each as soon as the frames of the one before it are asked for."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from typing import Any, cast
+
+import pytest
+
+from xfrustum.compare.judging.frames import Batched, Frames
+from xfrustum.compare.judging.groups import GROUP_FRAMES, ComparedGroups
+from xfrustum.compare.metrics.comparison import Comparison
+
+
+class Begun:
+    """An executor that does each task at once, and remembers which parts were compared together."""
+
+    def __init__(self) -> None:
+        self.groups: list[list[int]] = []
+
+    def submit(self, compare: Any, batches: list[Batched[Frames]]) -> Future[Any]:
+        self.groups.append([batch.place for batch in batches])
+        done: Future[Any] = Future()
+        done.set_result(compare(batches))
+        return done
+
+
+def comparisons(numbers: list[int]) -> tuple[ComparedGroups, Begun]:
+    pool = Begun()
+    turn: Future[list[Frames]] = Future()
+
+    def compare(batches: Any) -> list[Comparison]:
+        return [cast(Comparison, f"comparison of {batch.place}") for batch in batches]
+
+    return ComparedGroups(compare, cast(Executor, pool), turn, numbers), pool
+
+
+@pytest.mark.parametrize("count", [0, 1, GROUP_FRAMES, GROUP_FRAMES + 1, 3 * GROUP_FRAMES - 1])
+def test_each_part_has_its_own_comparison(count: int) -> None:
+    numbers = [2 * place for place in range(count)]
+    groups, pool = comparisons(numbers)
+    for number in range(2 * count):
+        found = groups.of(number)
+        if number in numbers:
+            assert found is not None and str(found.result()) == f"comparison of {number}"
+        else:
+            assert found is None
+    assert [number for group in pool.groups for number in group] == numbers
+    assert all(len(group) <= GROUP_FRAMES for group in pool.groups)
+
+
+def test_a_group_is_begun_when_the_one_before_it_is_asked_for() -> None:
+    groups, pool = comparisons(list(range(3 * GROUP_FRAMES)))
+    assert len(pool.groups) == 1
+    for number in range(GROUP_FRAMES):
+        groups.of(number)
+        assert len(pool.groups) == 2
+    groups.of(GROUP_FRAMES)
+    assert len(pool.groups) == 3
