@@ -321,8 +321,8 @@ class Rasterizer(ContextOwner):
             target.begin()
         else:
             effects = self.effects_for(settings)
-            how = {"color": color, "one_triangle": one_triangle}
-            self._drawing.draw(target, passes, settings.mapping, effects, **how)
+            drawing, mapping = self._drawing, settings.mapping
+            drawing.draw(target, passes, mapping, effects, color=color, one_triangle=one_triangle)
 
     def _objects(self, triangle: Numbers) -> Numbers:
         """Return the numbers of triangles' objects (H, W)."""
