@@ -88,7 +88,8 @@ class Drawing:
         color
             Whether to shade; triangle numbers are always drawn.
         one_triangle
-            Whether cameras' pictures are drawn of one triangle, for which the device compiles what all need.
+            Whether each camera draws its first triangle alone, which makes the device compile all that a
+            whole picture needs.
         """
         # Each aperture is drawn by itself here; `plate.renderer` draws many at once.
         target.begin(color=color)

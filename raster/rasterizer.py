@@ -201,7 +201,7 @@ class Rasterizer(ContextOwner):
     def warm_up(self, aperture: Aperture, settings: DoubleFrustum, *, color: bool = True) -> None:
         """Compile the programs of `draw` without normals, and allocate its target.
 
-        This is to have a first picture take no longer than others. One triangle is drawn, and the points of
+        After it, the first picture takes no longer than others. One triangle is drawn, and the points of
         one row are found; where colors are averaged, a whole picture is drawn.
         """
         if self.scene.sampling != SINGLE_SAMPLE:
@@ -326,9 +326,10 @@ class Rasterizer(ContextOwner):
 
     def _objects(self, triangle: Numbers) -> Numbers:
         """Return the numbers of triangles' objects (H, W)."""
-        # `NOTHING`, which is -1, finds the last entry, `NOTHING`.
         found = with_room(triangle.shape, np.int32)
-        return np.take(self._object_of_number, triangle, out=found, mode="wrap")
+        # `NOTHING`, which is -1, finds the last entry, `NOTHING`.
+        found[:] = self._object_of_number[triangle]
+        return found
 
     def _read_position(self, target: Target, passes: Sequence[Pass]) -> Singles:
         """Return the surface points."""

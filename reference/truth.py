@@ -312,7 +312,7 @@ class Reference:
     def make_ready(self, truth: HogelImage, pictures: int) -> None:
         """Make ready what judging some pictures by a true image needs, before they are there.
 
-        `pictures` is their number. What judges the first of them finds the same where this was not called.
+        `pictures` is their number. Results do not depend on whether this was called.
         """
         pencil = crossed_frustum(self.scene.frustum, truth.camera.aperture)
         self.sight.make_ready(pencil, partial(self._shown, truth), pictures)

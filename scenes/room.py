@@ -23,12 +23,12 @@ arrays that do not."""
 
 
 def values_with_room(count: int) -> int:
-    """Return the number of values for which there must be memory, so that `count` of them have room."""
+    """Return how many values memory must hold so that there is room behind the first `count` of them."""
     return (-(-count // MAX_PACKET_LANES) + 1) * MAX_PACKET_LANES
 
 
 def with_room(shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
-    """Return an array that has room behind its end, which is not initialized; zeros are behind the end."""
+    """Return an array, not initialized, with room behind its end; the room holds zeros."""
     dtype, count = np.dtype(kind), math.prod(shape)
     memory = np.empty(values_with_room(count) * dtype.itemsize + ALIGNMENT_BYTES, dtype=np.uint8)
     start = -memory.ctypes.data % ALIGNMENT_BYTES

@@ -64,8 +64,8 @@ class Wanted:
         Whether errors are predicted and wrong pixels charged to causes.
     apart
         Whether truths and frames are made while nothing else runs, so that their times are those that each
-        takes by itself. Everything takes longer then. What is compiled or allocated for a first frame, is so
-        before it is timed.
+        takes by itself. Everything takes longer then. Before the first frame is timed, programs are compiled
+        and targets allocated.
     """
 
     color: bool = False

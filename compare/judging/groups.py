@@ -9,7 +9,7 @@ from xfrustum.compare.judging.frames import Batched, Frames
 from xfrustum.compare.metrics.comparison import Comparison
 
 GROUP_FRAMES = 4
-"""Number of frames that are compared together, so that what hides their points is asked once."""
+"""Number of frames that are compared together: one search finds what hides the points of all of them."""
 
 Compare = Callable[[Sequence[Batched[Frames]]], list[Comparison]]
 """Function that compares the only frames of several cameras with the truth."""
@@ -18,9 +18,9 @@ Compare = Callable[[Sequence[Batched[Frames]]], list[Comparison]]
 class ComparedGroups:
     """The comparisons of one turn's frames that are alone with their cameras.
 
-    A group is begun when the frames of the one before it are asked for. Kernels run one at a time: threads
-    that all compared would wait for each other, where one can compare while others go on with frames that are
-    compared.
+    A group is begun when the frames of the one before it are asked for. Kernels run one at a time, so several
+    threads that compare wait for each other. At first two groups are begun, when there is nothing else to do;
+    others stand in the queue of the threads behind frames that can be charged and shown meanwhile.
 
     Parameters
     ----------

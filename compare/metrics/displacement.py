@@ -44,7 +44,8 @@ error is 1.1 % of the ranks at the median and less elsewhere, are misleading. A 
 alone."""
 
 MAX_UPPER_SHARE = 0.125
-"""Largest share of the values that is kept whole above a rank: ranks that follow are sought in it alone."""
+"""Where no more than about this share of the values lies above a rank, all of them are kept, and the ranks
+that follow are sought among them alone."""
 
 
 def percentiles(values: Floats, percents: Sequence[float], largest: float | None = None) -> list[float]:

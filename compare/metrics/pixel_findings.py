@@ -57,8 +57,8 @@ class PixelFindings:
     same
         (N,) judged pixels of one triangle in both images, whose height is known.
     moved
-        (N,) distance of the point's place on the true film from that of the pixel, in pixels. Only where a
-        point is off the plate does it mean anything.
+        (N,) distance of the point's place on the true film from that of the pixel, in pixels. It has
+        a meaning only where the point is off the plate.
     rise
         (N,) height of the image minus that of the truth, scene units.
     surface

@@ -36,10 +36,6 @@ them, measured from the face that the line meets less steeply; two footprints on
 An occlusion that is closer is not found. This makes no difference: both surfaces are displaced alike, but
 for 4 t / W of their displacement."""
 
-DEEP_MARGIN = 1e-5
-"""Relative margin by which heights in single precision may miss that two points are far from each other in
-height: that of some hundred roundings of 2^-24."""
-
 
 class Kind(IntEnum):
     """The relation between the two sides of a contour."""
@@ -202,15 +198,10 @@ def _occludes(truth: HogelImage, pairs: Pairs, axis: int) -> Mask:
     # Neighboring lines are a footprint apart: two points of equal height are no farther off any plane.
     longest = np.hypot(1, np.hypot(*(np.abs(k) + t)))
     per_height = 2 * np.max(t / truth.camera.resolution)
-    # Most pairs are found not to be deep as exactly as images know heights, in half of the memory.
-    steeper = (MIN_OCCLUSION_FOOTPRINTS - 1) * per_height / longest * (1 - DEEP_MARGIN)
-    apart = np.subtract(far, near)
-    np.abs(apart, out=apart)
-    highest = np.maximum(*pairs(np.abs(height)))
-    maybe = np.flatnonzero(apart >= highest * height.dtype.type(steeper))
-    footprint = per_height * highest.ravel()[maybe]
-    deep = apart.ravel()[maybe] * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
-    some, footprint = maybe[deep], footprint[deep]
+    footprint = per_height * np.maximum(*pairs(np.abs(height)))
+    deep = np.abs(far - near) * longest > (MIN_OCCLUSION_FOOTPRINTS - 1) * footprint
+    some = np.flatnonzero(deep)
+    footprint = footprint.ravel()[some]
     # Rows of three numbers are taken several times faster by flat numbers of pixels than by two indices.
     positions, normals = (one.reshape(-1, 3) for one in (truth.position, truth.normal))
     first, step = (some + some // near.shape[1], 1) if axis else (some, near.shape[1])

@@ -33,7 +33,8 @@ class Arithmetic:
     maximum, minimum, isfinite, sqrt, floor, arctan2, hypot
         What NumPy calls so.
     length
-        Function of two coordinates of vectors: their lengths, as `abs` of complex numbers rounds them.
+        Function of two coordinates of vectors, of full precision or zero: their lengths, as `abs` of complex
+        numbers rounds them.
     power
         Function of base, exponent, mask and digits: the power where the mask is true, else zero. Where all
         exponents are whole numbers, `digits` is the number of binary digits of the largest; else it is None.

@@ -50,8 +50,8 @@ _INT32 = np.iinfo(np.int32)
 def on_device(values: NDArray[Any]) -> Any:
     """Return values as one flat array for lanes.
 
-    Kernels may read them in whole packets; see `packets`. Floating point of
-    other precisions becomes double precision. Integers that need more than 32 bits become the smallest or the
+    They are copied unless they have room behind their end; see `in_packets`. Floating point of other
+    precisions becomes double precision. Integers that need more than 32 bits become the smallest or the
     largest of 32 bits: as numbers of triangles and objects, these stand for nothing either.
     """
     if values.dtype in _KINDS:
@@ -123,7 +123,8 @@ def length(x: Any, y: Any) -> Any:
     """Return the lengths of vectors: NumPy's `abs` of complex numbers.
 
     NumPy, too, scales by the larger coordinate, and adds one to the square of the quotient in one rounding
-    where the processor has an instruction for that.
+    where the processor has an instruction for that. On some of its threads Dr.Jit takes coordinates below
+    full precision for zero; differences of places on a film are no smaller than 2^-54, or zero.
     """
     x, y = dr.abs(x), dr.abs(y)
     larger, smaller = dr.maximum(x, y), dr.minimum(x, y)

@@ -19,7 +19,8 @@ from xfrustum.scenes.room import has_room, with_room
 def in_packets(values: NDArray[Any], kind: DTypeLike | None = None) -> NDArray[Any]:
     """Return values as a flat array (N,) that kernels may load in whole packets.
 
-    It is a copy, unless the values have room behind their end already.
+    It is a copy, unless the values have room behind their end already. Where they are not copied, they must
+    not change as long as a kernel may read them, and no kernel may write them.
 
     Parameters
     ----------

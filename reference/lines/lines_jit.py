@@ -36,7 +36,7 @@ _VECTORS = {Float32: Array3f, Float64: Array3f64}
 
 
 def read_interleaved(array: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return an array of `interleaved` as NumPy's of some shape, with room behind its end."""
+    """Return what `interleaved` made as an array of NumPy of a shape, with room behind its end."""
     values: NDArray[Any] = array.numpy()[: math.prod(shape)]
     return values.reshape(shape)
 
@@ -44,13 +44,13 @@ def read_interleaved(array: Any, shape: tuple[int, ...]) -> NDArray[Any]:
 def interleaved(coordinates: Sequence[Any], size: int) -> Any:
     """Return coordinates of all lanes side by side for each lane, as NumPy's arrays of vectors have them.
 
-    Room is behind their end; see `read_interleaved`.
+    There is room behind the last coordinate, so that kernels later read the array in place;
+    `read_interleaved` leaves the room out.
 
     There are three coordinates, or one. They are scattered together: of several scatters into one array
     Dr.Jit makes a kernel each, and every one of these computes again all that the coordinates have in common.
     """
     kind = type(coordinates[0])
-    # What reads the arrays later reads them in place.
     found = dr.empty(kind, values_with_room(size) * len(coordinates))
     together = coordinates[0] if len(coordinates) == 1 else _VECTORS[kind](*coordinates)
     dr.scatter(found, together, dr.arange(UInt32, size))

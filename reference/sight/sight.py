@@ -156,9 +156,9 @@ class Sight:
         return self._pictures(pencil).more(pictures, lambda: self._search.clear(self._boxes(pencil), shown()))
 
     def make_ready(self, pencil: Pencil, shown: Callable[[], Mask], pictures: int) -> None:
-        """Make ready what is asked about some pictures of a pencil; parameters are those of `clear`.
+        """Find in advance what `clear` and `hidden` need for so many pictures of a pencil.
 
-        Nothing is found that so few pictures would not make `clear` and `hidden` find.
+        Nothing is found that they would not find themselves. Parameters are those of `clear`.
         """
         if len(self._triangles):
             self._boxes(pencil)

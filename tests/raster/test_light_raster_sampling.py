@@ -225,7 +225,7 @@ def test_finer_sampling_is_not_paid_for_where_nobody_asks(monkeypatch: pytest.Mo
         assert raster._drawing is not None
         draw = raster._drawing.draw
 
-        def counted(*arguments: Any, color: bool, **how: bool) -> None:
+        def counted(*arguments: Any, color: bool, **how: Any) -> None:
             drawn.append(color)
             draw(*arguments, color=color, **how)
 

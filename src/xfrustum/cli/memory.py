@@ -25,7 +25,8 @@ _MALLOPT = {-3: KEPT_ARRAY_BYTES, -1: KEPT_BYTES}
 def keep_freed_memory() -> bool:
     """Have the C library keep freed memory for what is allocated next; return whether it will.
 
-    From the start, it does what it otherwise learns to do where the largest arrays are freed. Nothing is
+    The C library raises the same limits by itself once it has freed large arrays; here they are raised from
+    the start. Nothing is
     changed where it is not glibc, or where the environment says what it should do.
     """
     if sys.platform != "linux" or any(name.startswith(("MALLOC_", "GLIBC_TUNABLES")) for name in os.environ):
