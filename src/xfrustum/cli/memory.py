@@ -26,8 +26,7 @@ def keep_freed_memory() -> bool:
     """Have the C library keep freed memory for what is allocated next; return whether it will.
 
     The C library raises the same limits by itself once it has freed large arrays; here they are raised from
-    the start. Nothing is
-    changed where it is not glibc, or where the environment says what it should do.
+    the start. Nothing is changed where it is not glibc, or where the environment says what it should do.
     """
     if sys.platform != "linux" or any(name.startswith(("MALLOC_", "GLIBC_TUNABLES")) for name in os.environ):
         return False
