@@ -8,6 +8,7 @@ import pytest
 from tests.support.views import view
 from xfrustum.raster import Rasterizer
 from xfrustum.raster import drawing as passes_module
+from xfrustum.raster.device.positions import Positions
 from xfrustum.scenes import DepthFormat, DoubleFrustum
 
 ARRAYS = ("triangle", "object", "position", "color")
@@ -40,6 +41,7 @@ def test_what_a_first_picture_needs_is_there_after_warming_up(monkeypatch: pytes
             raise AssertionError("a program is compiled for the picture itself")
 
         monkeypatch.setattr(passes_module, "program", compiled)
+        monkeypatch.setattr(Positions, "_program", compiled)
         targets = dict(rasterizer._targets)
         assert rasterizer.render(aperture, settings, normals=False).covered.any()
         assert rasterizer._targets == targets

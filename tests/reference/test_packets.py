@@ -71,6 +71,12 @@ def test_memory_of_others_is_no_room() -> None:
     assert has_room(whole[: 2 * MAX_PACKET_LANES])
     for wrong in (whole[1:], whole[::2], np.zeros(4 * MAX_PACKET_LANES), whole.copy(), np.array(1.0)):
         assert not has_room(wrong)
+    # Aligned and contiguous, but with nothing behind its end.
+    memory = np.zeros(8 * MAX_PACKET_LANES + ALIGNMENT_BYTES, dtype=np.uint8)
+    start = -memory.ctypes.data % ALIGNMENT_BYTES
+    last = memory[start : start + 8 * MAX_PACKET_LANES].view(np.float64)
+    assert last.ctypes.data % ALIGNMENT_BYTES == 0 and not has_room(last)
+    assert in_packets(last).ctypes.data != last.ctypes.data
     backward = np.zeros(8 * MAX_PACKET_LANES)[::-1]
     assert not has_room(backward[: 2 * MAX_PACKET_LANES][::-1])
 
