@@ -20,8 +20,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.light import dressed_scene
+from tests.support.processes import threads
 from tests.support.views import at, soup, view
 from xfrustum.reference import Reference
+from xfrustum.reference import film_shifts as shifts_module
 from xfrustum.reference import pictures as pictures_module
 from xfrustum.reference import truth as truth_module
 from xfrustum.reference.certify import certify as certify_module
@@ -82,18 +84,6 @@ def assert_alike(one: HogelImage, other: HogelImage) -> None:
     assert one.color is not None and other.color is not None
     assert one.color.dtype == other.color.dtype == np.float32
     np.testing.assert_allclose(one.color, other.color, rtol=SINGLE_UNIT, atol=0)
-
-
-@contextmanager
-def threads(count: int) -> Iterator[None]:
-    """Let kernels run on so many threads: tests otherwise use one."""
-    drjit = import_module("drjit")
-    before = drjit.thread_count()
-    drjit.set_thread_count(count)
-    try:
-        yield
-    finally:
-        drjit.set_thread_count(before)
 
 
 @pytest.mark.parametrize("name", ["car", "crossing"])
@@ -292,3 +282,16 @@ def test_single_precision_below_its_full_precision_is_no_zero_on_any_thread() ->
             found.append(film_shifts(position, pencil))
     np.testing.assert_array_equal(found[0], found[1])
     assert np.isfinite(found[0]).all()
+
+
+@pytest.mark.parametrize("width", [49, 98, 103])
+def test_shifts_are_those_of_numpy_where_products_with_the_reciprocal_of_the_width_are_rounded(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = view("crossing", (width, 24))
+    aperture = scene.plate.middle
+    position = Reference(scene).trace(aperture, colored=False).position
+    pencil = crossed_frustum(scene.frustum, aperture)
+    found = film_shifts(position, pencil)
+    monkeypatch.setattr(shifts_module, "compiled", lambda: False)
+    np.testing.assert_array_equal(found, film_shifts(position, pencil))

@@ -6,7 +6,6 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.support.processes import threads
 from xfrustum import reference
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.devices.arithmetic import NUMPY
@@ -81,20 +81,6 @@ def test_memory_of_others_is_no_room() -> None:
     assert not has_room(backward[: 2 * MAX_PACKET_LANES][::-1])
 
 
-@contextmanager
-def two_threads() -> Iterator[None]:
-    """Have kernels run on two threads, one of which takes numbers below full precision for zero."""
-    drjit = import_module("drjit")
-    before = drjit.thread_count()
-    drjit.sync_thread()
-    drjit.set_thread_count(2)
-    try:
-        yield
-    finally:
-        drjit.sync_thread()
-        drjit.set_thread_count(before)
-
-
 @pytest.mark.skipif(not compiled(), reason="needs LLVM")
 @pytest.mark.parametrize("count", [7, 300_000])
 def test_numbers_of_single_precision_are_doubles_on_all_threads(count: int) -> None:
@@ -105,7 +91,7 @@ def test_numbers_of_single_precision_are_doubles_on_all_threads(count: int) -> N
     with np.errstate(invalid="ignore"):
         expected = rows[:, 0].astype(np.float64)
     lanes = jit.UInt32(in_packets(np.arange(count, dtype=np.uint32)))
-    with two_threads():
+    with threads(2):
         for table in (jit.doubles_of(rows), jit.JIT.own(rows)):
             found = table(lanes)[0].numpy()
             np.testing.assert_array_equal(found, expected)
@@ -122,7 +108,7 @@ def test_lengths_are_those_of_complex_numbers() -> None:
         np.concatenate((values, more.ravel()))
         for values, more in zip((x, y), np.meshgrid(special, special), strict=True)
     )
-    with two_threads():
+    with threads(2):
         found = jit.length(jit.Float64(in_packets(x)), jit.Float64(in_packets(y))).numpy()
     with np.errstate(over="ignore", invalid="ignore"):
         np.testing.assert_array_equal(found, NUMPY.length(x, y))

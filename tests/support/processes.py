@@ -1,8 +1,11 @@
-"""Child processes of tests, which answer signals however the tests themselves were started."""
+"""Child processes of tests, which answer signals however the tests were started, and threads of kernels."""
 
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
 
 
 def signals_by_default() -> None:
@@ -11,3 +14,15 @@ def signals_by_default() -> None:
     for stop in stops:
         signal.signal(stop, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, stops)
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Let kernels run on so many threads: tests otherwise use one."""
+    drjit = import_module("drjit")
+    before = drjit.thread_count()
+    drjit.set_thread_count(count)
+    try:
+        yield
+    finally:
+        drjit.set_thread_count(before)
