@@ -9,7 +9,9 @@ from threading import Lock
 
 from xfrustum.compare.attribution.budget import ChainStart
 from xfrustum.compare.attribution.steps import KnownShifts
+from xfrustum.compare.judging.frames import Batched, Frames
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
+from xfrustum.compare.metrics.comparison import Comparison
 from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Predictor
@@ -118,3 +120,42 @@ class Charging:
             if self._shifts is None:
                 self._shifts = KnownShifts.of(truth)
             return self._shifts
+
+
+def begun(
+    charging: Charging,
+    exact: Future[HogelImage],
+    batch: Batched[Frames],
+    compared: Batched[Comparison] | None,
+) -> ChainStart:
+    """Return the chain of a frame's cameras as soon as their frame with exact depth is drawn; see `Charging`.
+
+    Parameters
+    ----------
+    charging
+        Charging of the hogel.
+    exact
+        The frame with exact depth.
+    batch, compared
+        Frames of these cameras, and the comparison of the first, if it is the only one.
+    """
+    image = exact.result()
+    if compared is None:
+        return charging.start(image, None)
+    return charging.start(image, _Beside(batch.result()[0].image, compared))
+
+
+class _Beside:
+    """The image beside which R0 is judged: made once, so that what is found of it is found once."""
+
+    def __init__(self, image: HogelImage, compared: Batched[Comparison]) -> None:
+        self._image, self._compared = image, compared
+        self._lock = Lock()
+        self._made: JudgedImage | None = None
+
+    def __call__(self) -> JudgedImage:
+        errors = self._compared.result().errors
+        with self._lock:
+            if self._made is None:
+                self._made = JudgedImage(image=self._image, errors=errors)
+            return self._made

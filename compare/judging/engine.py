@@ -12,16 +12,16 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from functools import partial
-from threading import Lock
+from functools import cached_property, partial
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
-from xfrustum.compare.judging.charging import Charging
-from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frames, warm_up
+from xfrustum.compare.judging.charging import Charging, begun
+from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frame, warm_up
 from xfrustum.compare.judging.groups import ComparedGroups
-from xfrustum.compare.judging.in_order import images_under_way, in_order, workers
+from xfrustum.compare.judging.in_order import behind, images_under_way, in_order, workers
 from xfrustum.compare.judging.parts import Part, parts_of
 from xfrustum.compare.judging.stopwatch import Machine, StageTimes, Stopwatch
 from xfrustum.compare.judging.threads import DrawingThread, TracingThread
@@ -29,7 +29,7 @@ from xfrustum.compare.metrics.comparison import Comparison, compare_each, compar
 from xfrustum.compare.metrics.error_maps import JudgedImage
 from xfrustum.compare.prediction.predict import Prediction, Predictor
 from xfrustum.reference import Reference
-from xfrustum.reference.certify.processors import kernels_on_one_thread
+from xfrustum.reference.certify.processors import kernels_on_all_threads, kernels_on_one_thread
 from xfrustum.reference.devices.threads import worker_count
 from xfrustum.scenes.arguments import one_of
 from xfrustum.scenes.model.hogel_image import HogelImage
@@ -44,8 +44,13 @@ NO_TRUTHS: Mapping[Aperture, HogelImage] = MappingProxyType({})
 MAX_BATCH_PIXELS = 1 << 20
 """Largest number of pixels of the frames of the same cameras that are drawn one after the other."""
 
-MAX_UNDISTURBED_PIXELS = 1 << 22
-"""Largest number of pixels of the frames that are drawn in one undisturbed turn; all threads wait for it."""
+MAX_UNDISTURBED_PIXELS = 1 << 24
+"""Largest number of pixels of the frames that are drawn in one undisturbed turn, 0.5 GB; all threads wait
+for it."""
+
+PARTS_AHEAD = 1
+"""Number of parts by which each of the two steps that charging to causes waits for is begun before the next,
+unless images are so large that these parts would be more than may be under way."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +176,12 @@ class _Charged:
 
     predictor: Future[Predictor]
     start: Future[ChainStart]
-    prepared: tuple[Future[None], ...]
+    prepare: Callable[[], tuple[Future[None], ...]]
+
+    @cached_property
+    def prepared(self) -> tuple[Future[None], ...]:
+        """The tasks that prepare charging, begun when they are first asked for."""
+        return self.prepare()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -261,13 +271,17 @@ class Engine(Generic[Found]):
             colored = (self._wanted.color and self._wanted.colored_truths) or self._wanted.apart
             tracing = TracingThread(self._reference, thread, self.machine, colored=colored)
             drawn: deque[Future[Any]] = deque()
-            tasks = (
-                task
+            parts = (
+                part
                 for hogel in _traced(tracing, apertures, truths)
-                for task in self._tasks(hogel, turns, pool, drawn)
+                for part in self._begun(hogel, turns, pool, drawn)
             )
+            # What a task waits for is begun some parts before, so that threads hardly ever wait for it.
+            ahead = PARTS_AHEAD if self._wanted.causes and most > 2 * PARTS_AHEAD + worker_count() else 0
+            prepared = map(_prepared, behind(parts, ahead))
+            tasks = chain.from_iterable(behind(prepared, ahead))
             try:
-                yield from in_order(pool, self._judged, tasks, most)
+                yield from in_order(pool, self._judged, tasks, most - 2 * ahead)
             finally:
                 for one in drawn:
                     one.cancel()
@@ -288,14 +302,14 @@ class Engine(Generic[Found]):
             drawn += more
         return turns
 
-    def _tasks(
+    def _begun(
         self,
         hogel: _Hogel,
         turns: Sequence[Sequence[Part]],
         pool: Executor,
         drawn: deque[Future[Any]],
-    ) -> Iterator[_Task]:
-        """Have the frames of a hogel drawn, turn by turn, and yield the task of each."""
+    ) -> Iterator[list[_Task]]:
+        """Have the frames of a hogel drawn, turn by turn, and yield the tasks of each part."""
         if self._wanted.apart and hogel.number == 0:
             self._make_ready(hogel, [one for parts in turns for part in parts for one in part.settings])
         charging = self._charging(hogel) if self._wanted.causes else None
@@ -307,22 +321,22 @@ class Engine(Generic[Found]):
             turn, exact = self._turn(hogel.aperture, parts)
             while drawn and drawn[0].done():
                 drawn.popleft()
-            drawn.extend((turn, exact) if exact else (turn,))
+            drawn.extend((turn, *exact.values()))
             lone = [number for number, part in enumerate(parts) if part.only]
             alone = ComparedGroups(partial(self._compared_each, hogel), pool, turn, lone)
             for number, part in enumerate(parts):
                 batch = Batched(turn=turn, place=number)
                 if part.first:
                     beside, compared, charged = None, alone.of(number), None
-                if part.first and charging and exact:
+                if part.first and charging:
                     predictor = predictor or pool.submit(charging.predictor, part.settings[0])
-                    start = pool.submit(_start, charging, Batched(turn=exact, place=number), batch, compared)
-                    prepared = charging.prepare(pool, start)
-                    charged = _Charged(predictor=predictor, start=start, prepared=prepared)
+                    start = pool.submit(begun, charging, exact[number], batch, compared)
+                    prepare = partial(charging.prepare, pool, start)
+                    charged = _Charged(predictor=predictor, start=start, prepare=prepare)
                 elif part.first and not part.only:
                     beside = pool.submit(self._first, hogel, batch)
-                for place in range(len(part.settings)):
-                    yield _Task(
+                yield [
+                    _Task(
                         hogel=hogel,
                         batch=batch,
                         place=place,
@@ -330,18 +344,20 @@ class Engine(Generic[Found]):
                         compared=compared,
                         charged=charged,
                     )
+                    for place in range(len(part.settings))
+                ]
 
     def _make_ready(self, hogel: _Hogel, settings: Sequence[DoubleFrustum]) -> None:
-        """Draw once before frames are timed, and meanwhile make the reference ready to judge them.
+        """Make the reference ready to judge frames, and draw once, before the first frame is timed.
 
-        Threads that judge the first frames would otherwise wait for the one that makes it ready.
+        Threads that judge the first frames would otherwise wait for the one that makes the reference ready.
+        Now all of them may run its kernels.
         """
         truth, stage = hogel.truth.result(), (self.machine, self.watch)
-        warm = partial(warm_up, stage, hogel.aperture, settings, color=self._wanted.color)
-        warmed = self._drawing.submit(warm)
-        with self.machine.stage(self.watch, "prepare"):
+        with self.machine.stage(self.watch, "prepare"), kernels_on_all_threads():
             self._reference.make_ready(truth, len(settings))
-        warmed.result()
+        warm = partial(warm_up, stage, hogel.aperture, settings, color=self._wanted.color)
+        self._drawing.submit(warm).result()
 
     def _compared_each(self, hogel: _Hogel, batches: Sequence[Batched[Frames]]) -> list[Comparison]:
         """Compare the only frames of their cameras with the truth, each in an equal share of the time."""
@@ -365,14 +381,19 @@ class Engine(Generic[Found]):
 
     def _turn(
         self, aperture: Aperture, parts: Sequence[Part]
-    ) -> tuple[Future[list[Frames]], Future[list[HogelImage | None]] | None]:
-        """Have the frames of a turn drawn, and where causes are wanted those with exact depth."""
+    ) -> tuple[Future[list[Frames]], dict[int, Future[HogelImage]]]:
+        """Have the frames of a turn drawn, and where causes are wanted those with exact depth by their parts.
+
+        Each of these is a task of its own, so that judging begins when the first one is drawn.
+        """
         draw = partial(drawn_frames, self.machine, aperture, parts, color=self._wanted.color)
         turn = self._drawing.submit(draw)
-        if not self._wanted.causes:
-            return turn, None
-        exact = partial(exact_frames, (self.machine, self.watch), aperture, parts, turn)
-        return turn, self._drawing.submit(exact)
+        stage, exact = (self.machine, self.watch), {}
+        for number, part in enumerate(parts):
+            if part.first and self._wanted.causes:
+                batch = Batched(turn=turn, place=number)
+                exact[number] = self._drawing.submit(partial(exact_frame, stage, aperture, batch))
+        return turn, exact
 
     def _first(self, hogel: _Hogel, batch: Batched[Frames]) -> JudgedImage:
         """Judge the first of several frames of the same cameras, beside which the others are judged."""
@@ -448,30 +469,9 @@ def _traced(
         yield _Hogel(number=number, aperture=aperture, truth=truth, lap=lap)
 
 
-def _start(
-    charging: Charging,
-    exact: Batched[HogelImage | None],
-    batch: Batched[Frames],
-    compared: Batched[Comparison] | None,
-) -> ChainStart:
-    image = exact.result()
-    assert image is not None, "the first part of each pair of cameras has it"
-    if compared is None:
-        return charging.start(image, None)
-    return charging.start(image, _Beside(batch.result()[0].image, compared))
-
-
-class _Beside:
-    """The image beside which R0 is judged: made once, so that what is found of it is found once."""
-
-    def __init__(self, image: HogelImage, compared: Batched[Comparison]) -> None:
-        self._image, self._compared = image, compared
-        self._lock = Lock()
-        self._made: JudgedImage | None = None
-
-    def __call__(self) -> JudgedImage:
-        errors = self._compared.result().errors
-        with self._lock:
-            if self._made is None:
-                self._made = JudgedImage(image=self._image, errors=errors)
-            return self._made
+def _prepared(tasks: list[_Task]) -> list[_Task]:
+    """Return the tasks of a part, and have what is charged prepared."""
+    for task in tasks:
+        if task.charged:
+            task.charged.prepared  # noqa: B018 - begun when first asked for, here in the thread of the caller
+    return tasks

@@ -97,30 +97,30 @@ def drawn_frames(
         ]
 
 
-def exact_frames(
-    stage: tuple[Machine, Stopwatch],
-    aperture: Aperture,
-    parts: Sequence[Part],
-    turn: Future[list[Frames]],
-    rasterizer: Rasterizer,
-) -> list[HogelImage | None]:
-    """Draw frames with exact depth for the parts of a turn that are the first of their cameras.
+def exact_frame(
+    stage: tuple[Machine, Stopwatch], aperture: Aperture, batch: Batched[Frames], rasterizer: Rasterizer
+) -> HogelImage:
+    """Return the frame with exact depth among frames of the same cameras, or draw it.
 
-    They belong to the time of no frame, and are drawn beside what judges frames.
+    It belongs to the time of no frame, and is drawn beside what judges frames.
 
     Parameters
     ----------
     stage
         Machine whose time is shared, and stopwatch of what the hogel's drawings have in common.
-    aperture, parts, turn
-        Aperture, parts of a turn, and their frames, which are drawn.
+    aperture, batch
+        Aperture and frames, which the rasterizer has drawn before.
     rasterizer
-        Rasterizer that has drawn them.
+        The rasterizer.
     """
-    return [
-        _exact_beside(stage, aperture, frames, rasterizer) if part.first else None
-        for part, frames in zip(parts, turn.result(), strict=True)
-    ]
+    machine, watch = stage
+    frames = batch.result()
+    exact = with_exact_depth(frames[0].settings)
+    found = [frame.image for frame in frames if frame.settings == exact]
+    if found:
+        return found[0]
+    with machine.stage(watch, "causes"):
+        return rasterizer.draw_beside(aperture, exact, frames[0].drawn)
 
 
 def _frame(
@@ -130,16 +130,3 @@ def _frame(
     with machine.timed(lap, "raster"):
         drawn = rasterizer.draw(aperture, settings, normals=False, color=color)
     return Frame(drawn=drawn, lap=lap)
-
-
-def _exact_beside(
-    stage: tuple[Machine, Stopwatch], aperture: Aperture, frames: Frames, rasterizer: Rasterizer
-) -> HogelImage:
-    """Return the frame with exact depth among some of the same cameras, or draw it."""
-    machine, watch = stage
-    exact = with_exact_depth(frames[0].settings)
-    found = [frame.image for frame in frames if frame.settings == exact]
-    if found:
-        return found[0]
-    with machine.stage(watch, "causes"):
-        return rasterizer.draw_beside(aperture, exact, frames[0].drawn)

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import (
+    Image,
+    WebPImagePlugin,  # noqa: F401 - where it is missing, the first picture imports the plugins of all formats
+)
 from plotly.colors import sample_colorscale, unlabel_rgb
 from skimage.measure import block_reduce
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare import Comparison
 from xfrustum.compare.attribution.budget import Budget
-from xfrustum.compare.judging.engine import JudgedFrame, Wanted
+from xfrustum.compare.judging.engine import JudgedFrame, TracedHogel, Wanted
 from xfrustum.compare.judging.judge import Judge
 from xfrustum.compare.metrics.paired import PixelSet
 from xfrustum.compare.metrics.radiance import STEP
@@ -106,22 +106,25 @@ class SettingMeasurer:
     def measure(
         self, apertures: Sequence[Aperture], settings: Sequence[DoubleFrustum]
     ) -> Iterator[tuple[Aperture, TracedAperture | MeasuredSetting]]:
-        """Measure settings at some apertures, and yield for each its truth and then each of the settings.
+        """Measure settings at some apertures, and yield for each the settings and then its truth.
 
         Truths and frames are made while nothing else runs. What is made of them overlaps.
         """
-        number = -1
+        hogel: TracedHogel | None = None
         with closing(self._engine.frames(apertures, settings)) as frames:
             for one in frames:
-                if one.hogel.number != number:
-                    number = one.hogel.number
-                    self._watch.record("trace", one.hogel.trace_s)
-                    yield one.hogel.aperture, self._traced(one.hogel.truth)
+                if hogel is not None and one.hogel.number != hogel.number:
+                    yield hogel.aperture, self._traced(hogel)
+                hogel = one.hogel
                 self._watch.add(one.found.lap.seconds)
-                yield one.hogel.aperture, one.found.measured
+                yield hogel.aperture, one.found.measured
+            if hogel is not None:
+                # Last, so that nothing has to stop for the tracers alone.
+                yield hogel.aperture, self._traced(hogel)
 
-    def _traced(self, truth: HogelImage) -> TracedAperture:
-        machine = self._engine.machine
+    def _traced(self, hogel: TracedHogel) -> TracedAperture:
+        machine, truth = self._engine.machine, hogel.truth
+        self._watch.record("trace", hogel.trace_s)
         with machine.stage(self._watch, "pictures"):
             picture = images.picture(truth, self._reduction)
         # Tracers have threads of their own, whose time is known only while nothing else runs.

@@ -30,9 +30,10 @@ def run() -> int:
     streams = cli_streams.of_process(words_of_libraries=shown)
     try:
         from xfrustum.cli.main import main  # noqa: PLC0415 - likewise
-        from xfrustum.cli.memory import keep_freed_memory  # noqa: PLC0415 - likewise
+        from xfrustum.cli.process import keep_freed_memory, share_python_often  # noqa: PLC0415 - likewise
 
         keep_freed_memory()
+        share_python_often()
         status = main()
     except BaseException as error:  # such as too little memory to load the program
         from xfrustum.cli.failure import report_unexpected  # noqa: PLC0415 - only here

@@ -36,6 +36,7 @@ from xfrustum.cli.failure import report_unexpected
 from xfrustum.cli.files import ADVICE, check_encoding, in_words
 from xfrustum.cli.help import CommandsByUse
 from xfrustum.cli.numbers import Size
+from xfrustum.cli.process import keep_loaded_objects
 from xfrustum.cli.streams import printable_output, say
 from xfrustum.cli.tev import check_tev, send_to_tev, tev_option
 
@@ -194,6 +195,7 @@ def report(
 
     check_tev(tev)
     chosen = options.several_or_auto(opened, apertures, quiet=quiet)
+    keep_loaded_objects()
     files = make_report(
         opened,
         out,

@@ -1,4 +1,4 @@
-"""What is freed is given to what is allocated next, and not to the system."""
+"""The process of a command: freed memory goes to what is allocated next, and what is loaded is left alone."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import sys
 
 import pytest
 
-from xfrustum.cli.memory import KEPT_BYTES, keep_freed_memory
+from xfrustum.cli.process import KEPT_BYTES, keep_freed_memory
 
 PROGRAM = """
 import resource
 import numpy as np
-from xfrustum.cli.memory import KEPT_BYTES, keep_freed_memory
+from xfrustum.cli.process import KEPT_BYTES, keep_freed_memory
 
 def pages():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -58,3 +58,28 @@ def test_images_take_the_memory_of_those_that_were_freed() -> None:
 def test_what_the_user_has_told_the_c_library_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "131072")
     assert not keep_freed_memory()
+
+
+def test_the_garbage_collector_passes_over_what_is_loaded() -> None:
+    program = """
+import gc
+from xfrustum.cli.process import keep_loaded_objects
+
+before = len(gc.get_objects())
+keep_loaded_objects()
+print(before, gc.get_freeze_count(), len(gc.get_objects()))
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    before, left_alone, looked_at = map(int, told.stdout.split())
+    assert left_alone >= before > 100 * looked_at
+
+
+def test_threads_hand_python_to_each_other_soon() -> None:
+    program = "import sys; from xfrustum.cli import process as p; p.share_python_often(); "
+    told = subprocess.run(
+        [sys.executable, "-c", program + "print(sys.getswitchinterval() / p.SWITCH_S)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert float(told.stdout) == pytest.approx(1, abs=1e-2)
