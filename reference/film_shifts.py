@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xfrustum.reference.certify.processors import compiled
 from xfrustum.reference.lines.lines import Pencil, places_off_center
-from xfrustum.scenes.arrays import Floats, Indices
+from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.scene import read_only
 from xfrustum.scenes.room import with_room
 
@@ -45,8 +45,8 @@ def film_shifts(position: NDArray[np.floating], pencil: Pencil) -> Vectors:
 
 
 def film_steps(
-    positions: Sequence[NDArray[np.floating]], pencil: Pencil, pixels: Indices, first: Vectors | None = None
-) -> list[Floats]:
+    positions: Sequence[NDArray[np.floating]], pencil: Pencil, first: Vectors
+) -> tuple[Mask, list[Floats]]:
     """Return by how far each of several images moves what it shows beyond the image before it.
 
     Parameters
@@ -55,25 +55,49 @@ def film_steps(
         (H, W, 3) surface points of each image, as for `film_shifts`.
     pencil
         Lines of the film, through a point in the plate.
-    pixels
-        (N,) flat numbers of the pixels that are asked about.
     first
-        `film_shifts` of the first image, where they are known already.
+        (H W,) `film_shifts` of the first image.
 
     Returns
     -------
-    (N,) lengths in pixels of the differences of neighboring images' shifts; not finite where either image has
-    none, or one beyond all numbers.
+    (H W,) pixels at which all lengths are finite numbers: every image shows a point, whose shift is one.
+    For each image but the first, (H W,) lengths in pixels of the differences of the images' shifts, zero at
+    other pixels.
+    """
+    if compiled():
+        steps = import_module("xfrustum.reference.film_shifts_jit").compiled_steps
+        known, *lengths = steps(positions, pencil, first)
+        return known, lengths
+    centers = _centers(pencil.resolution)
+    shifts = [first, *(_numpy_shifts(one.reshape(-1, 3), pencil, centers) for one in positions[1:])]
+    lengths = [np.abs(after - before) for before, after in pairwise(shifts)]
+    known = np.logical_and.reduce([np.isfinite(first), *map(np.isfinite, lengths)])
+    return known, [np.where(known, one, 0.0) for one in lengths]
+
+
+def some_film_steps(
+    positions: Sequence[NDArray[np.floating]], pencil: Pencil, pixels: Indices
+) -> list[Floats]:
+    """Return the lengths of `film_steps` at some pixels.
+
+    Parameters
+    ----------
+    positions, pencil
+        Surface points and lines as for `film_steps`.
+    pixels
+        (N,) flat numbers of the pixels that are asked about.
+
+    Returns
+    -------
+    (N,) lengths in pixels; not finite where either image shows no point, or where its shift is beyond all
+    numbers.
     """
     if compiled() and len(pixels):
-        steps = import_module("xfrustum.reference.film_shifts_jit").compiled_steps
-        return list(steps(positions, pencil, pixels, first))
+        steps = import_module("xfrustum.reference.film_shifts_jit").some_compiled_steps
+        return list(steps(positions, pencil, pixels))
     centers = _centers(pencil.resolution).take(pixels)
     shifts = [
-        first.take(pixels)
-        if first is not None and number == 0
-        else _numpy_shifts(position.reshape(-1, 3).take(pixels, axis=0), pencil, centers)
-        for number, position in enumerate(positions)
+        _numpy_shifts(position.reshape(-1, 3).take(pixels, axis=0), pencil, centers) for position in positions
     ]
     return [np.abs(after - before) for before, after in pairwise(shifts)]
 

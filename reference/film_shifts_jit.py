@@ -70,36 +70,41 @@ def compiled_shifts(position: NDArray[np.floating], pencil: Pencil) -> tuple[Flo
 
 
 def compiled_steps(
-    positions: Sequence[NDArray[np.floating]],
-    pencil: Pencil,
-    pixels: Indices,
-    first: NDArray[np.complex128] | None,
-) -> list[Floats]:
-    """Return the lengths (N,) of `film_steps`, by the same operations in the same order."""
-    # Lengths are copied, so that no array of Dr.Jit is kept.
+    positions: Sequence[NDArray[np.floating]], pencil: Pencil, first: NDArray[np.complex128]
+) -> list[NDArray[Any]]:
+    """Return the pixels and the lengths (H W,) of `film_steps`, by the same operations in the same order."""
     with strict_arithmetic():
-        return [one.numpy().copy() for one in _steps(positions, pencil, pixels, first)]
+        film = _Film.of(pencil, dr.arange(UInt32, len(first)))
+        given = on_device(first.view(np.float64))
+        begun = [dr.gather(Float64, given, film.pixel * 2 + part) for part in (0, 1)]
+        lengths = _lengths([begun, *(film.shifts(position) for position in positions[1:])])
+        known = dr.isfinite(begun[0]) & dr.isfinite(begun[1])
+        for one in lengths:
+            known &= dr.isfinite(one)
+        return _read([known, *(dr.select(known, one, 0.0) for one in lengths)])
 
 
-def _steps(
-    positions: Sequence[NDArray[np.floating]],
-    pencil: Pencil,
-    pixels: Indices,
-    first: NDArray[np.complex128] | None,
-) -> list[Any]:
-    film = _Film.of(pencil, UInt32(on_device(pixels)))
-    if first is None:
-        shifts = [film.shifts(position) for position in positions]
-    else:
-        known = on_device(first.view(np.float64))
-        begun = [dr.gather(Float64, known, film.pixel * 2 + part) for part in (0, 1)]
-        shifts = [begun, *(film.shifts(position) for position in positions[1:])]
-    found = [
+def some_compiled_steps(
+    positions: Sequence[NDArray[np.floating]], pencil: Pencil, pixels: Indices
+) -> list[NDArray[Any]]:
+    """Return the lengths (N,) of `some_film_steps`, by the same operations in the same order."""
+    with strict_arithmetic():
+        film = _Film.of(pencil, UInt32(on_device(pixels)))
+        return _read(_lengths([film.shifts(position) for position in positions]))
+
+
+def _lengths(shifts: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return the lengths of the differences of neighboring shifts."""
+    return [
         length(*(new - old for old, new in zip(before, after, strict=True)))
         for before, after in pairwise(shifts)
     ]
-    dr.eval(*found)
-    return found
+
+
+def _read(values: Sequence[Any]) -> list[NDArray[Any]]:
+    """Evaluate values, and return copies, so that no array of Dr.Jit is kept."""
+    dr.eval(*values)
+    return [one.numpy().copy() for one in values]
 
 
 def _place(along: Any, side: Any) -> Any:

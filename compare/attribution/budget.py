@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from xfrustum.compare.attribution.explain import explain
 from xfrustum.compare.attribution.shear import ShearNumbers, shear_numbers
-from xfrustum.compare.attribution.steps import KnownShifts, Steps, StepSize, step_lengths
+from xfrustum.compare.attribution.steps import Steps, StepSize, shifts, step_lengths
 from xfrustum.compare.metrics.displacement import displacement
 from xfrustum.compare.metrics.error_maps import (
     JudgedImage,
@@ -29,6 +29,7 @@ from xfrustum.compare.prediction.chain import PIVOT, Chain, links_of
 from xfrustum.compare.prediction.predict import LinkPrediction, Predictor
 from xfrustum.compare.rounding.causes import Causes
 from xfrustum.reference import Reference
+from xfrustum.reference.film_shifts import Vectors
 from xfrustum.scenes.arrays import Floats, Indices, Mask
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.notebook.shown import Brief, Shown
@@ -153,7 +154,7 @@ class ChainStart(Brief):
     reference: Reference
     images: tuple[HogelImage, ...]
     subpixel_bits: int
-    truth_shifts: KnownShifts | None = None
+    truth_shifts: Vectors | None = None
     beside: Callable[[], JudgedImage] | None = None
 
     @property
@@ -240,7 +241,8 @@ class ChainStart(Brief):
     @cached_property
     def steps(self) -> Steps:
         """What each link but the last adds to displacement, where all images show a surface off the plate."""
-        return Steps.between(self.images, self.truth_shifts or KnownShifts.of(self.truth))
+        first = shifts(self.truth, self.truth.camera) if self.truth_shifts is None else self.truth_shifts
+        return Steps.between(self.images, first)
 
     @cached_property
     def step_sizes(self) -> tuple[StepSize | None, ...]:
@@ -345,8 +347,8 @@ class Budget(Shown):
         if changed.size:
             step = step_lengths(start.images[-1], self.drawn, start.truth.camera, changed)
         steps = start.steps.with_last(changed, step)
-        if len(steps.pixels) == len(start.steps.pixels):
-            last = Steps(pixels=steps.pixels, lengths=steps.lengths[-1:])
+        if steps.count == start.steps.count:
+            last = Steps(known=steps.known, count=steps.count, lengths=steps.lengths[-1:])
             return (*start.step_sizes, *last.sizes())
         return steps.sizes()
 

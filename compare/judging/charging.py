@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from threading import Lock
 
 from xfrustum.compare.attribution.budget import ChainStart
-from xfrustum.compare.attribution.steps import KnownShifts
+from xfrustum.compare.attribution.steps import shifts
 from xfrustum.compare.judging.frames import Batched, Frames
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
 from xfrustum.compare.metrics.comparison import Comparison
@@ -17,6 +17,7 @@ from xfrustum.compare.prediction.chain import traced_models, with_exact_depth
 from xfrustum.compare.prediction.predict import Predictor
 from xfrustum.reference import Reference
 from xfrustum.reference.certify.processors import kernels_on_one_thread
+from xfrustum.reference.film_shifts import Vectors
 from xfrustum.scenes.model.hogel_image import HogelImage
 from xfrustum.scenes.plate.double_frustum import DoubleFrustum
 
@@ -58,7 +59,7 @@ class Charging:
         self._machine, self._watch = machine, watch
         self._tracing, self._moving = Lock(), Lock()
         self._models: dict[DoubleFrustum, HogelImage] = {}
-        self._shifts: KnownShifts | None = None
+        self._shifts: Vectors | None = None
 
     def predictor(self, settings: DoubleFrustum) -> Predictor:
         """Return the predictor of the hogel, with what all of its predictions share computed."""
@@ -114,11 +115,11 @@ class Charging:
                 self._models.clear()
             return traced_models(self._reference, truth.camera.aperture, exact, self._models, shaded=False)
 
-    def _truth_shifts(self, truth: HogelImage) -> KnownShifts:
+    def _truth_shifts(self, truth: HogelImage) -> Vectors:
         """Return the displacement of the truth itself, which is rounding."""
         with self._moving:
             if self._shifts is None:
-                self._shifts = KnownShifts.of(truth)
+                self._shifts = shifts(truth, truth.camera)
             return self._shifts
 
 

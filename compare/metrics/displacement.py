@@ -24,15 +24,20 @@ class Spread:
     max: float
 
     @classmethod
-    def of(cls, values: Floats) -> Spread | None:
-        """Return the spread of some values of any shape, None where there are no values."""
-        if values.size == 0:
+    def of(cls, values: Floats, count: int | None = None) -> Spread | None:
+        """Return the spread of some values of any shape, None where there are no values.
+
+        Of values that are not negative, `count` of them may be meant: the others are zeros that stand for
+        nothing.
+        """
+        count = values.size if count is None else count
+        if count == 0:
             return None
         largest = float(values.max())
         if largest == 0 and float(values.min()) == 0:
             return cls(rms=0.0, p50=0.0, p95=0.0, p99=0.0, max=0.0)
-        p50, p95, p99 = percentiles(values.ravel(), (50, 95, 99), largest)
-        return cls(rms=root_mean_square(values, largest), p50=p50, p95=p95, p99=p99, max=largest)
+        p50, p95, p99 = percentiles(values.ravel(), (50, 95, 99), largest, count)
+        return cls(rms=root_mean_square(values, largest, count), p50=p50, p95=p95, p99=p99, max=largest)
 
 
 SAMPLE_SIZE = 1 << 11
@@ -48,27 +53,43 @@ MAX_UPPER_SHARE = 0.125
 that follow are sought among them alone."""
 
 
-def percentiles(values: Floats, percents: Sequence[float], largest: float | None = None) -> list[float]:
+def percentiles(
+    values: Floats, percents: Sequence[float], largest: float | None = None, count: int | None = None
+) -> list[float]:
     """Return percentiles of values (N,), of which there is one: those of `np.percentile`, by selection alone.
 
-    The ranks of each are selected among the few values that a sample leaves. `percents` ascend; `largest` is
-    the largest value, where it is known already.
+    The ranks of each are selected among the few values that a sample leaves.
+
+    Parameters
+    ----------
+    values
+        (N,) values.
+    percents
+        Percentages, ascending.
+    largest
+        The largest value, where it is known already.
+    count
+        Number of values that are meant, at least one; the others are zeros that stand for nothing, and no
+        value is negative. None where all are meant.
     """
-    count = len(values)
+    total = len(values)
+    count = total if count is None else count
     if not np.isfinite(values.max() if largest is None else largest):
-        return [float(found) for found in np.percentile(values, percents)]
-    sample = np.sort(values[:: count // SAMPLE_SIZE]) if count > SAMPLE_SIZE else None
+        meant = values if count == total else np.sort(values)[total - count :]
+        return [float(found) for found in np.percentile(meant, percents)]
+    sample = np.sort(values[:: total // SAMPLE_SIZE]) if total > SAMPLE_SIZE else None
     found = []
     for percent in percents:
         # The same steps as numpy's, which goes on from the nearer of both neighbors.
         place = (count - 1) * (percent / 100)
         low, share = int(place), place - int(place)
-        # Ranks are counted from the last one back: they stay when the smallest values are left out.
+        # Ranks are counted from the last one back: zeros that stand for nothing do not change them, and they
+        # stay when the smallest values are left out.
         ranks = low - count, min(low + 1, count - 1) - count
         above = 0
         chosen = values
         if sample is not None:
-            chosen, above = _around(values, ranks, sample, count)
+            chosen, above = _around(values, ranks, sample, total)
             if not above:
                 values = chosen
         ends = ranks[0] + above, ranks[1] + above
@@ -104,10 +125,11 @@ def _around(values: Floats, ranks: tuple[int, int], sample: Floats, count: int) 
     return (chosen, above) if -len(chosen) <= ranks[0] + above <= ranks[1] + above < 0 else (values, 0)
 
 
-def root_mean_square(values: Floats, largest: float | None = None) -> float:
+def root_mean_square(values: Floats, largest: float | None = None, count: int | None = None) -> float:
     """Return the root mean square of values of any shape, of which there is one and none is negative.
 
-    `largest` is the largest value, where it is known already.
+    `largest` is the largest value, where it is known already, and `count` the number of values that are
+    meant, as for `percentiles`.
     """
     if largest is None:
         largest = float(values.max())
@@ -116,7 +138,7 @@ def root_mean_square(values: Floats, largest: float | None = None) -> float:
     # Values are scaled first: near the plate the squares of displacements may overflow.
     squares = values / largest
     np.square(squares, out=squares)
-    return largest * float(np.sqrt(np.mean(squares)))
+    return largest * float(np.sqrt(np.sum(squares) / (squares.size if count is None else count)))
 
 
 def displacement(raster: HogelImage, camera: HogelCamera) -> Floats:

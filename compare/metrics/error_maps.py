@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -57,11 +58,12 @@ class HeightError:
     max: float
 
     @classmethod
-    def of(cls, error: Floats) -> HeightError | None:
-        """Return the size of some errors, None where there are none."""
-        if error.size == 0:
+    def of(cls, error: Floats, count: int) -> HeightError | None:
+        """Return the size of so many errors, None where there are none; other zeros stand for nothing."""
+        if count == 0:
             return None
-        return cls(rms=float(np.sqrt(np.mean(error**2))), max=float(np.abs(error).max()))
+        largest = max(float(error.max()), -float(error.min()))
+        return cls(rms=math.sqrt(float(np.sum(np.square(error))) / count), max=largest)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -180,8 +182,8 @@ class _Measured:
     def of(cls, found: PixelFindings) -> _Measured:
         """Return the numbers of what is found of each pixel."""
         return cls(
-            spread=Spread.of(found.moved.take(np.flatnonzero(found.off_plate))),
-            height=HeightError.of(found.rise.take(np.flatnonzero(found.same))),
+            spread=Spread.of(found.moved, int(np.count_nonzero(found.off_plate))),
+            height=HeightError.of(found.rise, int(np.count_nonzero(found.same))),
             at_plate=int(np.count_nonzero(found.in_plate)),
         )
 

@@ -57,10 +57,10 @@ class PixelFindings:
     same
         (N,) judged pixels of one triangle in both images, whose height is known.
     moved
-        (N,) distance of the point's place on the true film from that of the pixel, in pixels. It has
-        a meaning only where the point is off the plate.
+        (N,) distance of the point's place on the true film from that of the pixel, in pixels; 0 where the
+        point is not off the plate.
     rise
-        (N,) height of the image minus that of the truth, scene units.
+        (N,) height of the image minus that of the truth, scene units; 0 where `same` does not hold.
     surface
         Surface errors; None where the scene is not at hand.
     """
@@ -117,8 +117,8 @@ def _values(by: Arithmetic, pixel: _Pixel, surface: _SurfaceFormula | None) -> l
         shown.off_plate,
         shown.in_plate,
         same,
-        by.length(place[0] - drawn_at[0], place[1] - drawn_at[1]),
-        shown.point[2] - true.point[2],
+        by.select(shown.off_plate, by.length(place[0] - drawn_at[0], place[1] - drawn_at[1]), 0.0),
+        by.select(same, shown.point[2] - true.point[2], 0.0),
     ]
     return found if surface is None else [*found, *surface.errors(pixel)]
 
