@@ -230,7 +230,7 @@ def compare_images(
         errors = pixel_errors(truth, raster, reference, numbered=numbered)
     else:
         errors = pixel_errors_beside(truth, raster, reference, judged)
-    return _comparison(errors, colors, numbered=numbered)
+    return _comparison(errors, colors, _TruthNumbers.of(truth), numbered=numbered)
 
 
 def compare_each(
@@ -250,8 +250,9 @@ def compare_each(
     numbered = [_numbered(image) for image in images]
     errors = pixel_errors_of_each(truth, images, reference, numbered)
     colors = [compare_radiance(truth, image, perceptual=perceptual) if radiance else None for image in images]
+    numbers = _TruthNumbers.of(truth)
     return [
-        _comparison(one, color, numbered=named)
+        _comparison(one, color, numbers, numbered=named)
         for one, color, named in zip(errors, colors, numbered, strict=True)
     ]
 
@@ -261,19 +262,34 @@ def _numbered(raster: HogelImage) -> bool:
     return bool((raster.triangle != NOTHING).any()) or not raster.covered.any()
 
 
-def _comparison(errors: PixelErrors, colors: RadianceError | None, *, numbered: bool) -> Comparison:
+@dataclass(frozen=True, kw_only=True)
+class _TruthNumbers:
+    """Numbers of a comparison that its truth alone has."""
+
+    covered: int
+    certainty: dict[str, int]
+
+    @classmethod
+    def of(cls, truth: HogelImage) -> _TruthNumbers:
+        """Return those of a true image."""
+        return cls(covered=int(np.count_nonzero(truth.covered)), certainty=_certainty_counts(truth))
+
+
+def _comparison(
+    errors: PixelErrors, colors: RadianceError | None, true: _TruthNumbers, *, numbered: bool
+) -> Comparison:
     truth, raster = errors.truth, errors.raster
     return Comparison(
         pixels=errors.judged.size,
         judged=int(np.count_nonzero(errors.judged)),
-        covered=int(np.count_nonzero(truth.covered)),
+        covered=true.covered,
         at_plate=errors.at_plate,
         surface=SurfaceShare.of_errors(errors, culled_pixels(truth, raster)),
         triangle=Share.of(errors.triangle, errors.judged) if numbered else None,
         displacement_px=errors.spread,
         height=errors.height,
         radiance=colors.numbers if colors else None,
-        certainty=_certainty_counts(truth),
+        certainty=dict(true.certainty),
         errors=errors,
         colors=colors,
     )
