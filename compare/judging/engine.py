@@ -324,12 +324,14 @@ class Engine(Generic[Found]):
             drawn.extend((turn, *exact.values()))
             lone = [number for number, part in enumerate(parts) if part.only]
             alone = ComparedGroups(partial(self._compared_each, hogel), pool, turn, lone)
+            if charging and predictor is None:
+                # Few of its kernels keep those of comparing waiting, with which it runs side by side.
+                predictor = pool.submit(charging.predictor, parts[0].settings[0])
             for number, part in enumerate(parts):
                 batch = Batched(turn=turn, place=number)
                 if part.first:
                     beside, compared, charged = None, alone.of(number), None
-                if part.first and charging:
-                    predictor = predictor or pool.submit(charging.predictor, part.settings[0])
+                if part.first and charging and predictor:
                     start = pool.submit(begun, charging, exact[number], batch, compared)
                     prepare = partial(charging.prepare, pool, start)
                     charged = _Charged(predictor=predictor, start=start, prepare=prepare)
