@@ -310,10 +310,10 @@ class Engine(Generic[Found]):
         drawn: deque[Future[Any]],
     ) -> Iterator[list[_Task]]:
         """Have the frames of a hogel drawn, turn by turn, and yield the tasks of each part."""
+        charging = self._charging(hogel) if self._wanted.causes else None
+        predictor = charging and pool.submit(charging.predictor, turns[0][0].settings[0])
         if self._wanted.apart and hogel.number == 0:
             self._make_ready(hogel, [one for parts in turns for part in parts for one in part.settings])
-        charging = self._charging(hogel) if self._wanted.causes else None
-        predictor: Future[Predictor] | None = None
         beside: Future[JudgedImage] | None = None
         compared: Batched[Comparison] | None = None
         charged: _Charged | None = None
@@ -324,9 +324,6 @@ class Engine(Generic[Found]):
             drawn.extend((turn, *exact.values()))
             lone = [number for number, part in enumerate(parts) if part.only]
             alone = ComparedGroups(partial(self._compared_each, hogel), pool, turn, lone)
-            if charging and predictor is None:
-                # Few of its kernels keep those of comparing waiting, with which it runs side by side.
-                predictor = pool.submit(charging.predictor, parts[0].settings[0])
             for number, part in enumerate(parts):
                 batch = Batched(turn=turn, place=number)
                 if part.first:
