@@ -123,7 +123,7 @@ class Charging:
             return self._shifts
 
 
-def begun(
+def chain_start(
     charging: Charging,
     exact: Future[HogelImage],
     batch: Batched[Frames],

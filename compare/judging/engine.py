@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 from xfrustum.compare.attribution.budget import Budget, ChainStart, charged
-from xfrustum.compare.judging.charging import Charging, begun
+from xfrustum.compare.judging.charging import Charging, chain_start
 from xfrustum.compare.judging.frames import Batched, Frames, drawn_frames, exact_frame, warm_up
 from xfrustum.compare.judging.groups import ComparedGroups
 from xfrustum.compare.judging.in_order import behind, images_under_way, in_order, workers
@@ -260,25 +260,26 @@ class Engine(Generic[Found]):
         truths
             True images that are there already, and are not traced again.
         """
-        turns = self._turns(parts_of(settings, self._batch_size))
-        most = images_under_way(self._pixels)
+        parts = parts_of(settings, self._batch_size)
+        turns, most = self._turns(parts), images_under_way(self._pixels)
         if len(settings) > 1 and self._batch_size > 1:
-            # Threads go on with the frames of one turn while those of the next one are drawn.
-            most = max(most, max(sum(len(part.settings) for part in turn) for turn in turns) + worker_count())
+            # Threads go on with some frames while the next ones are drawn.
+            longest = max(len(part.settings) for part in parts)
+            most = max(most, longest + 2 * (worker_count() + PARTS_AHEAD))
         one_thread = kernels_on_one_thread(self._pixels)
         with one_thread, workers("judging") as pool, workers("tracing", 1) as thread:
             # The time of a whole truth is measured with its color.
             colored = (self._wanted.color and self._wanted.colored_truths) or self._wanted.apart
             tracing = TracingThread(self._reference, thread, self.machine, colored=colored)
             drawn: deque[Future[Any]] = deque()
-            parts = (
+            begun = (
                 part
                 for hogel in _traced(tracing, apertures, truths)
                 for part in self._begun(hogel, turns, pool, drawn)
             )
             # What a task waits for is begun some parts before, so that threads hardly ever wait for it.
             ahead = PARTS_AHEAD if self._wanted.causes and most > 2 * PARTS_AHEAD + worker_count() else 0
-            prepared = map(_prepared, behind(parts, ahead))
+            prepared = map(_prepared, behind(begun, ahead))
             tasks = chain.from_iterable(behind(prepared, ahead))
             try:
                 yield from in_order(pool, self._judged, tasks, most - 2 * ahead)
@@ -314,14 +315,16 @@ class Engine(Generic[Found]):
         predictor = charging and pool.submit(charging.predictor, turns[0][0].settings[0])
         if self._wanted.apart and hogel.number == 0:
             self._make_ready(hogel, [one for parts in turns for part in parts for one in part.settings])
+        stage = self.machine, self.watch
+        draw = partial(drawn_frames, self.machine, hogel.aperture, color=self._wanted.color)
         beside: Future[JudgedImage] | None = None
         compared: Batched[Comparison] | None = None
         charged: _Charged | None = None
         for parts in turns:
-            turn, exact = self._turn(hogel.aperture, parts)
             while drawn and drawn[0].done():
                 drawn.popleft()
-            drawn.extend((turn, *exact.values()))
+            turn = self._drawing.submit(partial(draw, parts=parts))
+            drawn.append(turn)
             lone = [number for number, part in enumerate(parts) if part.only]
             alone = ComparedGroups(partial(self._compared_each, hogel), pool, turn, lone)
             for number, part in enumerate(parts):
@@ -329,7 +332,9 @@ class Engine(Generic[Found]):
                 if part.first:
                     beside, compared, charged = None, alone.of(number), None
                 if part.first and charging and predictor:
-                    start = pool.submit(begun, charging, exact[number], batch, compared)
+                    exact = self._drawing.submit(partial(exact_frame, stage, hogel.aperture, batch))
+                    drawn.append(exact)
+                    start = pool.submit(chain_start, charging, exact, batch, compared)
                     prepare = partial(charging.prepare, pool, start)
                     charged = _Charged(predictor=predictor, start=start, prepare=prepare)
                 elif part.first and not part.only:
@@ -377,22 +382,6 @@ class Engine(Generic[Found]):
     def _charging(self, hogel: _Hogel) -> Charging:
         bits = int(self._drawing.device["subpixel_bits"])
         return Charging(self._reference, hogel.truth, bits, self.machine, self.watch)
-
-    def _turn(
-        self, aperture: Aperture, parts: Sequence[Part]
-    ) -> tuple[Future[list[Frames]], dict[int, Future[HogelImage]]]:
-        """Have the frames of a turn drawn, and where causes are wanted those with exact depth by their parts.
-
-        Each of these is a task of its own, so that judging begins when the first one is drawn.
-        """
-        draw = partial(drawn_frames, self.machine, aperture, parts, color=self._wanted.color)
-        turn = self._drawing.submit(draw)
-        stage, exact = (self.machine, self.watch), {}
-        for number, part in enumerate(parts):
-            if part.first and self._wanted.causes:
-                batch = Batched(turn=turn, place=number)
-                exact[number] = self._drawing.submit(partial(exact_frame, stage, aperture, batch))
-        return turn, exact
 
     def _first(self, hogel: _Hogel, batch: Batched[Frames]) -> JudgedImage:
         """Judge the first of several frames of the same cameras, beside which the others are judged."""

@@ -87,7 +87,7 @@ def warm_up(
 
 
 def drawn_frames(
-    machine: Machine, aperture: Aperture, parts: Sequence[Part], rasterizer: Rasterizer, *, color: bool
+    machine: Machine, aperture: Aperture, rasterizer: Rasterizer, *, parts: Sequence[Part], color: bool
 ) -> list[Frames]:
     """Draw the frames of one turn, undisturbed."""
     with machine.undisturbed():

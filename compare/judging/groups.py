@@ -45,7 +45,8 @@ class ComparedGroups:
         """Return the comparison of a part; None where it has several frames. Parts are asked for in order."""
         if number in self._last:
             self._begin()
-        return self._begun.get(number)
+        # It is kept only by those who have asked for it.
+        return self._begun.pop(number, None)
 
     def _begin(self) -> None:
         """Begin with the next group, if there is one."""

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import pytest
 
-from xfrustum.compare.judging.charging import Charging, begun
+from xfrustum.compare.judging.charging import Charging, chain_start
 from xfrustum.compare.judging.frames import Batched
 from xfrustum.compare.judging.stopwatch import Machine, Stopwatch
 from xfrustum.compare.judging.threads import TracingThread
@@ -51,6 +51,6 @@ def test_what_is_found_of_the_image_beside_another_is_found_once() -> None:
     frame = SimpleNamespace(result=lambda: [SimpleNamespace(image="drawn")])
     exact = SimpleNamespace(result=lambda: "exact")
     charging = cast("Charging", SimpleNamespace(start=start))
-    beside = cast("Any", begun(charging, cast("Any", exact), cast("Any", frame), compared))
+    beside = cast("Any", chain_start(charging, cast("Any", exact), cast("Any", frame), compared))
     assert beside().image == "drawn"
     assert beside() is beside()
