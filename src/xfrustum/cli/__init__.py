@@ -7,9 +7,9 @@ files        Errors of file systems in words: impossible names, and places witho
 help         The text of `--help`: commands by their use, and an example that ends the help of each command
 light        Options of the command line about light: effects, numbers of samples, light transport
 main         The command line: from arguments to a command and its exit status
-memory       Memory that is freed, kept by the process for its next images
 numbers      Numbers on the command line, whose errors name the option that they were given to
 options      Options that commands share: apertures, near planes, settings of the double frustum
+process      How the process of a command keeps memory, and how its threads share Python
 streams      Standard output and standard error, also where they are closed, full or broken
 tev          The option `--tev`: what an inspection page holds, sent to a running viewer
 termination  Ctrl-C and SIGTERM end a command cleanly, whatever it is doing when they come
