@@ -136,7 +136,7 @@ def _footprints(number: Indices, side: int, box: NDArray[Any], holds: Mask | Non
         number=number,
         side=np.full(len(number), side, dtype=np.int8),
         holds_center=np.zeros(len(number), dtype=np.bool_) if holds is None else holds,
-        box=box.astype(np.int32),
+        box=box.astype(np.int32, copy=False),
     )
 
 

@@ -12,7 +12,7 @@ is not surely met, do lanes return the pairs of such pixels.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from xfrustum.reference.certify.narrow import (
     RowPlanes,
     Sifted,
+    counted_range,
     plane_meeting,
     row_planes,
     settled,
@@ -32,6 +33,7 @@ from xfrustum.reference.certify.rows import Rows
 from xfrustum.reference.certify.spans import FilmRow, columns_between, slopes_inside
 from xfrustum.reference.devices.arithmetic_jit import (
     JIT,
+    Array4i,
     Bool,
     Float64,
     Int32,
@@ -43,9 +45,11 @@ from xfrustum.reference.devices.strict_jit import strict_arithmetic
 from xfrustum.reference.lines.cone import Cones, Viewpoint
 from xfrustum.reference.lines.lines import Pencil
 from xfrustum.reference.lines.pairs import NO_PAIRS, Pairs
+from xfrustum.scenes.arrays import Numbers
 from xfrustum.scenes.model.hogel_image import NOTHING
+from xfrustum.scenes.room import with_room
 
-SAMPLED_PIXELS = 17
+SAMPLED_PIXELS = 101
 """Step from pixel to pixel of those that are looked at for the number of their lanes: no divisor of usual
 widths, so that they lie in all columns."""
 
@@ -65,6 +69,8 @@ class Lanes:
         Number of each lane's row among these rows.
     planes
         Planes of the triangles along these rows.
+    within, ends
+        Whether the triangles surely lie within the pencil's range, and first and last s of that range.
     surely_from, surely_to
         Slopes dx between which coverage is certain.
     first, last
@@ -78,6 +84,8 @@ class Lanes:
     rows: Rows
     place: Any
     planes: RowPlanes
+    within: Any
+    ends: Sequence[Any]
     surely_from: Any
     surely_to: Any
     first: Any
@@ -85,23 +93,37 @@ class Lanes:
     base: Any
     number: Any
 
-    def arrays(self) -> dict[str, Any]:
-        """Return what there is of each lane, without the planes."""
-        return {name: value for name, value in vars(self).items() if name not in ("rows", "planes")}
-
     def some(self, kept: Any) -> Lanes:
         """Return the lanes with some numbers, of which there is at least one."""
 
         def taken(arrays: dict[str, Any]) -> dict[str, Any]:
             return {name: dr.gather(type(array), array, kept) for name, array in arrays.items()}
 
-        found = Lanes(rows=self.rows, planes=RowPlanes(**taken(vars(self.planes))), **taken(self.arrays()))
+        planes, lanes = (taken(arrays) for arrays in self._kept())
+        first, last = counted_range(lanes["within"], self.ends, dr.select)
+        found = Lanes(
+            rows=self.rows,
+            place=kept,
+            planes=RowPlanes(**planes, first=first, last=last),
+            ends=self.ends,
+            **lanes,
+        )
         found.evaluate()
         return found
 
     def evaluate(self) -> None:
         """Have all arrays computed, in one kernel."""
-        dr.eval(*vars(self.planes).values(), *self.arrays().values())
+        planes, lanes = self._kept()
+        dr.eval(*planes.values(), *lanes.values())
+
+    def _kept(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the arrays that kernels keep for the next ones: parts of the planes, and all others.
+
+        Kernels wait for memory: what is computed at once from other arrays is left out, and computed again.
+        """
+        planes = {name: part for name, part in vars(self.planes).items() if name not in ("first", "last")}
+        left_out = ("rows", "place", "planes", "ends")
+        return planes, {name: array for name, array in vars(self).items() if name not in left_out}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,15 +182,13 @@ class JitNarrowPhase:
             )
 
     def _cut(self, rows: Rows) -> Lanes:
-        size = len(rows.entry_of_row)
-        place = dr.arange(UInt32, size)
-        entry = dr.gather(Int32, on_device(rows.entry_of_row), place)
-        row_offset, sign, cone = (
-            dr.gather(Int32, on_device(each), entry)
-            for each in (rows.row_offset, rows.turn.astype(np.int32), rows.entry)
-        )
-        row = Int32(place) + row_offset
-        (number,), (holds,) = (on_lanes(table, cone) for table in (rows.number, rows.holds_center))
+        place = dr.arange(UInt32, len(rows.entry_of_row))
+        entry = UInt32(dr.gather(Int32, on_device(rows.entry_of_row), place))
+        # Four numbers that lie beside each other are read at once.
+        table = on_device(_entry_table(rows))
+        row_offset, sign, cone, number = dr.gather(Array4i, table, 2 * entry)
+        holds, first_column, last_column, _ = dr.gather(Array4i, table, 2 * entry + 1)
+        holds, row = holds != 0, Int32(place) + row_offset
         if rows.table is None:
             coordinates = on_lanes(rows.corners, cone)
             corners = [coordinates[k : k + 3] for k in (0, 3, 6)]
@@ -181,13 +201,15 @@ class JitNarrowPhase:
         edges = zip(c.edge, c.edge_magnitude, strict=True)
         low, high, surely_from, surely_to = slopes_inside(edges, Float64(sign), dy, self._film, JIT)
         low, high = columns_between(low, high, self._film, JIT)
-        box = on_lanes(rows.columns.T, cone)
-        first, last = dr.maximum(Int32(dr.ceil(low)), box[0]), dr.minimum(Int32(dr.floor(high)), box[1])
+        first = dr.maximum(Int32(dr.ceil(low)), first_column)
+        last = dr.minimum(Int32(dr.floor(high)), last_column)
         empty = first > last
         lanes = Lanes(
             rows=rows,
             place=place,
             planes=row_planes(c.planes, c.within, dy, self._seen_from.ends, dr.select),
+            within=c.within,
+            ends=self._seen_from.ends,
             surely_from=dr.select(holds, -np.inf, surely_from),
             surely_to=dr.select(holds, np.inf, surely_to),
             first=UInt32(dr.select(empty, 1, first)),
@@ -279,10 +301,10 @@ class JitNarrowPhase:
             self._lower(lanes)
         for lanes in unsettled:
             self._count(lanes, rivals, marks)
+        if int(dr.max(rivals)[0]) <= 1:
+            return NO_PAIRS
         open_pixels = rivals > 1
         size = int(dr.sum(dr.select(open_pixels, rivals, UInt32(0)))[0])
-        if size == 0:
-            return NO_PAIRS
         found = Pairs.joined([self._pairs(lanes, rivals, size) for lanes in unsettled])
         pixel = dr.arange(UInt32, self._pixels)
         dr.scatter(marks.number, Int32(NOTHING), pixel, open_pixels)
@@ -316,6 +338,19 @@ class JitNarrowPhase:
             sure=sure,
         )
         return settled(rows, cone, found, self._pencil)
+
+
+def _entry_table(rows: Rows) -> Numbers:
+    """Return the numbers that the rows of an entry have in common, two times four for each entry (E, 8)."""
+    table = with_room((len(rows.entry), 8), np.int32)
+    columns = rows.row_offset, rows.turn, rows.entry, rows.number, rows.holds_center, *rows.columns
+    per_triangle = columns[3:]
+    for k, values in enumerate(columns[:3]):
+        table[:, k] = values
+    for k, values in enumerate(per_triangle, start=3):
+        table[:, k] = values[rows.entry]
+    table[:, 7] = 0
+    return table
 
 
 def walk(lanes: Lanes, visit: Callable[[Any], None]) -> None:

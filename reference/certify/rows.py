@@ -120,8 +120,10 @@ def boxed_rows(
     while start < len(here):
         before = until[start - 1] if start else 0
         stop = max(start + 1, int(np.searchsorted(until, before + ROWS_PER_CHUNK, side="right")))
-        some = here[start : min(stop, start + most)]
-        start += len(some)
+        stop = min(stop, start + most)
+        # Where all triangles reach into these rows, as into a whole image, nothing need be copied.
+        some = slice(start, stop) if len(here) == len(top) else here[start:stop]
+        start = stop
         entry, turn = _entries(triangles, pencil, found, some)
         first = top[some]
         yield Rows(
@@ -138,7 +140,7 @@ def boxed_rows(
 
 
 def _entries(
-    triangles: Floats, pencil: Pencil, found: Footprints, some: Indices
+    triangles: Floats, pencil: Pencil, found: Footprints, some: Indices | slice
 ) -> tuple[Indices, NDArray[np.int8]]:
     """Return the triangle of each entry, as an index into some triangles, and its turn.
 
@@ -154,4 +156,4 @@ def _entries(
         turn = np.sign(found.turned[some])
         in_doubt = found.turned[some] != turn
     doubtful = np.flatnonzero(in_doubt)
-    return np.concatenate((np.arange(len(some)), doubtful)), np.concatenate((turn, -turn[doubtful]))
+    return np.concatenate((np.arange(len(turn)), doubtful)), np.concatenate((turn, -turn[doubtful]))

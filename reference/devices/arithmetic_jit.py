@@ -13,7 +13,7 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm import Array3f, Array3f64, Array4f64, Bool, Float32, Float64, Int32, UInt32
+from drjit.llvm import Array3f, Array3f64, Array4f64, Array4i, Bool, Float32, Float64, Int32, UInt32
 from numpy.typing import NDArray
 
 from xfrustum.reference.devices.arithmetic import Arithmetic, Table
@@ -24,6 +24,7 @@ __all__ = [
     "Array3f",
     "Array3f64",
     "Array4f64",
+    "Array4i",
     "Bool",
     "Float32",
     "Float64",
