@@ -22,6 +22,11 @@ MAX_CANDIDATES = 1 << 15
 """Largest number of pairs of a point and a box in its coarse cell. This bounds the time, to about that of the
 other searches, and the memory, where triangles crowd in few cells."""
 
+NONE_BEFORE = Before(
+    point=np.zeros(0, dtype=np.int64), triangle=np.zeros(0, dtype=np.int64), sure=np.zeros(0, dtype=np.bool_)
+)
+"""Answer where nothing is met, as before most points."""
+
 
 def before_few(
     triangles: Floats,
@@ -66,6 +71,8 @@ def before_few(
         # A triangle all of which lies behind a point's end hides nothing of it.
         nearest, end = center[2] - corners[:, :, 2].max(axis=1), lines.end[point]
         some = np.flatnonzero(nearest <= end + BEHIND * (np.abs(nearest) + np.abs(end)))
+        if not some.size:
+            return NONE_BEFORE
         point, box, number = point[some], box[some], number[some]
         surfaces = Surfaces.of(
             list(np.ascontiguousarray(corners[some].transpose(1, 2, 0))), center, boxes.holds[box], NUMPY
