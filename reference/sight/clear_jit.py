@@ -73,7 +73,7 @@ class _Flat:
         (8 F,) column and row of each corner, which are not numbers where the triangle is not comparable, and
         the smallest and the largest s.
     table
-        (12 F,) numbers of `ClearTriangles`.
+        (8 F,) numbers of `ClearTriangles`.
     comparable
         (F,) whether the triangle lies on one side of the center, and within the limit on the film.
     """
@@ -121,8 +121,10 @@ def _flattened(corners: Any, pencil: Pencil) -> _Flat:
     edges, area = _edges(places)
     least = dr.maximum(inside, area * SHARE)
     table, flat = dr.empty(Float64, COLUMNS * dr.width(lane)), dr.empty(Float64, 8 * dr.width(lane))
-    for number, (a, b, c) in enumerate(edges):
-        dr.scatter(table, Array4f64(a, b, c - least, farthest), 3 * lane + number)
+    # The third edge function reaches `least` where the other two, less that, leave this of twice the area.
+    left_over = area - 3 * least
+    for number, ((a, b, c), last) in enumerate(zip(edges[:2], (farthest, left_over), strict=True)):
+        dr.scatter(table, Array4f64(a, b, c - least, last), 2 * lane + number)
     known = [dr.select(comparable, value, np.nan) for place in places for value in place]
     dr.scatter(flat, Array4f64(*known[:4]), 2 * lane)
     dr.scatter(flat, Array4f64(*known[4:], nearest, farthest), 2 * lane + 1)

@@ -80,7 +80,7 @@ triangles it pays after five pictures or later; and of triangles that are as sma
 that are well inside."""
 
 KEPT_CLEAR = 1 << 21
-"""Largest number of triangles for which it is kept whether they are clear, in 96 bytes each."""
+"""Largest number of triangles for which it is kept whether they are clear, in 64 bytes each."""
 
 KEPT_BOXES = 1 << 21
 """Largest number of boxes of cells that are kept for the next pictures of apertures, in 41 bytes each; those
