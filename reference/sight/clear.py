@@ -18,9 +18,9 @@ What rounding does. Places on the film are computed in doubles. Let e bound the 
 (`place_error`) and D the distance between two places, both of corners and points within `limit`. The edge
 function of an edge from a to b at a place q is the edge's length times the distance of q from its line. It is
 known to within 6 e D for the roundings of places, and e D for its own: together less than half of l = 16 e D
-(`looseness`). Twice the area is the edge function of an edge at the third corner, and known as well. The third
-edge function of T is known from both others and twice the area, to within 21 e D, and e D for the roundings of
-its sum, which is no larger than D^2: together less than 1.5 l.
+(`looseness`). Twice the area is the edge function of an edge at the third corner, and known as well. The
+third edge function of T is known from both others and twice the area, to within 21 e D, and e D for the
+roundings of its sum, whose terms are no larger than D^2: together less than 1.5 l.
 
 - An edge of T that separates has all of N on its outer side, up to 1.5 l where l was computed. A point whose
   edge functions are `INSIDE` l is farther in than that: by 4 l less 1.5 l, which is 2.5 l.
